@@ -9,9 +9,8 @@ import scipy.signal
 from rows import Row, cost, show
 
 from haptic_fieldbus.margins import Plant, alone
-from haptic_fieldbus.numerics.batch import run
+from haptic_fieldbus.numerics.batch import loops, run
 from haptic_fieldbus.numerics.linear import gain
-from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.sampled import environment
 
 PERIOD, DELAY, STIFFNESS, DAMPING = 1e-3, 0.3e-3, 600.0, 2.0

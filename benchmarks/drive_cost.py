@@ -15,7 +15,7 @@ from rows import Row, cost, show
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.hand import hand_named
 

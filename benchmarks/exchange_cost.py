@@ -10,8 +10,7 @@ import can
 from can.interfaces.socketcan.socketcan import SocketcanBus
 from rows import Row, cost, show
 
-from haptic_fieldbus.buses.canopen.ports import PythonCanPort
-from haptic_fieldbus.buses.canopen.socketcan import SocketCanPort
+from haptic_fieldbus.buses.canopen.wire import PythonCanPort, SocketCanPort
 from haptic_fieldbus.clock import MonotonicClock
 
 CHANNEL = "vcan0"

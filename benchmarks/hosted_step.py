@@ -15,10 +15,9 @@ import numpy as np
 
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.hosting import Host
-from haptic_fieldbus.sim.canopen.outlet import Outlet
-from haptic_fieldbus.sim.channel import NamedDrive, slot_of
+from haptic_fieldbus.sim.canopen.hosting import Host, Outlet
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
 
 PERIOD_NS = 1_000_000
 STIFFNESS, PLACE = 600.0, 0.002

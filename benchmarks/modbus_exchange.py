@@ -21,9 +21,9 @@ from pymodbus.client import ModbusTcpClient
 from rows import machine
 
 import haptic_fieldbus as h
+from haptic_fieldbus.buses.modbus.access import open_line
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
-from haptic_fieldbus.buses.modbus.opening import open_line
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.planning.plan import Plan

@@ -8,11 +8,10 @@ from time import perf_counter
 import numpy as np
 from rows import Row, cost, show
 
-from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
+from haptic_fieldbus.drive.rig import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
 from haptic_fieldbus.sim.hand import Grip, Piece
 from haptic_fieldbus.sim.mechanics.body import Body
-from haptic_fieldbus.sim.mechanics.load import Load
-from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
+from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory

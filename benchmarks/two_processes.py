@@ -196,7 +196,7 @@ def start(folder: Path, seconds: float) -> Start:
 
 
 def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, stolen: float) -> Start:
-    from haptic_fieldbus.assessing.rights import Right, rights_texts
+    from haptic_fieldbus.assessing.result import Right, rights_texts
 
     figures = json.loads(said) if said.strip() else {}
     rights = [Right(**{**each, "advice": each["advice"] or ""}) for each in figures.get("host", [])]

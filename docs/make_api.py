@@ -13,7 +13,7 @@ from typing import Any, get_args, get_type_hints
 
 import haptic_fieldbus
 from haptic_fieldbus.errors import Fault
-from haptic_fieldbus.planning.task import Rendering, Task
+from haptic_fieldbus.planning.request import Rendering, Task
 
 FILE = Path(__file__).resolve().parent / "reference" / "api.md"
 

@@ -10,8 +10,7 @@ from typing import Any, cast, get_args, get_type_hints
 
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.parameters import NOT_SETTABLE, quantities
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.registry import ELEMENTS, NOT_SETTABLE, element_type, quantities
 from haptic_fieldbus.signals import Workspace
 
 FILE = Path(__file__).resolve().parent / "reference" / "elements.md"

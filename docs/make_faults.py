@@ -9,16 +9,16 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.faults import answers, drive, frames, host
+from haptic_fieldbus.sim.faults import kinds
 
 FILE = Path(__file__).resolve().parent / "reference" / "faults.md"
 GROUPS = {
-    "Frames and the bus": (frames, faults.LineFault),
-    "Answers and other masters on Modbus": (answers, faults.AnswerFault),
-    "Drive and node": (drive, faults.DriveFaultKind),
-    "Computer of the master": (host, faults.HostFault),
-    "Hand": (host, faults.HandFault),
-    "From power-on": (drive, faults.LastingFault),
+    "Frames and the bus": (kinds, faults.LineFault),
+    "Answers and other masters on Modbus": (kinds, faults.AnswerFault),
+    "Drive and node": (kinds, faults.DriveFaultKind),
+    "Computer of the master": (kinds, faults.HostFault),
+    "Hand": (kinds, faults.HandFault),
+    "From power-on": (kinds, faults.LastingFault),
 }
 WITHOUT = {
     "duration": "for ever",

@@ -19,13 +19,12 @@ from haptic_fieldbus.drive.profile import DriveSection, TimingSection
 from haptic_fieldbus.drive.rig import Limits, Rig, RigAxis, default_axis
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
-from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, canopen_profile
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, PdoTraffic
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of

@@ -252,7 +252,7 @@ GUARDS = {
         of=SIGN,
     ),
     "motion against the torque while the scene runs": _cycle(
-        "sign_watch",
+        "sign",
         "self._doubt()",
         "pass",
         "test_a_right_sign_is_never_doubted_and_a_wrong_one_within_a_tenth_of_a_second",
@@ -345,21 +345,21 @@ GUARDS = {
         "test_an_emergency_is_flagged_with_its_code_until_it_is_reset",
     ),
     "feedback of the wrong length": _bus(
-        "answers",
+        "link",
         "if len(data) != self._size:",
         "if False:",
         "test_master",
         "test_a_tpdo_of_the_wrong_length_is_refused",
     ),
     "feedback of the period before": _bus(
-        "answers",
+        "link",
         "if not exchange.taking:",
         "if False:",
         "test_master",
         "test_a_late_tpdo_is_not_taken_for_the_next_period",
     ),
     "a second node": _bus(
-        "answers",
+        "link",
         "if self.owed < 0:",
         "if False:",
         "test_foreign",
@@ -467,7 +467,7 @@ GUARDS = {
         "test_a_wrong_drive_is_refused_before_anything_is_written",
     ),
     "rated torque of the rig": Guard(
-        "haptic_fieldbus/buses/rating.py",
+        "haptic_fieldbus/buses/torque_limits.py",
         "if expected is not None and abs(rated - expected)",
         "if False and abs(rated - expected)",
         (f"{BUSES}/test_setup.py::test_a_wrong_drive_is_refused_before_anything_is_written",),
@@ -572,7 +572,7 @@ GUARDS = {
         ("tests/peers/test_question.py::test_a_question_that_is_not_confirmed_leaves_nothing_but_uploads_on_the_bus",),
     ),
     "a guard that does not act ends the run": Guard(
-        "haptic_fieldbus/assessing/proof.py",
+        "haptic_fieldbus/assessing/result.py",
         "return self.off is not None and self.earliest <= self.off <= self.allowed",
         "return True",
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
@@ -585,7 +585,7 @@ GUARDS = {
         "TestRequests::test_periods_that_are_skipped_leave_no_guard_waiting",
     ),
     "a guard that cannot have acted yet": Guard(
-        "haptic_fieldbus/assessing/proof.py",
+        "haptic_fieldbus/assessing/result.py",
         "return self.off is not None and self.off < self.earliest",
         "return False",
         (f"{PROVING}::TestWhileADriveIsLeftAlone::test_a_drive_that_something_else_switched_off_has_proved_nothing",),
@@ -615,7 +615,7 @@ GUARDS = {
         (f"{PROVING}::TestWhileADriveIsLeftAlone::test_somebody_else_who_feeds_its_guard_ends_the_run",),
     ),
     "no fault but that of a lost master is cleared": _bus(
-        "acknowledging",
+        "master",
         "if code not in (LOST_MASTER, NO_CODE):",
         "if False:",
         "test_acknowledging",
@@ -646,7 +646,7 @@ GUARDS = {
         ("tests/planning/test_guards.py::test_a_known_failure_is_not_tried_again_on_the_same_drive",),
     ),
     "a serial number that was never given": Guard(
-        "haptic_fieldbus/drive/identity.py",
+        "haptic_fieldbus/drive/objects.py",
         "number & ones in (0, ones)",
         "False",
         (
@@ -689,7 +689,7 @@ GUARDS = {
         ),
     ),
     "no note of a drive without a serial number": Guard(
-        "haptic_fieldbus/drive/identity.py",
+        "haptic_fieldbus/drive/objects.py",
         "if self.serial is None:",
         "if False:",
         (
@@ -715,7 +715,7 @@ GUARDS = {
         ),
     ),
     "a note on the disk before the limit is changed": Guard(
-        "haptic_fieldbus/documents/replacing.py",
+        "haptic_fieldbus/documents/edits.py",
         "            os.fsync(descriptor)\n        yield name",
         "            pass\n        yield name",
         (
@@ -724,21 +724,21 @@ GUARDS = {
         ),
     ),
     "Modbus: a set-point that is not ours": _line(
-        "foreign",
+        "exchange",
         "    if target:\n",
         "    if False:\n",
         "test_set_up",
         "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
     ),
     "Modbus: a command that is not ours": _line(
-        "foreign",
+        "exchange",
         "if command in enabling:",
         "if False:",
         "test_set_up",
         "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
     ),
     "Modbus: a power stage that somebody switched on": _line(
-        "foreign",
+        "exchange",
         "if state in ENERGISED:",
         "if False:",
         "test_set_up",
@@ -817,14 +817,14 @@ GUARDS = {
         "test_a_register_that_keeps_another_value_ends_the_set_up",
     ),
     "Modbus: the way to zero feeds no watchdog": _line(
-        "parting",
+        "release",
         "MOST_ZEROS = 2",
         "MOST_ZEROS = 99",
         "test_release",
         "test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets_zero_torque",
     ),
     "Modbus: zero torque at the end": _line(
-        "parting",
+        "release",
         "self._zeros -= 1",
         "return steps",
         "test_release",

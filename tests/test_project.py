@@ -34,7 +34,7 @@ CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
 PLACEHOLDER = re.compile(r"NAME|KIND|\bname\b")
 ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP}
-LONGEST_FILE = 400
+LONGEST_FILE = 600
 REFUSED = 4
 
 DISTRIBUTIONS = {
@@ -289,8 +289,8 @@ def contract(words: str, key: str = "modules") -> list[str]:
 def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind_it() -> None:
     sim = "haptic_fieldbus.sim"
     pure = {module for module in contract("pure half", "source_modules") if module.startswith(sim)}
-    with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "outlet", "pace", "site", "world")}
-    with_a_bus |= {f"{sim}.modbus.{name}" for name in ("desk", "hosting", "line", "server", "site", "station")}
+    with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "site", "world")}
+    with_a_bus |= {f"{sim}.modbus.{name}" for name in ("hosting", "line", "station")}
     rooms = modules_in("sim") - {f"{sim}.canopen", f"{sim}.modbus", f"{sim}.simulation"}
     everything = rooms | modules_in("sim/canopen") | modules_in("sim/modbus")
     assert everything == pure | with_a_bus | {f"{sim}.host"}, "list the module in the import contract"

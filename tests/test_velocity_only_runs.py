@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_fieldbus import plan, run
-from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock

@@ -19,9 +19,8 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.request import check_fade_in, check_request
+from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
 from haptic_fieldbus.planning.selection import Selection, check_known, compiled, load, select
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim.faults import Fault, load_faults
 from haptic_fieldbus.sim.hand import hand_named

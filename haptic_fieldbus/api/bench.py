@@ -11,12 +11,11 @@ from haptic_fieldbus.buses.found import Check, Scan
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.registry import protocol_named
-from haptic_fieldbus.running.examining import examine
+from haptic_fieldbus.running.rights import examine
 from haptic_fieldbus.running.watching import Watched
 
 ANY_SCENE = "wall"

@@ -12,11 +12,9 @@ from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.request import check_request
-from haptic_fieldbus.planning.selection import check_rendering, select
-from haptic_fieldbus.planning.settings import settled
-from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.planning.ways import WayLimit, way_limits
+from haptic_fieldbus.planning.refusal import WayLimit, way_limits
+from haptic_fieldbus.planning.request import Task, check_request
+from haptic_fieldbus.planning.selection import check_rendering, select, settled
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from haptic_fieldbus.api.open_loop import rendered_axis
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins.contact import environment_of
+from haptic_fieldbus.margins.closed_loop import environment_of
 from haptic_fieldbus.numerics.integrators import METHODS, discrete
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.numerics.transfer import TransferFunction, transfer_function
-from haptic_fieldbus.planning.task import Rendering
+from haptic_fieldbus.planning.request import Rendering
 from haptic_fieldbus.scenes.element import DynamicElement
 from haptic_fieldbus.scenes.own_faults import own_faults
 

@@ -10,8 +10,8 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.planning.selection import Loaded, compiled, load
-from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.host_request import rig_of
 from haptic_fieldbus.sim.slot import Slot

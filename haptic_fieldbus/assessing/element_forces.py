@@ -4,19 +4,158 @@
 part of `real` are the inputs at the samples.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import repeat, starmap
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from haptic_fieldbus.assessing.carried import Carried, begins
 from haptic_fieldbus.assessing.recording import Array, Times, columns_of
-from haptic_fieldbus.assessing.spans import Span
 from haptic_fieldbus.cycle.laws import law_of
-from haptic_fieldbus.scenes.element import DynamicElement, Element
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element
 from haptic_fieldbus.signals import Signal
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.assessing.virtual_states import ResponseToError
+
+
+# Spans in which each element of an axis acted, and its share of the force there, changes included.
+
+Kind = TypeVar("Kind", bound=AnyElement)
+
+
+@dataclass(frozen=True)
+class Handover(Generic[Kind]):
+    """Replacement of the elements, or of the couplings, of an axis while the loop runs."""
+
+    after_ns: int
+    """Latch instant of the last period with the old elements alone."""
+    periods: int
+    """Length of the ramp from the old elements to the new ones."""
+    elements: tuple[Kind, ...]
+    """New elements; each takes the place of the old one at the same index."""
+
+
+@dataclass(frozen=True, eq=False)
+class Span(Generic[Kind]):
+    """Periods in which an element acts, as far as they are recorded in a part of a run.
+
+    Indices count from the first row of the part.
+    """
+
+    element: Kind
+    key: tuple[int, int]
+    """Its place among the elements, and how many stood there before: the same in each part of a run."""
+    first: int
+    """Negative for an element that began in an earlier part."""
+    last: int
+    """Index after the last period; past the end of the part for an element that acts on."""
+    share: Array
+    """Factor 0 to 1 on its force in each recorded period, `(n_periods,)`; straight lines in between."""
+
+    @property
+    def before(self) -> int:
+        """Index of the period in which its ramp begins: the last one with share 0, or the first period of all."""
+        return max(self.first - 1, 0)
+
+    @property
+    def rows(self) -> slice:
+        """Slice of the recorded periods in which the element acts."""
+        return slice(max(self.first, 0), max(0, min(self.last, len(self.share))))
+
+
+def first_periods(exchanges: Iterable[int], times_ns: Times) -> list[int]:
+    """Return the index of the first period after each instant [ns]; without instants after the last period."""
+    found = [int(np.searchsorted(times_ns, after_ns, side="right")) for after_ns in exchanges]
+    return [first for first in found if first < len(times_ns)]
+
+
+def spans(
+    elements: Sequence[Kind],
+    exchanges: Sequence[Handover[Kind]],
+    times_ns: Times,
+    firsts: Sequence[int] | None = None,
+    skipped: int = 0,
+) -> list[Span[Kind]]:
+    """Return a span for each element that acted, in the order in which they began.
+
+    `times_ns` are the latch instants of the recorded periods, `(n_periods,)`. An element that is equal before and after
+    an exchange keeps its span. Elements that came into force before the first recorded period are taken to act fully
+    from that period on.
+
+    For a part of a run, `skipped` counts the periods before it, and `firsts` are the first periods after the exchanges,
+    counted from the begin of the run.
+    """
+    firsts = first_periods([each.after_ns for each in exchanges], times_ns) if firsts is None else firsts
+    periods = np.arange(skipped, skipped + len(times_ns))
+    current = [
+        Span(element, (place, 0), 0, sys.maxsize, np.ones(len(periods))) for place, element in enumerate(elements)
+    ]
+    ended: list[Span[Kind]] = []
+    for exchange, first in zip(exchanges, firsts, strict=False):
+        # The first period of the ramp already has the share 1/periods, as in `cycle.laws.blended`.
+        new = np.clip((periods - first + 1) / exchange.periods, 0.0, 1.0) if first else np.ones(len(periods))
+        for place, element in enumerate(exchange.elements):
+            old = current[place]
+            if element == old.element:
+                continue
+            if first:
+                ended.append(replace(old, last=first + exchange.periods, share=old.share * (1.0 - new)))
+            current[place] = Span(element, (place, old.key[1] + 1), first, sys.maxsize, new)
+    began = sorted([*ended, *current], key=lambda span: span.first)
+    return [replace(span, first=span.first - skipped, last=span.last - skipped) for span in began]
+
+
+# All that the torque error takes along from one part of a run to the next.
+
+Key = tuple[Hashable, ...]
+
+
+@dataclass
+class Carried:
+    """Laws with their memory, virtual states, and the forces of the part before."""
+
+    laws: dict[Key, Any] = field(default_factory=dict)
+    exact: dict[Key, Array] = field(default_factory=dict)
+    """Ideal virtual states at the last node, each `(order,)`."""
+    to_error: dict[Key, "ResponseToError"] = field(default_factory=dict)
+    stages: dict[str, Array] = field(default_factory=dict)
+    """Force of each stage in all periods of the part before."""
+
+    def law(self, key: Key, begin: Callable[[], Any]) -> Any:
+        """Return the law of a key; it begins when it is asked for first."""
+        if key not in self.laws:
+            self.laws[key] = begin()
+        return self.laws[key]
+
+    def tail(self, name: str, overlap: int) -> Array | float:
+        """Return the force of a stage in the last periods of the part before, `(overlap,)`; 0 if it was not there."""
+        before = self.stages.get(name)
+        return 0.0 if before is None else before[len(before) - overlap :]
+
+
+def begins(span: Span[Kind], overlap: int) -> bool:
+    """Return whether the element begins to act in the part that the span is of."""
+    return span.first >= overlap
+
+
+def new_rows(span: Span[Kind], overlap: int) -> slice:
+    """Return the slice of periods of a span that earlier parts did not have."""
+    return slice(max(span.rows.start, overlap), span.rows.stop)
+
+
+def new_nodes(span: Span[Kind], overlap: int, nodes_ns: Times, times_ns: Times) -> slice:
+    """Return the slice of nodes after the period in which the span's ramp begins, up to its last period.
+
+    Of a span that goes on, it begins after the first node, which the part before had too.
+    """
+    begin_ns = times_ns[span.before] if begins(span, overlap) else nodes_ns[0]
+    first, last = nodes_ns.searchsorted([begin_ns, times_ns[span.rows.stop - 1]], side="right")
+    return slice(int(first), int(last))
+
 
 POINTS_PER_PERIOD = 16 / 1.001
 """Points per period at which the error is taken.

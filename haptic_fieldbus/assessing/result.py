@@ -4,7 +4,7 @@ A result may be partial. After a refused or tripped run it holds the figures kno
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
@@ -12,20 +12,126 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus.assessing.passivity import Passivity
-from haptic_fieldbus.assessing.period_times import PeriodTimes
-from haptic_fieldbus.assessing.proof import Proof
-from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.planning.explain import summary_json
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.plan_json import summary_json
 from haptic_fieldbus.planning.selection import Selection
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
 
-if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never loads it
+if TYPE_CHECKING:
     from haptic_fieldbus.assessing.loop_report import LoopReport
+
+
+# What a run in real time asked of its computer, and what it got.
+
+
+@dataclass(frozen=True)
+class Right:
+    """One wish, and its outcome in words."""
+
+    name: str
+    """`scheduling`, `memory`, `processor`, `timer_slack` or `idle_states`."""
+    wished: str
+    got: str
+    granted: bool
+    advice: str = ""
+    """What a person can do to get what was refused; empty when it was granted."""
+
+    def to_json(self) -> Json:
+        return {
+            "name": self.name,
+            "wished": self.wished,
+            "got": self.got,
+            "granted": self.granted,
+            "advice": self.advice or None,
+        }
+
+
+def rights_texts(rights: Iterable[Right]) -> Iterator[str]:
+    """Yield a line of what was granted, a line of what was refused, and what to do about it."""
+    granted = [right.got for right in rights if right.granted]
+    refused = [right for right in rights if not right.granted]
+    if granted:
+        yield ", ".join(granted)
+    if refused:
+        yield f"refused: {', '.join(f'{right.wished} (got {right.got})' for right in refused)}"
+    yield from dict.fromkeys(right.advice for right in refused if right.advice)
+
+
+# Proof of the guard of one drive, which was left alone at zero torque.
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What came of leaving a drive alone; times in s."""
+
+    axis: str
+    guard: float
+    """Time for which the guard of the drive is set."""
+    earliest: float
+    """Time from which on it may be its guard that acts; what is off sooner was switched off by something else."""
+    allowed: float
+    """Time within which it must be seen off."""
+    enabled: float
+    """Time from our last write at which the drive was still seen in *operation enabled*."""
+    off: float | None
+    """Time from our last write at which it was first seen in another state; None: it never was."""
+    between: float
+    """Longest time between two looks at it when this computer is not late."""
+
+    @property
+    def holds(self) -> bool:
+        """True when the drive was seen off in time, and not before its guard can act."""
+        return self.off is not None and self.earliest <= self.off <= self.allowed
+
+    @property
+    def early(self) -> bool:
+        """True when the drive was off before its guard can act, which says nothing about the guard."""
+        return self.off is not None and self.off < self.earliest
+
+    @property
+    def missed(self) -> bool:
+        """True when this computer was late, and nobody looked at the time that matters."""
+        off = self.off
+        return off is not None and self.enabled <= self.allowed < off and off - self.enabled > self.between
+
+    def __str__(self) -> str:
+        """Return the outcome in words."""
+        asked = f"asked for were {exactly(1e3 * self.guard)} ms"
+        if self.off is None:
+            seen = rounded(1e3 * self.enabled)
+            return f"axis {self.axis} did not let go in {seen} ms when it was left alone at zero torque; {asked}"
+        return f"axis {self.axis} let go {rounded(1e3 * self.off)} ms after it was left alone at zero torque; {asked}"
+
+    def to_json(self) -> Json:
+        """Return the object of `run --json`; None for the time of a drive that never let go."""
+        measured = None if self.off is None else 1e3 * self.off
+        return {"axis": self.axis, "guard_ms": 1e3 * self.guard, "measured_ms": measured}
+
+
+# How punctual each period of a run in real time was, for the picture of the run.
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodTimes:
+    """How late each period began, and how old its feedback was when it was used [s]; all of shape `(n_periods,)`."""
+
+    times: NDArray[np.float64]
+    """[s from *operation enabled*]"""
+    lateness: NDArray[np.float64]
+    age: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, report: "LoopReport") -> "PeriodTimes":
+        """Return the times of the periods that the report holds; of a very long run these are the last ones."""
+        lengths = report.sample("period_ns")
+        times = report.duration - np.cumsum(lengths[::-1])[::-1] * 1e-9
+        return cls(times, report.sample("lateness_ns") * 1e-9, report.sample("age_ns") * 1e-9)
+
 
 Array = NDArray[np.float64]
 FIGURES = (

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Part, Run
-from haptic_fieldbus.assessing.error_sums import ErrorFigures
+from haptic_fieldbus.assessing.element_forces import first_periods
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
-from haptic_fieldbus.assessing.spans import first_periods
+from haptic_fieldbus.assessing.torque_error import ErrorFigures
 from haptic_fieldbus.assessing.travel import Travels
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import GapTally

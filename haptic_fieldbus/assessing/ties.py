@@ -10,7 +10,7 @@ from itertools import starmap
 
 import numpy as np
 
-from haptic_fieldbus.assessing.carried import Carried, Key, new_nodes, new_rows
+from haptic_fieldbus.assessing.element_forces import Carried, Key, Span, new_nodes, new_rows
 from haptic_fieldbus.assessing.recording import (
     Array,
     Conversion,
@@ -22,7 +22,6 @@ from haptic_fieldbus.assessing.recording import (
     true_motion,
     with_time,
 )
-from haptic_fieldbus.assessing.spans import Span
 from haptic_fieldbus.scenes.element import CouplingElement, PairLaw
 from haptic_fieldbus.signals import Signal
 

@@ -1,22 +1,59 @@
 """Typer application: all commands and groups of commands."""
 
+import sys
+from math import inf
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from haptic_fieldbus.cli import profiles, scenes
-from haptic_fieldbus.cli.doctor import doctor
-from haptic_fieldbus.cli.estimate import estimate
-from haptic_fieldbus.cli.plan import plan
+from haptic_fieldbus.cli.bench import doctor, scan, watch
+from haptic_fieldbus.cli.failures import tell
+from haptic_fieldbus.cli.options import option, seconds
+from haptic_fieldbus.cli.planning import estimate, plan, response, stability
 from haptic_fieldbus.cli.rehearse import rehearse
 from haptic_fieldbus.cli.report import report
-from haptic_fieldbus.cli.response import response
 from haptic_fieldbus.cli.run import run
-from haptic_fieldbus.cli.scan import scan
+from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import simulate
-from haptic_fieldbus.cli.stability import stability
-from haptic_fieldbus.cli.vcan import vcan
-from haptic_fieldbus.cli.watch import watch
+from haptic_fieldbus.defaults import DEFAULT_VCAN
+from haptic_fieldbus.errors import UsageError, VcanError
+
+# Command `vcan`: run a command where a real SocketCAN bus is, in the host's kernel or in a guest's.
+
+
+def vcan(
+    command: Annotated[list[str], typer.Argument(metavar="-- COMMAND …", help="The command and its arguments.")],
+    interface: Annotated[
+        list[str] | None, option("NAME", "Virtual CAN interface, may be repeated.", default=DEFAULT_VCAN)
+    ] = None,
+    out: Annotated[
+        list[Path] | None, option("DIR", "Folder that the command can write to in a guest, may be repeated.")
+    ] = None,
+    time_limit: Annotated[
+        float,
+        option("S", "End the command after so many seconds, with exit status 124. \\[default: none]", parser=seconds),
+    ] = inf,
+    guest: Annotated[bool, option(None, "Use a guest kernel at any rate.", None, "--guest")] = False,
+) -> None:
+    """Run a command beside virtual CAN interfaces of SocketCAN, and exit with its status.
+
+    They are those of this machine if it has them or lets this user make them; else those of a guest kernel (User-Mode
+    Linux), which needs no rights and sees the same files, read-only but for --out.
+    """
+    from haptic_fieldbus.vcan.runner import Errand, run
+
+    if not time_limit > 0.0:
+        raise UsageError(f"--time-limit {time_limit:g}: expected more than 0 s")
+    errand = Errand(command, interface or [DEFAULT_VCAN], out or (), time_limit, guest)
+    try:
+        status = run(errand, lambda text: show([("vcan", text)], sys.stderr))
+    except VcanError as error:
+        tell(error)
+        status = error.status
+    raise typer.Exit(status)
+
 
 app = typer.Typer(
     name="haptic-fieldbus",

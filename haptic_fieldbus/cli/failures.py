@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import typer
 
-from haptic_fieldbus.cli.checking import faults_to_json
-from haptic_fieldbus.cli.screen import json_text, plain, show
+from haptic_fieldbus.cli.screen import faults_to_json, json_text, plain, show
 from haptic_fieldbus.errors import (
     BusError,
     DocumentError,

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import wraps
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
 
@@ -19,7 +20,8 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning.task import Rendering
+    from haptic_fieldbus.planning.request import Rendering
+
 
 P = ParamSpec("P")
 Options = TypeVar("Options")
@@ -201,3 +203,30 @@ def note_assumed_bitrate(bus: str | None) -> list[tuple[str, str]]:
 
     assumed = "" if bus is None else parse_bus(bus).assumed
     return [("note", assumed)] if assumed else []
+
+
+# Option `--plot`: checked before a command does anything, drawn when it is done.
+
+PlotOption = Annotated[Path | None, option("PATH", "A picture: .png, .svg or .pdf.", OUTPUT)]
+
+
+def check_plot(path: Path | None) -> None:
+    """Check that the picture can be drawn and its file written; call it before anything moves.
+
+    Raises UsageError that lists all faults.
+    """
+    from haptic_fieldbus.planning.request import PLOT_SUFFIXES, file_faults
+
+    wrong = file_faults("plot", path, PLOT_SUFFIXES)
+    if path is not None and find_spec("matplotlib") is None:
+        wrong.append("--plot needs matplotlib: pip install matplotlib")
+    if wrong:
+        raise UsageError("\n".join(wrong))
+
+
+def draw(path: Path, plot: Callable[[Path], None]) -> None:
+    """Draw a picture into a file by calling `plot`; raises UsageError when the file cannot be written."""
+    try:
+        plot(path)
+    except OSError as error:
+        raise UsageError(f'plot "{path}": {error.strerror}') from error

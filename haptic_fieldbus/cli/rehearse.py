@@ -9,13 +9,12 @@ from typing import Annotated
 
 import typer
 
-from haptic_fieldbus.cli.options import OUTPUT, option, options_of
+from haptic_fieldbus.cli.bench import look
+from haptic_fieldbus.cli.options import OUTPUT, check_plot, option, options_of
 from haptic_fieldbus.cli.output import never_wait
-from haptic_fieldbus.cli.pictures import check_plot
 from haptic_fieldbus.cli.run import RunOptions, instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import check_free, write
-from haptic_fieldbus.cli.watch import look
 from haptic_fieldbus.errors import UsageError
 
 WATCHED = 8.0

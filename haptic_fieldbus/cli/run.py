@@ -16,13 +16,15 @@ from haptic_fieldbus.cli.options import (
     RENDERING,
     SIMULATION,
     BenchOptions,
+    PlotOption,
+    check_plot,
+    draw,
     note_assumed_bitrate,
     option,
     options_of,
     seconds,
 )
 from haptic_fieldbus.cli.output import never_wait
-from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
-from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.cli.screen import check_files, plain, print_json, show, show_table
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly, rounded_limit
 
@@ -85,8 +84,7 @@ def check_scenes(
 def _recommended(scene: "Scene") -> Iterator[str]:
     """Yield the recommended upper limit of stiffness for each usable shipped profile on the shipped bench."""
     from haptic_fieldbus.api import plan
-    from haptic_fieldbus.protocols.catalogue import load_profile
-    from haptic_fieldbus.protocols.folders import profile_folder, profile_names
+    from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
     from haptic_fieldbus.protocols.registry import protocol_named
 
     for name in profile_names():
@@ -126,7 +124,7 @@ def _element_json(element: "AnyElement") -> Any:
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
     """Yield name, value and unit of each parameter that `--set` can change."""
-    from haptic_fieldbus.scenes.parameters import parameters, quantities
+    from haptic_fieldbus.scenes.registry import parameters, quantities
     from haptic_fieldbus.scenes.scene import axes_of
 
     workspaces = {axis.name: axis.workspace for axis in scene.axes}

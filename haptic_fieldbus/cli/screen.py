@@ -5,18 +5,22 @@ Colours and the bar appear on a terminal only. Long lines are wrapped to its wid
 
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
+import typer
+
 from haptic_fieldbus.cli.output import behind
+from haptic_fieldbus.errors import DocumentError, Fault, UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
     from haptic_fieldbus.assessing.result import Json
+
 
 KEY_WIDTH = 11
 """Width of the column of keys, including the space after it [characters]."""
@@ -128,3 +132,52 @@ def plain(value: object) -> "Json":
     if isinstance(value, list | tuple):
         return [plain(member) for member in value]
     return value if isinstance(value, bool | int | float | str) or value is None else str(value)
+
+
+# Common part of `profiles check` and `scenes check`.
+
+FAULTY = 2
+"""Exit status when any file has a fault."""
+Told = tuple[str | None, Fault]
+"""The file, or what was given as its name, or None where there is neither; and a fault of it."""
+
+
+def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
+    """Load each file and print the faults of all of them, as lines or as one JSON object.
+
+    Raises `typer.Exit` with status 2 when any file has a fault.
+    """
+    found = {name: list(_faults(name, load)) for name in names}
+    if as_json:
+        print_json({"errors": plain(faults_to_json(told for faults in found.values() for told in faults))})
+    else:
+        for name, faults in found.items():
+            show((None, f"{source}: {fault}") for source, fault in faults)
+            if not faults:
+                show([(None, f"{name}: no fault")])
+    if any(found.values()):
+        raise typer.Exit(FAULTY)
+
+
+def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
+    """Yield each fault of a file with the path of that file, or with `name` when no file was found."""
+    try:
+        load(name)
+    except (DocumentError, UsageError) as error:
+        yield from faults_told(name, error)
+
+
+def faults_told(name: str, error: DocumentError | UsageError) -> Iterator[Told]:
+    """Yield each fault of a file with its path, or the fault of a name with that name."""
+    if isinstance(error, DocumentError):
+        yield from ((error.source, fault) for fault in error.faults)
+    else:
+        yield name, Fault("", str(error))
+
+
+def faults_to_json(told: Iterable[Told]) -> list[dict[str, str | int | None]]:
+    """Return the faults as `--json` lists them."""
+    return [
+        {"source": source, "key": fault.key or None, "line": fault.line, "message": fault.message}
+        for source, fault in told
+    ]

@@ -25,7 +25,7 @@ from haptic_fieldbus.errors import UsageError
 
 if TYPE_CHECKING:
     from haptic_fieldbus.drive.rig import Rig
-    from haptic_fieldbus.protocols.bus_name import BusName
+    from haptic_fieldbus.protocols.protocol import BusName
     from haptic_fieldbus.sim.slot import Slot
 
 
@@ -91,7 +91,7 @@ def check_free(path: Path) -> None:
 
 def write(path: Path, rig: "Rig", heading: str) -> None:
     """Write a rig file that is not there yet; raises UsageError when it cannot be written."""
-    from haptic_fieldbus.drive.rig_text import rig_text
+    from haptic_fieldbus.drive.rig_units import rig_text
 
     try:
         with path.open("x", encoding="utf-8") as file:

@@ -12,12 +12,22 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.cycle.echo import bind_echo, bind_other_masters
 from haptic_fieldbus.cycle.gaps import LawPlace
-from haptic_fieldbus.cycle.laws import READERS, Field, apart, at_rest, blended, field_of, has_say, is_static, summed
+from haptic_fieldbus.cycle.laws import (
+    READERS,
+    AxisState,
+    Field,
+    Sensed,
+    apart,
+    at_rest,
+    blended,
+    field_of,
+    has_say,
+    is_static,
+    summed,
+)
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
-from haptic_fieldbus.cycle.sign import Sign
-from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
-from haptic_fieldbus.cycle.state import AxisState, Sensed
+from haptic_fieldbus.cycle.sign import Sign, bind_sign_watch
 from haptic_fieldbus.cycle.watch import AGE_NS, FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan

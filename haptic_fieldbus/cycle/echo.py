@@ -32,9 +32,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import islice
 
+from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sensing import Feedback, PeriodStep
-from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS, TripOff
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan

@@ -24,7 +24,7 @@ turn of its motion, and then each of them finds twice the mean of v². So gaps d
 
     stretch = 1 + Σ(s² − s)/Σs/a   (s: periods between two samples, a: mean age of the force, ½ + td/T + λ/T)
 
-at most, whatever their timing; the proof is in `margins.patterns`. Without delay a is ½, and gaps that come at any time
+at most, whatever their timing; the proof is in `margins.linear`. Without delay a is ½, and gaps that come at any time
 cost half of it, Σs²/Σs.
 
 The loop is given up when the stretch is above `AxisPlan.largest_stretch`, or when more than a fifth of the samples is

@@ -1,12 +1,12 @@
 """Conversion of a trip to an exception, whose class names the origin and whose message gives cause, value and time."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
+from haptic_fieldbus.cycle.laws import Sensed, field_of, summed
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
-from haptic_fieldbus.cycle.start import start_position
 from haptic_fieldbus.errors import (
     BusError,
     BusTimeoutError,
@@ -24,6 +24,34 @@ from haptic_fieldbus.planning.sign_probe import raising
 from haptic_fieldbus.scenes.own_faults import blamed
 from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import LinkFlag
+
+# Where a scene that begins with too much force could begin instead.
+
+SEARCHED = {"linear": 0.5, "rotary": 6.2832}
+"""How far from where the handle is a place is looked for [m or rad]."""
+PLACES = 2000
+PERIOD = 1e-3
+"""[s]; any period will do, for at rest no element depends on it."""
+
+
+def start_position(axis: AxisPlan, largest: float, here: float = 0.0) -> float | None:
+    """Return the nearest place, as a way from `here` [m or rad], at which the scene asks for at most `largest`.
+
+    Each place is tried with elements that begin there, at rest. None when there is no such place nearby.
+    """
+    for way in _ways(SEARCHED[axis.workspace.value] / PLACES):
+        fields = [field_of(element, PERIOD, axis.method, Sensed()) for element in axis.elements]
+        if fields and abs(summed(fields)(here + way)) <= largest:
+            return way
+    return None
+
+
+def _ways(step: float) -> Iterator[float]:
+    """From small to large, to both sides."""
+    for place in range(1, PLACES + 1):
+        yield place * step
+        yield -place * step
+
 
 TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.EMERGENCY: DriveFaultError,

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from haptic_fieldbus.cycle.gaps import Gaps
+from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
-from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE
 from haptic_fieldbus.signals import LinkFlag

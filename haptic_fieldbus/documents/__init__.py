@@ -5,9 +5,8 @@ the schema in plain words, and `positions` the lines. Pydantic is imported when 
 positions only when there is a fault.
 """
 
-from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of
+from haptic_fieldbus.documents.document import Document, check_kind, knows, read_document, schema_of, table_of
 from haptic_fieldbus.documents.expected import KeyPath
-from haptic_fieldbus.documents.kinds import check_kind, table_of
 from haptic_fieldbus.documents.names import beside, file_names, file_of, is_eds, is_path, nearest, suggestion
 from haptic_fieldbus.documents.octets import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
 

@@ -11,7 +11,7 @@ from annotated_types import Ge, Le
 from haptic_fieldbus.drive.fields import STRICT, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
-from haptic_fieldbus.drive.units import is_current
+from haptic_fieldbus.drive.rig import is_current
 from haptic_fieldbus.signals import Signal
 
 Index = Annotated[int, Ge(0x1000), Le(0xFFFF)]

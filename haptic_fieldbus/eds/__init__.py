@@ -13,8 +13,8 @@ from haptic_fieldbus.eds.model import (
     NodeOffset,
     ObjectCode,
 )
+from haptic_fieldbus.eds.names import EdsType
 from haptic_fieldbus.eds.reader import load_eds, read_eds
-from haptic_fieldbus.eds.types import EdsType
 from haptic_fieldbus.eds.writer import eds_text
 
 __all__ = [

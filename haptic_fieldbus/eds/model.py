@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from haptic_fieldbus.eds.types import EdsType
+from haptic_fieldbus.eds.names import EdsType
 from haptic_fieldbus.errors import Fault
 
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")

@@ -6,10 +6,9 @@ DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValu
 
 from collections.abc import Mapping
 
-from haptic_fieldbus.eds.lines import FileSection
+from haptic_fieldbus.eds.lines import FileSection, value_of, whole_number
 from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, EdsValue, ObjectCode
-from haptic_fieldbus.eds.types import EdsType
-from haptic_fieldbus.eds.values import value_of, whole_number
+from haptic_fieldbus.eds.names import EdsType
 from haptic_fieldbus.errors import Fault
 
 ACCESS_WHEN_MISSING = "ro"

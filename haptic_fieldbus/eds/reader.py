@@ -11,10 +11,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from haptic_fieldbus.documents import EDS_SIZE, read_octets
-from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets
+from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets, whole_number
 from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsObject
 from haptic_fieldbus.eds.objects import ObjectReader
-from haptic_fieldbus.eds.values import whole_number
 from haptic_fieldbus.errors import EdsError, Fault
 
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")

@@ -5,12 +5,155 @@ It is complete in the keys that CiA 306-1 requires. Objects go into the list of 
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
-from haptic_fieldbus.eds.loadable import loadable
-from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsEntry, EdsObject, ObjectCode
+from haptic_fieldbus.eds.lines import fits, text_of, value_range
+from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsEntry, EdsObject, EdsValue, ObjectCode
+from haptic_fieldbus.eds.names import HIGHEST, REALS, TIMES, EdsType, member_name, parameter_name
+from haptic_fieldbus.eds.objects import HIGHEST_ELEMENT
 from haptic_fieldbus.eds.reader import DUMMY_TYPES
-from haptic_fieldbus.eds.types import EdsType
-from haptic_fieldbus.eds.values import text_of
+
+# The objects of an EDS in a form that other programs load, whatever it was made from.
+#
+# canopen's reader and dcf-tools refuse a whole file for one entry that they cannot take. What is not certain is
+# therefore left out, and what every device has is filled in:
+#
+# - a value whose structure only the device knows becomes a DOMAIN;
+# - a value that its type cannot hold is left out, and so is a limit that the values of its own entry break;
+# - an entry whose value CiA 301 fixes as a number (identity, PDOs, guards, error behaviour) has a type of numbers;
+# - left out are descriptions of data types (below 1000h), objects without entries, sub-index FFh, and a record of a PDO
+#   that lacks its other one; a mapping entry that names no object becomes 0, which maps nothing;
+# - 1000h, 1001h and 1018h are in every device (CiA 301, 7.5.2).
+
+FIRST_OBJECT = 0x1000
+"""Indices below are those of data types, which a PDO maps as unused space."""
+COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
+MAPPING = 0x200
+"""Difference of index from the communication record of a PDO to its mapping record."""
+
+_PDOS = range(0x1400, 0x1C00)
+_PARAMETERS = {
+    0: EdsType.UNSIGNED8, 1: EdsType.UNSIGNED32, 2: EdsType.UNSIGNED8, 3: EdsType.UNSIGNED16,
+    4: EdsType.UNSIGNED8, 5: EdsType.UNSIGNED16, 6: EdsType.UNSIGNED8,
+}  # fmt: skip
+_NUMBERS: Mapping[int, Mapping[int, EdsType]] = {
+    0x1000: {0: EdsType.UNSIGNED32},
+    0x1001: {0: EdsType.UNSIGNED8},
+    0x1005: {0: EdsType.UNSIGNED32},
+    0x100C: {0: EdsType.UNSIGNED16},
+    0x100D: {0: EdsType.UNSIGNED8},
+    0x1012: {0: EdsType.UNSIGNED32},
+    0x1014: {0: EdsType.UNSIGNED32},
+    0x1016: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    0x1017: {0: EdsType.UNSIGNED16},
+    0x1018: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    0x1029: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED8},
+    0x1400: _PARAMETERS,
+    0x1600: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    0x1800: _PARAMETERS,
+    0x1A00: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+}
+"""Types by CiA 301 of entries that programs need as numbers, by index (of a PDO: of the first one) and sub-index, -1
+for all others."""
+
+
+def loadable(eds: Eds) -> dict[int, EdsObject]:
+    """Return the objects to write, by index."""
+    kept = {index: replace(item, entries=entries) for index, item in eds.objects.items() if (entries := _entries(item))}
+    objects = {**kept, **dict(_mandatory(kept, eds.device))}
+    objects = {index: item for index, item in objects.items() if index >= FIRST_OBJECT and not _is_lone(index, objects)}
+    return {index: _mapped(item, objects) if _is_mapping(index) else item for index, item in objects.items()}
+
+
+def _entries(item: EdsObject) -> dict[int, EdsEntry]:
+    """Return the entries that a file can describe; FFh only repeats the code of the object (CiA 301, 7.4.3)."""
+    is_record = not (item.is_simple and set(item.entries) == {0})
+    return {
+        subindex: _loadable_entry(entry, EdsType.UNSIGNED8 if is_record and not subindex else _type(entry))
+        for subindex, entry in item.entries.items()
+        if subindex <= HIGHEST_ELEMENT
+    }
+
+
+def _type(entry: EdsEntry) -> EdsType:
+    """Return the type to write of an entry that is not the length of a record."""
+    standard = _NUMBERS.get(entry.index & ~0x1FF if entry.index in _PDOS else entry.index, {})
+    fixed = standard.get(entry.subindex, standard.get(-1))
+    if fixed is not None and (entry.type is None or not entry.type.is_integer or entry.type in TIMES):
+        return fixed
+    return EdsType.DOMAIN if entry.type is None else entry.type
+
+
+def _loadable_entry(entry: EdsEntry, type: EdsType) -> EdsEntry:
+    """Return an entry without what its type cannot hold."""
+    default, parameter = (value if _holds(type, value) else None for value in (entry.default, entry.parameter))
+    ranges = [value_range(value) for value in (default, parameter) if value is not None]
+    low, high = (limit if _is_limit(type, limit) else None for limit in (entry.low, entry.high))
+    return replace(
+        entry,
+        type=type,
+        default=default,
+        parameter=parameter,
+        low=None if low is None or any(least < low for least, _ in ranges) else low,
+        high=None if high is None or any(most > high for _, most in ranges) else high,
+    )
+
+
+def _is_limit(type: EdsType, limit: float | None) -> bool:
+    """Return whether values of the type can have this limit."""
+    ranged = type in REALS or (type.is_integer and type not in TIMES)
+    return ranged and limit is not None and fits(limit, type)
+
+
+def _holds(type: EdsType, value: EdsValue | None) -> bool:
+    return value is not None and fits(value, type)
+
+
+def _mandatory(objects: Mapping[int, EdsObject], device: DeviceInfo) -> Iterator[tuple[int, EdsObject]]:
+    """Yield the objects that every device has and that are missing, or lack what every device has in them."""
+    for index, type in ((0x1000, EdsType.UNSIGNED32), (0x1001, EdsType.UNSIGNED8)):
+        if index not in objects or 0 not in objects[index].entries:
+            name = parameter_name(index)
+            yield index, EdsObject(index, name, ObjectCode.VAR, {0: EdsEntry(index, 0, name, type, "ro")})
+    identity = objects.get(0x1018)
+    entries = {} if identity is None else dict(identity.entries)
+    if 0 not in entries or 1 not in entries:
+        vendor = (device.vendor_number or 0) & 0xFFFF_FFFF
+        entries.setdefault(0, EdsEntry(0x1018, 0, HIGHEST, EdsType.UNSIGNED8, "ro", max(entries, default=1) or 1))
+        entries.setdefault(1, EdsEntry(0x1018, 1, member_name(0x1018, 1), EdsType.UNSIGNED32, "ro", vendor))
+        yield 0x1018, EdsObject(0x1018, parameter_name(0x1018), ObjectCode.RECORD, dict(sorted(entries.items())))
+
+
+def _is_mapping(index: int) -> bool:
+    return any(index - MAPPING in records for records in COMMUNICATION)
+
+
+def _is_lone(index: int, objects: Mapping[int, EdsObject]) -> bool:
+    """Return whether this is a record of a PDO that lacks its other one."""
+    if any(index in records for records in COMMUNICATION):
+        return index + MAPPING not in objects
+    return _is_mapping(index) and index - MAPPING not in objects
+
+
+def _mapped(item: EdsObject, objects: Mapping[int, EdsObject]) -> EdsObject:
+    """Return the mapping record of a PDO whose entries name objects of the file, or nothing."""
+    entries = dict(item.entries)
+    for subindex, entry in item.entries.items():
+        if subindex and not all(_exists(value, objects) for value in (entry.default, entry.parameter)):
+            entries[subindex] = replace(entry, default=0, parameter=None, low=None, high=None)
+    return replace(item, entries=entries)
+
+
+def _exists(value: EdsValue | None, objects: Mapping[int, EdsObject]) -> bool:
+    if value is None or value == 0:
+        return True
+    if not isinstance(value, int):
+        return False
+    index, subindex = value >> 16, value >> 8 & 0xFF
+    if index < FIRST_OBJECT:
+        return index in range(1, 8) and not subindex
+    return index in objects and subindex in objects[index].entries
+
 
 BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
 MANDATORY = (0x1000, 0x1001, 0x1018)

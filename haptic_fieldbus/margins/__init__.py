@@ -3,11 +3,11 @@
 Code for coupled axes alone is in `coupled`, which a scene without couplings does not import.
 """
 
+from haptic_fieldbus.margins.cautious import Suggestion, suggest
 from haptic_fieldbus.margins.closed_loop import alone, stiffness_limit
 from haptic_fieldbus.margins.linear import EnvironmentOf
 from haptic_fieldbus.margins.passivity import passive_limit, passive_limit_of
 from haptic_fieldbus.margins.plant import Plant, quantisation_limit, sample, weakened
-from haptic_fieldbus.margins.suggestion import Suggestion, suggest
 from haptic_fieldbus.margins.verdict import Stability, StiffnessLimit, Verdict, judge
 
 __all__ = [

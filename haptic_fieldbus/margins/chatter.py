@@ -4,7 +4,7 @@ Proof. The rounding of a step D changes the force of a spring K by at most K·D/
 
     ∫f·v ≤ b_K·∫v² + (K·D/2)·∫|v|,   b_K = ½·K·(g + √(g² + S)), g = T/2 + td + λ
 
-(`increments`; about K·(T/2 + td)). The device takes b·∫v² + fc·∫|v|. In a motion that repeats itself both are equal, so
+(`passivity`; about K·(T/2 + td)). The device takes b·∫v² + fc·∫|v|. In a motion that repeats itself both are equal, so
 that where b > b_K
 
     ∫v²/∫|v| ≤ (K·D/2 − fc)/(b − b_K),
@@ -20,10 +20,9 @@ import math
 
 import numpy as np
 
-from haptic_fieldbus.margins.increments import Increments
+from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.margins.plant import Plant
-from haptic_fieldbus.numerics.batch import Running
-from haptic_fieldbus.numerics.loops import loops
+from haptic_fieldbus.numerics.batch import Running, loops
 
 STARTS = (0.0, 0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0)
 """Speeds of the knocks from which cycles are looked for, in steps of the encoder per period."""

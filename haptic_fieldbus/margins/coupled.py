@@ -7,11 +7,11 @@ largest force is also tried without force, where each axis is alone.
 
 Passivity is required with any passive hands on all handles. A coupling of springs and dampers that nothing cuts has an
 exact condition (`numerics.coupled_passivity`). What own elements may give is bounded as on a single axis
-(`increments`), and the damping that this needs is taken from the device first: both bounds are sums over the axes of a
+(`passivity`), and the damping that this needs is taken from the device first: both bounds are sums over the axes of a
 damping times ∫v², so that they add up.
 
 A spring-damper between x1 and n·x2 with play, or cut at a largest force, is a law of the twist that keeps the bounds of
-`increments`. With κ = (1, |n|) the way of the twist is at most Σ κ_i·∫|v_i|. By the proof there, with y_i the mean of
+`passivity`. With κ = (1, |n|) the way of the twist is at most Σ κ_i·∫|v_i|. By the proof there, with y_i the mean of
 |v_i| and ρ_i the size of the rest of it, it gives at most the form of
 
     [[K·κ_i·κ_j·½(g_i + g_j) + B·κ_i·κ_j, ½·K·κ_i·κ_j·√S_j], [its transpose, 0]]
@@ -36,11 +36,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
-from haptic_fieldbus.margins.contact import linearised
-from haptic_fieldbus.margins.increments import MOST_WEIGHTS, spread_of
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis, linearised
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.passivity import searched
+from haptic_fieldbus.margins.passivity import MOST_WEIGHTS, searched, spread_of
 from haptic_fieldbus.margins.places import Places
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share

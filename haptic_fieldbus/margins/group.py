@@ -10,21 +10,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.margins import cautious, contact
-from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Values
-from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
-from haptic_fieldbus.margins.contact import Kind
+from haptic_fieldbus.margins import cautious, closed_loop
+from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Suggestion, Values, suggest
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, Kind, OneAxis
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.places import OwnLaw
-from haptic_fieldbus.margins.plant import Plant, weakened
-from haptic_fieldbus.margins.ranges import Ranges, exactly_timed
+from haptic_fieldbus.margins.places import EVERYWHERE, OwnLaw
+from haptic_fieldbus.margins.plant import Plant, Ranges, exactly_timed, weakened
 from haptic_fieldbus.margins.resting import Axle
-from haptic_fieldbus.margins.suggestion import Suggestion, suggest
-from haptic_fieldbus.margins.terrain import EVERYWHERE
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
-from haptic_fieldbus.scenes.local import Interval
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
@@ -100,12 +95,12 @@ class Group:
     @cached_property
     def stiffest(self) -> AnyElement | None:
         """The coupling or element whose stiffness varies; None when none has a stiffness."""
-        return contact.stiffest_of(self.varied)
+        return closed_loop.stiffest_of(self.varied)
 
     @property
     def reference_axis(self) -> str:
         """Name of the axis whose units the verdict uses: the first axis of the stiffest coupling."""
-        coupling = contact.stiffest_of(self.couplings)
+        coupling = closed_loop.stiffest_of(self.couplings)
         return self.members[0].name if coupling is None else coupling.axes[0]
 
     def stabilities(self) -> dict[str, Stability]:
@@ -117,8 +112,8 @@ class Group:
 
     @cached_property
     def _stabilities(self) -> dict[str, Stability]:
-        stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
-        verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
+        stiffness = None if self.stiffest is None else closed_loop.stiffness_of(self.stiffest)
+        verdicts = judge(self.loop, self._varied(), stiffness, closed_loop.damping_of(self.varied))
         return {
             member.name: replace(
                 verdict, effort=member.effort, own_laws=self._own_laws, find_cautious=self.cautious_limit
@@ -165,7 +160,7 @@ class Group:
             return None
         if least.obstacle is not None:
             return replace(least.obstacle, beside=varied.name)
-        is_too_stiff = 0.0 < least.stable < contact.stiffness_of(rest.stiffest)
+        is_too_stiff = 0.0 < least.stable < closed_loop.stiffness_of(rest.stiffest)
         return Obstacle(rest.stiffest, least.stable, varied.name) if is_too_stiff else None
 
     def _at(self, values: Sequence[Values]) -> "Group":
@@ -200,7 +195,9 @@ class Group:
 
     def rough_margin(self) -> float:
         """Return that limit over the stiffness, or over 1 for a stiffness of 0; ∞ when there is none to vary."""
-        return math.inf if self.stiffest is None else self.rough_limit() / (contact.stiffness_of(self.stiffest) or 1.0)
+        return (
+            math.inf if self.stiffest is None else self.rough_limit() / (closed_loop.stiffness_of(self.stiffest) or 1.0)
+        )
 
     def passive_limit(self, damping: float, stable: float) -> float:
         """Return the limit of passivity [N/m or N·m/rad] with this damping; `stable` bounds it."""
@@ -218,7 +215,7 @@ class Group:
         return suggest(
             self.loop,
             lambda stiffness, damping: self.environment(stiffness=stiffness, damping=damping),
-            contact.stiffness_of(self.stiffest),
+            closed_loop.stiffness_of(self.stiffest),
             getattr(self.stiffest, "damping", None),
             self._cautious_with,
         )
@@ -233,7 +230,7 @@ class Group:
         """Return the same single axis with this stiffness [N/m or N·m/rad] of one of its elements."""
         (alone,) = self.members
         changed = tuple(
-            contact.with_parameters(each, {"stiffness": stiffness}) if each is element else each
+            closed_loop.with_parameters(each, {"stiffness": stiffness}) if each is element else each
             for each in alone.elements
         )
         return replace(self, members=(replace(alone, elements=changed),))

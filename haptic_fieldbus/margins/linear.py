@@ -1,9 +1,17 @@
-"""Largest stable stiffness of a sampled loop, by the eigenvalues of one exact period: a scan, then a root."""
+"""Stability by eigenvalues: the largest stiffness, and patterns of missing frames."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 
-from haptic_fieldbus.numerics.linear import StateSpace
+import numpy as np
+
+from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.sampled import SampledPlant
+
+# Largest stable stiffness of a sampled loop, by the eigenvalues of one exact period: a scan, then a root.
 
 EnvironmentOf = Callable[[float], StateSpace]
 """Function from a stiffness to the discrete environment x_k → F_k."""
@@ -66,3 +74,72 @@ def crossing(excess: Callable[[float], float], low: float, high: float, precisio
         else:
             high, above = tried, found
     return low
+
+
+# Stability when frames are missing in a pattern that repeats.
+#
+# When a frame is missing, the last force is held and the states of the environment keep their values. A pattern of N
+# periods is one linear map, the product of the maps of its periods, and its eigenvalue of the largest modulus decides
+# (Floquet). A force is older the longer it is held, so the gaps count by their squares. With the times T_i between
+# samples, light damping and no delay,
+#
+#     K < 2·b·ΣT_i/ΣT_i²
+#
+# where the gaps fall on all phases of the oscillation alike. Gaps that fall once in each half turn do not. The worst
+# timing is bounded so. A spring K, whose force has the mean age A = T/2 + td + λ, leaves b' = b − K·A of the damping of
+# the device. Let V = ½·m·v² + ½·K·x² + ½·b'·x·v. For light damping V' = −b'/m·V at every phase, while no sample is
+# missing. A force that is held for s periods is older, on average by (s − 1)·T/2, whatever td and λ. So it gives
+# ½·K·T²·(s² − s)·v² more than in s single periods. v² is at most 2·V/m, so the gap multiplies V by exp(K·T²·(s² − s)/m)
+# at most. V falls while all these exponents together are below b'/m times the time that passes, which is T·Σs:
+#
+#     K·(A + T·q) < b,  q = Σ(s² − s)/Σs,  that is  K < K₀/(1 + q·T/A)
+#
+# with K₀ = b/A, the limit without gaps. Where gaps are rare, half of q counts on average: without delay that is the
+# bound above. Tests draw devices, delays, dampers and patterns, and the eigenvalues of none that this permits are above
+# 1; the first that grow have 1.1 times its q.
+
+Pattern = Sequence[bool]
+"""One entry for each period, True when its frame arrives; repeats for ever. The first entry must be True."""
+
+
+def gaps(lengths: Sequence[int]) -> tuple[bool, ...]:
+    """Return the pattern whose forces are held for these numbers of periods: (1, 1, 3) loses two frames of five."""
+    return tuple(place == 0 for length in lengths for place in range(length))
+
+
+def pattern_matrix(device: SampledPlant, environment: StateSpace, pattern: Pattern) -> Matrix:
+    """Return the square matrix of a whole pattern on the states of `sampled.loop_matrix`."""
+    periods = {
+        # The force of the period before must be a state, to be held when a frame is missing.
+        received: sampled.loop_matrix(device, environment, received=received, least_memory=1)
+        for received in set(pattern)
+    }
+    matrix = np.eye(len(periods[True]))
+    for received in pattern:
+        matrix = periods[received] @ matrix
+    return matrix
+
+
+def pattern_growth(device: SampledPlant, environment: StateSpace, pattern: Pattern) -> float:
+    """Return the mean growth of the loop in a period of the pattern, free shifts left out; below 1 is stable."""
+    matrix = sampled.without_shift(pattern_matrix(device, environment, pattern), device, environment)
+    return float(sampled.spectral_radius(matrix) ** (1.0 / len(pattern)))
+
+
+def pattern_limit(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf, pattern: Pattern) -> float:
+    """Return the stiffness [N/m or N·m/rad] up to which the loop with these missing frames is stable.
+
+    0 and ∞ have the meaning of `linear.limit_of`. Raises UsageError for impossible times [s].
+    """
+    device = sample(plant, period, delay)
+    return limit_of(
+        lambda stiffness: pattern_growth(device, environment_of(stiffness), pattern),
+        plant.mass / period**2 + plant.damping / period,
+    )
+
+
+def pattern_bound(damping: float, period: float, pattern: Pattern) -> float:
+    """Return K = 2·b·ΣT_i/ΣT_i² [N/m or N·m/rad], which the limit approaches for light damping without delay."""
+    starts = [place for place, received in enumerate(pattern) if received] + [len(pattern)]
+    times = [period * (after - before) for before, after in pairwise(starts)]
+    return 2.0 * damping * sum(times) / sum(time**2 for time in times)

@@ -1,6 +1,6 @@
 """Laws without bounds of their own, judged by their force: sampled over the travel that the handle can reach.
 
-A shipped element states bounds of its slope between any two positions (`scenes.local`). An element that somebody else
+A shipped element states bounds of its slope between any two positions (`scenes.element`). An element that somebody else
 wrote may state its force and `linearised` alone, and nothing holds one to the other. So its force is read at places of
 the whole travel: at rest, and there the slope to either side and the change per speed. The places are spread unevenly,
 so that no pitch hides between them. Where force or slope changes they are halved down to the step of a difference
@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.places import OwnLaw
-from haptic_fieldbus.scenes.element import Phased, is_dynamic, is_sampled, is_shipped, is_varying
-from haptic_fieldbus.scenes.local import Interval, Local
+from haptic_fieldbus.scenes.element import Interval, Local, Phased, is_dynamic, is_sampled, is_shipped, is_varying
 from haptic_fieldbus.signals import Signal
 
 Array = NDArray[np.float64]

@@ -1,7 +1,9 @@
-"""Largest stiffness that is passive with any hand; the theory is in `numerics.passivity`."""
+"""Passivity with any hand: the largest stiffness, and forces that are not linear."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,6 +12,102 @@ from haptic_fieldbus.margins.plant import Plant, check_times
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import parallel
 from haptic_fieldbus.numerics.passivity import SMALLEST_ANGLE, damping_needed, frequency_response, hold, largest_gain
+from haptic_fieldbus.numerics.sampled import TACHOMETER
+
+# Passivity of forces that are not linear, by bounds on their increments; the proof.
+#
+# A law gives F_k at the sample t_k, and the motor f(t) gives F_k from t_k + td until t_{k+1} + td, through a torque
+# loop of the lag λ. Two bounds are asked of the law, whatever the motion:
+#
+# 1. without delay it gives at most Σ F_k·Δx_k ≤ S + ½·L·Σ Δx_k², with a bounded S and Δx_k = x_{k+1} − x_k;
+# 2. it does not jump: |F_k − F_{k−1}| ≤ L·|Δx_{k−1}|.
+#
+# A force of the position alone whose slope is never above L, of either sign, keeps both: F(x_k)·Δx_k exceeds what its
+# potential loses, ∫F dx, by at most ½·L·Δx_k². So does a spring of stiffness L to an anchor that only moves towards the
+# handle (friction that sticks): moving the anchor loses energy. Cutting the force at the effort limit changes neither:
+# the slope of what is left is at most L, and with a cut spring to an anchor a, V = −∫ₐˣ cut(G(ξ) − L·(ξ − a)) dξ −
+# ∫ᵃ cut(G(ξ)) dξ still falls when the anchor moves towards the handle, by L·|da| times the way that is not cut.
+#
+# For t in period j, f(t) = F_j + (f(t) − F_j). By 1, the first part gives at most S + ½·L·Σ(∫_j |v|)². The second is at
+# most L times the ways of the N(t) whole periods that the force is older than F_j. All this is an integral form of |v|
+# with a positive, T-periodic kernel, and by 2·a·b ≤ a² + b² it is bounded by its largest eigenvalue times ∫v². Because
+# the kernel is positive, the eigenfunction w is positive and has the period T. With W = ∫w over a period and c(u) the
+# mean N(t) at the time u of a period, the form is
+#
+#     L·(½·W² + W·∫c·w),   ∫c = td + λ,
+#
+# which has the rank 2 and the eigenvalue ½·L·(g + √(g² + S)), g = T/2 + td + λ, S = T²·Var(c): δ·(T − δ) for a fraction
+# δ of a period without lag. This is the limit of a plain spring of stiffness L (`passivity.passive_limit`), so nothing
+# is given away. Without the exact S, td rounded up to whole periods bounds it: b ≥ L·(T/2 + td) + L·λ.
+#
+# A part that depends on the velocity changes the force by at most B·|v̂_k|. With the backward difference, |v̂_k|·T is
+# at most the way of the period before, which adds B·W²/T to the form. The damping needed of the device is then
+#
+#     b ≥ ½·(L·g + B + √((L·g + B)² + L²·S)).
+#
+# Another linear estimator counts with the sum of the moduli of its weights on the ways of single periods.
+#
+# Coulomb friction fc of the device covers the rounding of an encoder of step D, where fc ≥ L·D/2 + B·D/T: a position is
+# wrong by at most D/2.
+
+
+@dataclass(frozen=True)
+class Increments:
+    """Bounds of a law: `slope` L [N/m or N·m/rad], `damping` B [N·s/m or N·m·s/rad] with the estimator's weights."""
+
+    slope: float
+    damping: float
+
+    def damping_needed(self, period: float, delay: float, lag: float) -> float:
+        """Return the damping of a device that is passive with this law [N·s/m or N·m·s/rad]; times in s."""
+        if not math.isfinite(self.slope + self.damping):
+            return math.inf
+        spread = spread_of(period, delay, lag)
+        along = self.slope * (0.5 * period + delay + lag) + self.damping
+        # A contact without an end is as steep as a float can be, and its square is beyond all floats.
+        return 0.5 * (along + math.hypot(along, self.slope * math.sqrt(spread)))
+
+    def rounding_is_bridged(self, plant: Plant, period: float) -> bool:
+        """Return whether Coulomb friction takes all that the rounding of the encoder may give."""
+        return plant.coulomb >= (0.5 * self.slope + self.damping / period) * plant.resolution
+
+
+@lru_cache(maxsize=64)
+def spread_of(period: float, delay: float, lag: float) -> float:
+    """Return S of the theory [s²]; times in s."""
+    return float(hold(np.array([SMALLEST_ANGLE]), period, delay, lag).spread[0])
+
+
+@lru_cache(maxsize=64)
+def weight(estimator: str | None, period: float) -> float:
+    """Return the sum of the moduli of an estimator's weights on single moves; ∞ for one that is not linear."""
+    if estimator is None or estimator == TACHOMETER:
+        return 1.0
+    from haptic_fieldbus.numerics import estimators  # only scenes that use velocity need it
+
+    if estimators.linear_stand_in(estimator) is not None:
+        return math.inf
+    form = estimators.linear_form(estimator, period)
+    # A step of the position is one move; what it gives at each period after it is the weight on that move.
+    state, total = form.b[:, 0], abs(float(form.d[0, 0]))
+    for _ in range(MOST_WEIGHTS):
+        part = float(form.c[0] @ state + form.d[0, 0])
+        total += abs(part)
+        state = form.a @ state + form.b[:, 0]
+    return total * period
+
+
+MOST_WEIGHTS = 400
+"""Periods after which the weights of an estimator are taken as over."""
+
+
+def sum_of_bounds(found: Iterable[tuple[float, float] | None]) -> tuple[float, float]:
+    """Return the sums of slopes and dampings; ∞ when one of them has no bound."""
+    slopes = [(math.inf, math.inf) if each is None else each for each in found]
+    return sum(each[0] for each in slopes), sum(each[1] for each in slopes)
+
+
+# Largest stiffness that is passive with any hand; the theory is in `numerics.passivity`.
 
 PROBES = np.array([1e-3, 0.1, 1.0, math.pi])
 """Angles [rad] at which the dependence of an environment on its stiffness is checked."""

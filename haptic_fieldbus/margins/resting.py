@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from haptic_fieldbus.margins import contact
-from haptic_fieldbus.margins.increments import Increments, sum_of_bounds, weight
-from haptic_fieldbus.margins.places import OwnLaw, Places, Together
-from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
+from haptic_fieldbus.margins import closed_loop
+from haptic_fieldbus.margins.passivity import Increments, sum_of_bounds, weight
+from haptic_fieldbus.margins.places import EVERYWHERE, Array, OwnLaw, Places, Terrain, Together, survey, terrain
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated
 from haptic_fieldbus.scenes.element import (
     Element,
     Incremental,
+    Interval,
     Phased,
     Reserving,
     Varying,
@@ -26,7 +26,6 @@ from haptic_fieldbus.scenes.element import (
     is_shipped,
     is_varying,
 )
-from haptic_fieldbus.scenes.local import Interval
 from haptic_fieldbus.signals import Signal
 
 MOST_COMBINED = 4
@@ -54,7 +53,7 @@ class Axle:
 
     @cached_property
     def stiffest(self) -> Element | None:
-        return contact.stiffest_of(self.elements)
+        return closed_loop.stiffest_of(self.elements)
 
     def environment(self, **changes: float) -> Places:
         """Return the environment at all places after `changes` to the stiffest element.
@@ -85,7 +84,7 @@ class Axle:
         )
 
     def _changed(self, changes: Mapping[str, float]) -> list[Element]:
-        return [contact.with_parameters(each, changes) if each is self.stiffest else each for each in self.elements]
+        return [closed_loop.with_parameters(each, changes) if each is self.stiffest else each for each in self.elements]
 
     @cached_property
     def _varies(self) -> bool:
@@ -155,7 +154,7 @@ class Axle:
         nominal = self._nominal
         if not is_varying(element) or nominal is None:
             return None
-        doubled = contact.with_parameters(element, {"stiffness": 2.0 * contact.stiffness_of(element)})
+        doubled = closed_loop.with_parameters(element, {"stiffness": 2.0 * closed_loop.stiffness_of(element)})
         varying = [each for each in self.elements if _is_at_places(each)]
         row = next(place for place, each in enumerate(varying) if each is element)
         changed = [doubled if each is element else self._at_places(each) for each in varying]
@@ -166,7 +165,7 @@ class Axle:
         again = survey([doubled], [(place, place) for place in nominal.position.tolist()])
         if not np.allclose(again.largest_forces[0], 2.0 * nominal.places.largest_forces[row]):
             return None
-        return row, contact.stiffness_of(element)
+        return row, closed_loop.stiffness_of(element)
 
     def _beside(self, changes: Mapping[str, float]) -> "Beside":
         """Return what acts beside the places."""
@@ -226,7 +225,9 @@ class Axle:
     def _stated(self, places: "Resting", changes: Mapping[str, float]) -> "Resting":
         """Return the places, and the linear models of elements without bounds as one place each."""
         sampled = [each for each in self._changed(changes) if is_sampled(each)]
-        stated = [-contact.linearised(each, {}).d[0] for each in sampled if not contact.linearised(each, {}).order]
+        stated = [
+            -closed_loop.linearised(each, {}).d[0] for each in sampled if not closed_loop.linearised(each, {}).order
+        ]
         if not stated:
             return places
         stiffness, damping = np.array(stated, dtype=float).T
@@ -236,7 +237,7 @@ class Axle:
 
     def _discrete(self, element: Element) -> StateSpace:
         method = self.method if is_dynamic(element) else None
-        return discretised(contact.linearised(element, {}), self.period, method)
+        return discretised(closed_loop.linearised(element, {}), self.period, method)
 
     def _together(self, elements: Sequence[Element]) -> tuple[Together, ...]:
         """Return the combinations of the elements with states, those with virtual states always among them."""

@@ -16,8 +16,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.linear import EnvironmentOf, limit_of
 from haptic_fieldbus.margins.plant import Plant, check_times, dynamics, through_torque_loop
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.numerics.exact import zoh
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, zoh
 from haptic_fieldbus.numerics.sampled import spectral_radius
 
 

@@ -12,8 +12,7 @@ from typing import Any
 
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import scaled
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Varying
-from haptic_fieldbus.scenes.local import Local
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Local, Varying
 from haptic_fieldbus.signals import Signal
 
 SHARES = tuple(eighth / 8 for eighth in range(1, 8))

@@ -12,16 +12,238 @@ The numbers of each loop are, bit for bit, those of the same additions and multi
 friction, up to the rounding of numpy's logarithm and exponential.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.numerics import friction
-from haptic_fieldbus.numerics.exact import expm1
-from haptic_fieldbus.numerics.loops import Array, Flags, Loops
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerics.linear import StateSpace, expm1
 from haptic_fieldbus.numerics.sampled import split_delay
+
+# Parameters of many closed loops for `batch`.
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Numbers = float | Sequence[float] | Array | Flags
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Parameters of N loops in SI; arrays (N,), the environment's a, b, c, d (N, k, k), (N, k), (N, k), (N,)."""
+
+    mass: Array
+    damping: Array
+    period: Array
+    delay: Array
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    lag: Array
+    coulomb: Array
+    resolution: Array
+    """One encoder count; 0 without an encoder."""
+    phase: Array
+    """Position of the encoder's zero within a count, as a share of a count."""
+    unilateral: Flags
+    """True for contact at positions above 0 only, without pulling."""
+    saturation: Array
+    """Largest force; ∞ without saturation."""
+    push: Array
+    """Constant force of the hand, in addition to the environment's."""
+    position: Array
+    velocity: Array
+
+    def __len__(self) -> int:
+        return len(self.mass)
+
+    def part(self, rows: NDArray[np.int64]) -> "Loops":
+        """Return the loops with these row numbers, (n,)."""
+        return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+
+def loops(
+    *,
+    mass: Numbers,
+    damping: Numbers,
+    period: Numbers,
+    delay: Numbers = 0.0,
+    stiffness: Numbers = 0.0,
+    virtual_damping: Numbers = 0.0,
+    lag: Numbers = 0.0,
+    coulomb: Numbers = 0.0,
+    resolution: Numbers = 0.0,
+    phase: Numbers = 0.0,
+    unilateral: Numbers = False,
+    saturation: Numbers = math.inf,
+    push: Numbers = 0.0,
+    position: Numbers = 0.0,
+    velocity: Numbers = 0.0,
+    environments: list[StateSpace] | None = None,
+) -> Loops:
+    """Return loops from numbers or arrays, broadcast to N loops.
+
+    `environments`, discrete systems of equal order, replace the spring and its damper. The damper acts on the backward
+    difference. Raises UsageError for impossible numbers, naming the first loop that has them.
+    """
+    given = (mass, damping, period, delay, stiffness, virtual_damping, lag, coulomb, resolution, phase, saturation,
+             push, position, velocity, unilateral)  # fmt: skip
+    arrays = [np.asarray(each) for each in given] + ([] if environments is None else [np.zeros(len(environments))])
+    rows = [np.ravel(row) for row in np.broadcast_arrays(*arrays)]
+    m, b, span, late, k, virtual, slow, fc, step, shift, most, hand, x, v = (
+        row.astype(np.float64) for row in rows[:14]
+    )
+    if environments is None:
+        # A period that is not above 0 is refused below; until then it must not divide.
+        a, by, c, d = _spring_damper(k, virtual, np.where(span > 0.0, span, 1.0))
+    else:
+        a, by, c, d = _stack(environments)
+    made = Loops(m, b, span, late, a, by, c, d, slow, fc, step, shift, rows[14].astype(np.bool_), most, hand, x, v)
+    _check(made)
+    return made
+
+
+def _spring_damper(k: Array, virtual: Array, period: Array) -> tuple[Array, Array, Array, Array]:
+    """Return F_k = −K·x_k − B·(x_k − x_{k−1})/T as (a, b, c, d); without any damping it has no state."""
+    order = 1 if virtual.any() else 0
+    slope = virtual / period
+    ones = np.ones((len(k), order))
+    return np.zeros((len(k), order, order)), ones, slope[:, None] * ones, -k - slope
+
+
+def _stack(environments: list[StateSpace]) -> tuple[Array, Array, Array, Array]:
+    return (
+        np.array([each.a for each in environments]),
+        np.array([each.b[:, 0] for each in environments]),
+        np.array([each.c[0] for each in environments]),
+        np.array([each.d[0, 0] for each in environments]),
+    )
+
+
+def _check(made: Loops) -> None:
+    expected = {
+        "mass": ("a number above 0", (made.mass > 0.0) & np.isfinite(made.mass)),
+        "period": ("a time above 0 s", (made.period > 0.0) & np.isfinite(made.period)),
+        "d": ("a number as stiffness", np.isfinite(made.d)),
+        **{
+            name: ("a number from 0 up", (getattr(made, name) >= 0.0) & np.isfinite(getattr(made, name)))
+            for name in ("damping", "delay", "lag", "coulomb", "resolution")
+        },
+        "saturation": ("a force above 0", made.saturation > 0.0),
+        "coulomb": ("no torque loop's lag beside friction", (made.coulomb == 0.0) | (made.lag == 0.0)),
+    }
+    for name, (text, good) in expected.items():
+        if not good.all():
+            at = int(np.argmin(good))
+            raise UsageError(f"loop {at}: {name} {exactly(getattr(made, name)[at])}: expected {text}")
+
+
+# Exact motion of a mass with viscous damping and Coulomb friction under a constant force, for many masses at once.
+#
+# A mass that slips in the direction s under the force F follows m·v′ = G − b·v with G = F − fc·s. With u = −b·v/G it
+# comes to rest after the time t = −m·v/G·ln(1 + u)/u, at the distance m·v²/G·(ln(1 + u) − u)/u². It then sticks when
+# |F| ≤ fc. Otherwise it slips in the direction of F and does not stop again. From rest, with w = b·t/m, it gains the
+# velocity G·t/m·(1 − e⁻ʷ)/w and moves by G·t²/m·(w − 1 + e⁻ʷ)/w². For small u and w the quotients are computed as
+# series.
+
+SMALL = 0.02
+"""Largest argument of the series; below it nine terms give all digits."""
+TERMS = 9
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMass:
+    """Many masses: mass [kg], damping [N·s/m] and Coulomb friction [N], or the rotary counterparts; shape (n,) each."""
+
+    mass: Array
+    damping: Array
+    coulomb: Array
+
+    def part(self, rows: NDArray[np.bool_]) -> "SampledMass":
+        """Return the masses for which `rows`, shape (n,), is true."""
+        return SampledMass(self.mass[rows], self.damping[rows], self.coulomb[rows])
+
+
+def slide(device: SampledMass, position: Array, velocity: Array, force: Array, span: Array) -> tuple[Array, Array]:
+    """Return position and velocity after `span` [s] under a constant force; all arrays (n,)."""
+    pushes = np.sign(force) * (np.abs(force) > device.coulomb)
+    # A mass at rest moves only when the force exceeds friction; direction 0 means that it sticks.
+    direction = np.where(velocity != 0.0, np.sign(velocity), pushes)
+    net = np.where(direction != 0.0, force - direction * device.coulomb, 0.0)
+    x, v = _slip(device, position, velocity, net, span)
+    # A mass whose velocity has reversed came to rest within the span, and friction changed its sign there.
+    reverses = (velocity != 0.0) & (v * direction < 0.0)
+    if reverses.any():
+        x[reverses], v[reverses] = _through_rest(
+            device.part(reverses), position[reverses], velocity[reverses], force[reverses], span[reverses]
+        )
+    return x, v
+
+
+def _through_rest(device: SampledMass, x: Array, v: Array, force: Array, span: Array) -> tuple[Array, Array]:
+    """Return position and velocity of masses that come to rest within the span."""
+    net = force - np.sign(v) * device.coulomb
+    u = -device.damping * v / net
+    duration = -device.mass * v / net * _logarithm(u)
+    stop = x + device.mass * v**2 / net * _logarithm_rest(u)
+    pushes = np.sign(force) * (np.abs(force) > device.coulomb)
+    onwards = np.where(pushes != 0.0, force - pushes * device.coulomb, 0.0)
+    return _slip(device, stop, np.zeros_like(v), onwards, np.maximum(span - duration, 0.0))
+
+
+def _slip(device: SampledMass, x: Array, v: Array, net: Array, span: Array) -> tuple[Array, Array]:
+    """Return position and velocity under the force `net`, friction included, without a change of direction."""
+    w = device.damping * span / device.mass
+    first, second = _mean_decay(w), _mean_decay_rest(w)
+    rate = net * span / device.mass
+    return x + span * (first * v + second * rate), v + first * (rate - w * v)
+
+
+def _series(x: Array, factors: Array) -> Array:
+    """Return the polynomial with these factors, the constant first."""
+    total = np.full_like(x, factors[-1])
+    for factor in factors[-2::-1]:
+        total = total * x + factor
+    return total
+
+
+_N = np.arange(TERMS)
+_SIGNS = np.where(_N % 2, -1.0, 1.0)
+_FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, TERMS + 2)]))
+
+
+def _choose(x: Array, small: Array, large: Array) -> Array:
+    return np.where(np.abs(x) < SMALL, small, large)
+
+
+def _logarithm(u: Array) -> Array:
+    """Return ln(1 + u)/u."""
+    # Here and below, small arguments are replaced before the division, as `np.where` evaluates both branches.
+    safe = np.where(np.abs(u) < SMALL, 1.0, u)
+    return _choose(u, _series(u, _SIGNS / (_N + 1)), np.log1p(safe) / safe)
+
+
+def _logarithm_rest(u: Array) -> Array:
+    """Return (ln(1 + u) − u)/u²."""
+    safe = np.where(np.abs(u) < SMALL, 1.0, u)
+    return _choose(u, _series(u, -_SIGNS / (_N + 2)), (np.log1p(safe) - safe) / safe**2)
+
+
+def _mean_decay(w: Array) -> Array:
+    """Return (1 − e⁻ʷ)/w."""
+    safe = np.where(w < SMALL, 1.0, w)
+    return _choose(w, _series(w, _SIGNS / _FACTORIALS[1 : TERMS + 1]), -np.expm1(-safe) / safe)
+
+
+def _mean_decay_rest(w: Array) -> Array:
+    """Return (w − 1 + e⁻ʷ)/w²."""
+    safe = np.where(w < SMALL, 1.0, w)
+    return _choose(w, _series(w, _SIGNS / _FACTORIALS[2 : TERMS + 2]), (safe + np.expm1(-safe)) / safe**2)
+
 
 BLOCK = 2048
 """Number of loops whose rows fit into the second-level cache together."""
@@ -124,11 +346,11 @@ class Running:
 
     def _slide(self, before: Array, after: Array) -> None:
         loops = self._loops
-        device = friction.SampledMass(loops.mass, loops.damping, loops.coulomb)
+        device = SampledMass(loops.mass, loops.damping, loops.coulomb)
         x, v = self.state[0], self.state[1]
         if self._rest.any():
-            x, v = friction.slide(device, x, v, before + loops.push, self._rest)
-        self.state = [*friction.slide(device, x, v, after + loops.push, loops.period - self._rest)]
+            x, v = slide(device, x, v, before + loops.push, self._rest)
+        self.state = [*slide(device, x, v, after + loops.push, loops.period - self._rest)]
 
 
 Terms = list[tuple[int, Array]]

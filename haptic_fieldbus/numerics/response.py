@@ -9,9 +9,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.numerics.exact import polynomial_step, polynomial_system
 from haptic_fieldbus.numerics.integrators import rest
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, polynomial_step, polynomial_system
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]

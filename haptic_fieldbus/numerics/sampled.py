@@ -11,8 +11,7 @@ import numpy as np
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.numerics.exact import followed, zoh
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, followed, zoh
 
 TACHOMETER = "tachometer"
 """Name in place of an estimator: the drive measures velocity, and the loop integrates its position from it."""

@@ -11,8 +11,7 @@ energy K·(v·T/1024)²/2 by this. A visit that begins and ends within one perio
 
 from collections.abc import Callable
 
-from haptic_fieldbus.numerics.exact import foh
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, foh
 
 HALVINGS = 10
 """Number N of halvings."""

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
-from haptic_fieldbus.drive.rig import Rig, RigAxis
-from haptic_fieldbus.drive.units import velocity_step
+from haptic_fieldbus.drive.rig import Rig, RigAxis, velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Plant, Stability
 from haptic_fieldbus.margins.group import Group
@@ -16,8 +15,17 @@ from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import canonical
-from haptic_fieldbus.planning.limits import GAP_SHARE, HOLDING_SHARE, EffortLimits, check_places, limits_of
-from haptic_fieldbus.planning.scales import plant_of, position_steps, rated_effort, torque_unit
+from haptic_fieldbus.planning.limits import (
+    GAP_SHARE,
+    HOLDING_SHARE,
+    EffortLimits,
+    check_places,
+    limits_of,
+    plant_of,
+    position_steps,
+    rated_effort,
+    torque_unit,
+)
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import AxisTraffic, Delay, OtherMasters
@@ -147,7 +155,7 @@ def draft_axis(
     method: str | None,
     estimator: str | None,
 ) -> AxisPlan:
-    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `verdicts`.
+    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `compile`.
 
     Raises PlanError when the rig lacks the axis or a value that torque is scaled by, when nothing would take the torque
     of the drive away, or when it cannot render the scene (SignalUnavailableError, ImageTooLargeError); SceneError when

@@ -6,24 +6,217 @@ neither mapped nor decoded nor estimated.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
-from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.drive.rig import BusSection, Rig
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins.group import Group, Member, groups_of
+from haptic_fieldbus.margins.places import EVERYWHERE
+from haptic_fieldbus.margins.plant import ASSUMED_BANDWIDTH, COUPLING_SHARES, SOURCED_BANDWIDTH, Range, Ranges
 from haptic_fieldbus.numerals import in_unit, rounded
+from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.encoder_probe import encoder_probe
 from haptic_fieldbus.planning.energy import unbounded, with_energy_limits
-from haptic_fieldbus.planning.exchange import plan_buses
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
+from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time, load_of
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.sign_probe import check_steps, sign_probe, sign_text
-from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
+from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.registry import protocol_named
+from haptic_fieldbus.protocols.traffic import BusTraffic, Delay
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
+
+# Ranges in which the values of an axis may lie; the cautious limit is told over all of them (`margins.plant`).
+
+BANDWIDTH, TIMING = "timing.torque_bandwidth", "timing"
+"""Keys of a profile whose source tells where the bandwidth comes from."""
+
+
+def ranges_of(profile: DriveProfile, delay: Delay, *, compliant: bool) -> Ranges:
+    """Return the ranges of an axis with this drive and delay, and a compliant coupling or none."""
+    ranges = Ranges(torque_lag=_lags(profile), delay=delay.range)
+    return replace(ranges, coupling=COUPLING_SHARES) if compliant else ranges
+
+
+def _lags(profile: DriveProfile) -> Range:
+    """Return the shortest and the longest time constant of the torque [s]; a slope of the drive's own is exact."""
+    assumed = {BANDWIDTH, TIMING} & {*profile.assumed}
+    lowest, highest = ASSUMED_BANDWIDTH if assumed else SOURCED_BANDWIDTH
+    loop = profile.torque_lag - profile.ramp
+    return profile.ramp + loop / highest, profile.ramp + loop / lowest
+
+
+# Delays and verdicts of the axes of a plan; axes that are coupled are judged together.
+
+KEPT = 64
+"""Groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
+
+
+def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
+    """Return the axis with what its bus says of it: delay, limits of age and echo, the bench as the loop sees it."""
+    echo = echo_time(draft.profile.echo, period)
+    limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
+    delay, plant = traffic.delay(draft.name), _seen(draft, period)
+    others = traffic.other_masters(draft.name)
+    found = replace(draft, traffic=traffic.of(draft.name), delay=delay, limits=limits, plant=plant)
+    return replace(found, other_masters=others)
+
+
+def _seen(axis: AxisPlan, period: float) -> Plant | None:
+    """Return the plant as the loop samples it; None when it is unknown."""
+    if axis.plant is None or not axis.integrates:
+        return axis.plant
+    # At rest an integrated position is a multiple of the way of one velocity step in one period.
+    return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
+
+
+def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
+    """Return the axes with the verdicts on their groups; an axis has none when a bench in its group is unknown.
+
+    Raises UsageError for a stiffness, method or estimator that cannot be judged.
+    """
+    found = {axis.name: axis for axis in axes}
+    for each in grouped(axes, period):
+        for name, verdict in _known(each).stabilities().items():
+            found[name] = replace(found[name], stability=verdict, group=each)
+    return tuple(found.values())
+
+
+def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
+    """Yield the groups of coupled axes; a group in which a bench is unknown is left out."""
+    members = [_member(axis, axis.plant) for axis in axes if axis.plant is not None]
+    couplings = tuple(dict.fromkeys(each for axis in axes for each in axis.couplings))
+    return groups_of(members, couplings, period)
+
+
+def _known(group: Group) -> Group:
+    """Return the equal group of an earlier plan, with the verdicts that were found of it, else this one."""
+    try:
+        return _kept(group)
+    except TypeError:  # an element of one's own without a hash
+        return group
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(group: Group) -> Group:
+    return group
+
+
+def _member(axis: AxisPlan, plant: Plant) -> Member:
+    """Return the axis as its loop is judged; with a compliant coupling the plant is the motor alone."""
+    # A tachometer does not tell where the load is: such an axis is judged as a rigid one.
+    load = None if axis.integrates else load_of(axis.rig, plant)
+    return Member(
+        axis.name,
+        plant if load is None else replace(plant, mass=plant.mass - load.mass),
+        axis.delay.transport,
+        axis.elements,
+        axis.method,
+        _estimator(axis),
+        () if load is None else (load,),
+        ranges_of(axis.profile, axis.delay, compliant=load is not None),
+        axis.limits.effort,
+        axis.limits.position or EVERYWHERE,
+    )
+
+
+def _estimator(axis: AxisPlan) -> str:
+    """Return the estimator that stability is judged with; an axis without one gets the default."""
+    return axis.estimator or (TACHOMETER if axis.integrates else DEFAULT_ESTIMATOR)
+
+
+# Exchange of a plan with its drives: the rate, the wait of each bus for the others, and the way of its exchange.
+#
+# A bus may be able to exchange feedback and set-points in several ways. The one that bears the stiffest scene on this
+# bench is taken. Where all bear the same, or nothing is known (no stiffness, an unknown bench), it is the first that
+# the protocol names.
+
+Drafts = Callable[[float | None], list[AxisPlan]]
+"""Returns the drafts of all axes at a period [s]; None: at none."""
+_ROUNDS = 2
+"""Times that the waits of several buses are found."""
+
+
+@dataclass(frozen=True)
+class _Bus:
+    """One bus with its axes."""
+
+    protocol: FieldbusProtocol
+    section: BusSection
+    members: Members
+
+    def ways(self, rate: float | None, waiting: float) -> Sequence[BusTraffic]:
+        return self.protocol.ways(self.section, self.members, rate, waiting)
+
+
+def plan_buses(drafts_at: Drafts, rig: Rig, rate: float | None) -> tuple[BusPlan, ...]:
+    """Return the buses with their traffic at `rate` [Hz], in the order in which the axes name them.
+
+    Without a rate it is the one that the chosen way has by itself, with several buses the lowest of them. All buses
+    begin together, and computing begins when the slowest has its feedback; the others wait for it. Raises
+    BusOverloadError when a bus cannot carry this.
+    """
+    drafts = drafts_at(None)
+    buses = {
+        name: _Bus(protocol_named(rig.bus[name].protocol), rig.bus[name], _members(name, drafts))
+        for name in dict.fromkeys(draft.rig.bus for draft in drafts)
+    }
+    # First without any wait, because the waits follow from the feedback times, and these can change with a wait.
+    together = _together(buses, dict.fromkeys(buses, 0.0), drafts_at, rate)
+    for _ in range(_ROUNDS):
+        last = max(traffic.feedback_time for traffic in together.values())
+        waits = {name: last - traffic.feedback_time for name, traffic in together.items()}
+        together = _together(buses, waits, drafts_at, rate) if any(waits.values()) else together
+    # A rate that the fullest bus can carry fits all, so the rate that its error proposes is right for all.
+    fullest = min(together, key=lambda name: together[name].highest_rate)
+    together[fullest].check(fullest if len(together) > 1 else "")
+    return tuple(
+        BusPlan(name, rig.bus[name].protocol, traffic, tuple(draft.name for draft in drafts if draft.rig.bus == name))
+        for name, traffic in together.items()
+    )
+
+
+def _members(name: str, drafts: Sequence[AxisPlan]) -> Members:
+    return {draft.name: (draft.profile, draft.traffic) for draft in drafts if draft.rig.bus == name}
+
+
+def _together(
+    buses: Mapping[str, _Bus], waits: Mapping[str, float], drafts_at: Drafts, rate: float | None
+) -> dict[str, BusTraffic]:
+    """Return the traffic of each bus, whose feedback waits so long for that of other buses [s]."""
+    if rate is None and len(buses) > 1:
+        rate = _common_rate([bus.ways(None, waits[name])[0].rate for name, bus in buses.items()])
+    return _stiffest({name: bus.ways(rate, waits[name]) for name, bus in buses.items()}, drafts_at)
+
+
+def _common_rate(rates: Sequence[float]) -> float:
+    """Return the rate of several buses [Hz]; its period is in whole milliseconds, which every drive can take."""
+    return 1e3 / math.ceil(1e3 / min(rates))
+
+
+def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> dict[str, BusTraffic]:
+    """Return the way of each bus by which the scene can be the stiffest, the first of several that are equal."""
+    chosen = {name: each[0] for name, each in ways.items()}
+    for name, each in ways.items():
+        if len(each) > 1:
+            margins = [_margin({**chosen, name: way}, drafts_at) for way in each]
+            chosen[name] = each[margins.index(max(margins))]
+    return chosen
+
+
+def _margin(traffics: Mapping[str, BusTraffic], drafts_at: Drafts) -> float:
+    """Return the least limit of stability over stiffness of all axes; ∞ when none is known."""
+    period = round(1e9 / next(iter(traffics.values())).rate) * 1e-9
+    axes = [on_bus(draft, traffics[draft.rig.bus], period) for draft in drafts_at(period)]
+    return min((group.rough_margin() for group in grouped(axes, period)), default=math.inf)
 
 
 def compile_plan(

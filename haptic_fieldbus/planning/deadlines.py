@@ -14,10 +14,11 @@ that stands still is.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import unguarded
@@ -32,6 +33,29 @@ from haptic_fieldbus.planning.limits import (
 )
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json, OtherMasters
 from haptic_fieldbus.signals import Signal
+
+# What may happen when a drive is enabled for the first time after power-on.
+
+
+def first_enabling(profile: DriveProfile) -> str:
+    """Return the warning of a drive that looks for its commutation; empty for any other."""
+    if not profile.drive.commutation_search:
+        return ""
+    timing = profile.timing
+    longest = exactly(timing.enabling_timeout + timing.mode_change_timeout)
+    return (
+        "the first enabling after power-on may turn the shaft, while the drive looks for its commutation: hands off, "
+        f"and room to move, for up to {longest} s"
+    )
+
+
+def enabling_lines(axes: Iterable[AxisPlan]) -> Iterator[str]:
+    """Yield the warning of each axis that has one."""
+    for axis in axes:
+        warning = first_enabling(axis.profile)
+        if warning:
+            yield f"{axis.name}: {warning}"
+
 
 REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""

@@ -9,7 +9,7 @@ only where a person can cut its power.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.drive.identity import Identity
+from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Proved, RigAxis
 from haptic_fieldbus.errors import PlanError

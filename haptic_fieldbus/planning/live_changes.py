@@ -13,12 +13,11 @@ from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.margins.transition import SHARES, mixed
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.compile import compile_plan, grouped
 from haptic_fieldbus.planning.energy import unbounded
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.settings import settled
-from haptic_fieldbus.planning.verdicts import grouped
+from haptic_fieldbus.planning.selection import settled
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene

@@ -13,8 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from haptic_fieldbus.defaults import DEFAULT_PROTOCOL, SIMULATION
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.protocol import FieldbusProtocol
+from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol
 
 GROUP = "haptic_fieldbus.protocols"
 """Protocol of a profile that names none, and of a bus whose first word belongs to no other protocol."""

@@ -7,19 +7,18 @@ from itertools import chain
 from typing import Any, cast
 
 from haptic_fieldbus.assessing.passivity import cost_text, forgiven_text
-from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError
-from haptic_fieldbus.assessing.rights import rights_texts
+from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError, rights_texts
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.numerals import DIGITS, exactly, in_unit, percent, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.enabling import enabling_lines
+from haptic_fieldbus.planning.deadlines import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds, obstacle_text
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.ways import way_limits
+from haptic_fieldbus.planning.refusal import way_limits
 from haptic_fieldbus.scenes.element import AnyElement
-from haptic_fieldbus.scenes.parameters import quantities
+from haptic_fieldbus.scenes.registry import quantities
 from haptic_fieldbus.scenes.scene import axes_of
 from haptic_fieldbus.signals import Workspace
 

@@ -4,26 +4,66 @@ Deadlines are absolute, t0 + k·T. A period that was slept through is skipped, n
 loop ends, `bus.stop` has put torque-free set-points on the wire before an exception leaves it.
 """
 
+import gc
+import sys
 import time
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.assessing.loop_report import SAMPLES, LoopReport
-from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.loop_report import SAMPLES, LoopReport, Record
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.trips import explained, failed_in, moment, trip_error
+from haptic_fieldbus.cycle.safety import LINK_TRIPS
+from haptic_fieldbus.cycle.trips import TRIP_ERRORS, explained, failed_in, moment, trip_error
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.realtime import no_garbage_collection, threads_give_way
 
-if TYPE_CHECKING:  # a run in which nothing changes does without them
+if TYPE_CHECKING:
     from haptic_fieldbus.running.changes import Changes
+
+
+# Settings of the interpreter that keep it from delaying the loop.
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Switch the garbage collector off inside the block, and restore it afterwards.
+
+    The loop allocates nothing that grows, so nothing needs to be collected while it runs. Nor is anything collected
+    before: in a large process that would take longer than all else before a short run.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+GIVE_WAY = 2e-5
+"""Switch interval of the interpreter during a run [s].
+
+The default of 5 ms would cost a loop at 1 kHz five periods each time that another thread computes.
+"""
+
+
+@contextmanager
+def threads_give_way() -> Iterator[None]:
+    """Shorten the switch interval inside the block, so that a computing thread gives way to the loop at once."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, GIVE_WAY))  # a shorter interval of the caller stays
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
 
 LONGEST_SAMPLE = 500_000
 """Largest number of periods whose times are kept; of a longer run those of the last ones."""
@@ -176,3 +216,35 @@ def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError
         f"operation enabled was not reached within {exactly(enabling_time(plan))} s: {listed}. Check safe torque off "
         "(STO), the motor supply, and that no brake or enable input holds the drive back"
     )
+
+
+# What is done on a bus before the loop runs: drives are configured, looked at without torque, and stopped again.
+
+
+@contextmanager
+def started(plan: Plan, bus: Bus, ending: EndSignals) -> Iterator[None]:
+    """Configure and start an inspected bus, and stop it at the end of the block, whatever happens in it.
+
+    Raises KeyboardInterrupt after a signal, and BusError when a drive does not confirm that it is off; a note says so
+    where the block raised something else.
+    """
+    bus.configure(plan)
+    try:
+        bus.start()
+        yield
+    except BaseException as error:
+        ending.hold()
+        if not bus.stop():
+            error.add_note(UNCONFIRMED)
+        raise
+    if not bus.stop():
+        raise BusError(f"{UNCONFIRMED} {' '.join(f'{warning}.' for warning in bus.warnings)}".rstrip())
+    if ending.signal is not None:
+        raise KeyboardInterrupt
+
+
+def check_link(axis: AxisPlan, found: int, code: int, moment: str) -> None:
+    """Raise the error of the first link fault among these flags; `moment` ends the sentence."""
+    for flag, kind in LINK_TRIPS.items():
+        if found & flag:
+            raise TRIP_ERRORS[kind](f"axis {axis.name}: {axis.traffic.fault_text(flag, code, axis.bus_name)}, {moment}")

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from haptic_fieldbus.buses.log_file import LogFile
-from haptic_fieldbus.buses.writing import WritingProcess, pieces
+from haptic_fieldbus.buses.writing import LogFile, WritingProcess, pieces
 
 if TYPE_CHECKING:  # imported for its type alone: the writing process does without numpy
-    from haptic_fieldbus.assessing.record import Record
+    from haptic_fieldbus.assessing.loop_report import Record
 
 ROW_SUFFIXES = (".csv",)
 """Suffixes of files of rows."""

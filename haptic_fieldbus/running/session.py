@@ -9,19 +9,16 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.assessing.axis_assessment import Run
-from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.passivity import passivities
-from haptic_fieldbus.assessing.proof import Proof
-from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
-from haptic_fieldbus.assessing.result import Result, known_before
-from haptic_fieldbus.assessing.rights import Right
+from haptic_fieldbus.assessing.result import Proof, Result, Right, known_before
 from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
-from haptic_fieldbus.drive.identity import Identity
+from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.deadlines import unseen_text
@@ -223,13 +220,13 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Prepar
     due = prepared.due(bus)
     _ask(request, plan, bus, due)
     if due:
-        from haptic_fieldbus.running import proofs
+        from haptic_fieldbus.running import proving
         from haptic_fieldbus.running.proving import prove
 
         ending.hold()
         prepared.proofs = prove(plan, bus, clock, due, ending)
-        prepared.warnings += proofs.keep(plan, bus.facts, prepared.proofs)
-        proofs.check(plan, bus.facts, prepared.proofs, prepared.warnings)
+        prepared.warnings += proving.keep(plan, bus.facts, prepared.proofs)
+        proving.check(plan, bus.facts, prepared.proofs, prepared.warnings)
     if not plan.simulated:
         from haptic_fieldbus.running.direction import confirm_direction
 
@@ -245,7 +242,7 @@ def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None
     heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
     proved: Iterable[str] = ()
     if due:
-        from haptic_fieldbus.running.proofs import questions
+        from haptic_fieldbus.running.proving import questions
 
         proved = questions(plan, due)
     unseen = [f"Not seen: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]

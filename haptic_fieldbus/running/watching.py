@@ -13,8 +13,7 @@ from haptic_fieldbus.buses.found import Glimpse
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import PowerState, PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis, metres_per_revolution
-from haptic_fieldbus.drive.units import steps_per_revolution, torque_step, velocity_step
+from haptic_fieldbus.drive.rig import RigAxis, metres_per_revolution, steps_per_revolution, torque_step, velocity_step
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import Signal
 

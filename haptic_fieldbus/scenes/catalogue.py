@@ -8,11 +8,18 @@ from typing import Any, Literal
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.documents.quantities import with_units
 from haptic_fieldbus.errors import wrong_kind
-from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
+from haptic_fieldbus.scenes.files import (
+    LIBRARY,
+    SceneFile,
+    ScenePart,
+    apply_settings,
+    check_together,
+    elements_of,
+    raise_faults,
+    read_parts,
+)
 from haptic_fieldbus.scenes.own_faults import own_faults
-from haptic_fieldbus.scenes.parameters import quantities
-from haptic_fieldbus.scenes.parts import LIBRARY, SceneFile, ScenePart, read_parts
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements, quantities
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Workspace
 

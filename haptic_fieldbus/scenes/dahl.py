@@ -6,7 +6,7 @@ A bristle of stiffness σ stretches with the handle and slides at the force fc (
 
 (P. R. Dahl, Solid friction damping of mechanical vibrations, AIAA Journal 14(12), 1976, 1675, with exponent 1). F
 opposes the recent motion: after a path of several L towards positive positions it is −fc. Only the path counts, not the
-time, so the law needs no velocity; each period is stepped exactly (`numerics.bristle`), and |F| ≤ fc at any speed.
+time, so the law needs no velocity; each period is stepped exactly (`numerics.relaxation`), and |F| ≤ fc at any speed.
 
 Energy. With ½·σ·z² stored the element only takes energy: d(½·σ·z²) = −F·dx − (σ²·z²/fc)·|dx|, so it is passive. Sampled
 and held, it gives at most 1.092·½·σ·Δx² in each period, 9 % more than a spring of that stiffness; a device of damping b
@@ -17,8 +17,8 @@ stretch meets σ on average, so stability is judged with σ.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from haptic_fieldbus.numerics.bristle import bind
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.numerics.relaxation import bind
 from haptic_fieldbus.scenes.element import STRICT, Law, PositiveEffort, Stiffness
 from haptic_fieldbus.signals import Signal
 

@@ -19,8 +19,17 @@ from typing import Annotated, ClassVar, Self
 from annotated_types import Ge, Le
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, either, periods, remainder, turning
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    Length,
+    Local,
+    Place,
+    PositiveEffort,
+    either,
+    periods,
+    remainder,
+    turning,
+)
 from haptic_fieldbus.signals import Signal
 
 

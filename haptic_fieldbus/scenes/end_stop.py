@@ -13,8 +13,7 @@ from typing import ClassVar
 
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Place, Stiffness
-from haptic_fieldbus.scenes.local import Local, depths, either, hinge
+from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Local, Place, Stiffness, depths, either, hinge
 from haptic_fieldbus.signals import Signal
 
 

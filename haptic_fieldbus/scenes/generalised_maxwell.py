@@ -18,8 +18,7 @@ from annotated_types import Len
 
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.relaxation import bind_surface, pressed
-from haptic_fieldbus.scenes.element import STRICT, Duration, Law, Place, Stiffness
-from haptic_fieldbus.scenes.local import below
+from haptic_fieldbus.scenes.element import STRICT, Duration, Law, Place, Stiffness, below
 from haptic_fieldbus.signals import Signal
 
 

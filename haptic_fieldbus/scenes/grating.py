@@ -21,8 +21,7 @@ from annotated_types import Ge, Gt, Le
 
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Law, Length, PositiveEffort, Stiffness
-from haptic_fieldbus.scenes.local import remainder
+from haptic_fieldbus.scenes.element import STRICT, Law, Length, PositiveEffort, Stiffness, remainder
 from haptic_fieldbus.signals import Signal
 
 

@@ -23,8 +23,17 @@ from annotated_types import Ge, Le
 
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, InverseSpeed, Length, Place, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, below, depths, outwards
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    InverseSpeed,
+    Length,
+    Local,
+    Place,
+    PositiveEffort,
+    below,
+    depths,
+    outwards,
+)
 from haptic_fieldbus.signals import Signal
 
 DEEPEST = 1e60

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Law, Place, PositiveDamping, Stiffness
-from haptic_fieldbus.scenes.local import below
+from haptic_fieldbus.scenes.element import STRICT, Law, Place, PositiveDamping, Stiffness, below
 from haptic_fieldbus.signals import Signal
 
 

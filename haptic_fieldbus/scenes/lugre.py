@@ -5,7 +5,7 @@
 (Canudas de Wit, Olsson, Åström & Lischinsky, IEEE Trans. Automatic Control 40(3), 1995, 419). F opposes the motion; in
 steady sliding it is −(g(v)·sign(v) + σ2·v).
 
-Each period steps the bristle along the path of the handle, exactly for the g(v) at its end (`numerics.bristle`). The
+Each period steps the bristle along the path of the handle, exactly for the g(v) at its end (`numerics.relaxation`). The
 stretch stays bounded at any speed, where the explicit step explodes above |v| = 2·g/(σ0·T). A scene without Stribeck's
 fall, σ1 and σ2 needs no velocity.
 
@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.numerics.bristle import advance, bind
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.numerics.relaxation import advance, bind
 from haptic_fieldbus.scenes.element import STRICT, Damping, Effort, Law, NonNegativeSpeed, PositiveEffort, Stiffness
 from haptic_fieldbus.signals import Signal
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
-from haptic_fieldbus.scenes.local import Local
+from haptic_fieldbus.scenes.element import STRICT, Length, Local, Place, PositiveEffort
 from haptic_fieldbus.signals import Signal
 
 LARGEST_PULL = 16.0 * math.sqrt(5.0) / 125.0

@@ -37,8 +37,8 @@ from haptic_fieldbus.scenes.element import (
     Share,
     Speed,
     Stiffness,
+    below,
 )
-from haptic_fieldbus.scenes.local import below
 from haptic_fieldbus.signals import Signal
 
 

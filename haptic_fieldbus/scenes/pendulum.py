@@ -14,8 +14,7 @@ from math import cos, nan, pi, sin
 from typing import ClassVar, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Place, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, turning
+from haptic_fieldbus.scenes.element import STRICT, Local, Place, PositiveEffort, turning
 from haptic_fieldbus.signals import Signal, Workspace
 
 

@@ -30,8 +30,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Damping, Duration, Place, Stiffness
-from haptic_fieldbus.scenes.local import below
+from haptic_fieldbus.scenes.element import STRICT, Damping, Duration, Place, Stiffness, below
 from haptic_fieldbus.signals import Signal
 
 LEAD = 0.0005

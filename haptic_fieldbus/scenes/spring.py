@@ -21,13 +21,16 @@ from haptic_fieldbus.scenes.element import (
     STRICT,
     Damping,
     Law,
+    Local,
     NonNegativeLength,
     Place,
     PositiveEffort,
     Share,
     Stiffness,
+    depths,
+    either,
+    hinge,
 )
-from haptic_fieldbus.scenes.local import Local, depths, either, hinge
 from haptic_fieldbus.signals import Signal
 
 

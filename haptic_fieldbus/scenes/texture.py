@@ -25,8 +25,7 @@ from annotated_types import Ge, Gt, Le
 
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Length, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, periods, remainder, turning
+from haptic_fieldbus.scenes.element import STRICT, Length, Local, PositiveEffort, periods, remainder, turning
 from haptic_fieldbus.signals import Signal
 
 

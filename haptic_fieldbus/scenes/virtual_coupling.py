@@ -19,8 +19,7 @@ import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.switched import bind_linear, bind_switched
-from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Mass, NonNegativeStiffness, Place, Stiffness
-from haptic_fieldbus.scenes.local import below
+from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Mass, NonNegativeStiffness, Place, Stiffness, below
 from haptic_fieldbus.signals import Signal
 
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Damping, Place, Stiffness
-from haptic_fieldbus.scenes.local import Local, below, depths, hinge
+from haptic_fieldbus.scenes.element import STRICT, Damping, Local, Place, Stiffness, below, depths, hinge
 from haptic_fieldbus.signals import Signal
 
 

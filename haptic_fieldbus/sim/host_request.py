@@ -10,16 +10,60 @@ from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import is_path
-from haptic_fieldbus.drive.rig import Rig, Seen
+from haptic_fieldbus.drive.rig import Rig, Seen, default_axis
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.folders import profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.channel import NamedDrive, drive_of, slot_of
 from haptic_fieldbus.sim.faults import Fault, HostFault, LineFault
-from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.hand import Hand, hand_named
 from haptic_fieldbus.sim.slot import Slot
+
+# The text form of the drives on a simulated bus: `maxon_epos4@5,generic_cia402@6`, profile @ node-ID.
+
+_NODES = range(1, 128)
+"""Node-IDs of CANopen."""
+
+
+@dataclass(frozen=True)
+class NamedDrive:
+    """The name or file of a profile, and a node-ID."""
+
+    profile: str
+    node: int
+
+
+def drives_of(channel: str) -> list[NamedDrive]:
+    """Parse the drives of a channel; raises UsageError when one is not written as `profile@node-ID`."""
+    return [drive_of(item) for item in channel.split(",")]
+
+
+def drive_of(text: str, nodes: range = _NODES) -> NamedDrive:
+    """Parse one drive, `profile@node-ID`; raises UsageError when it is written otherwise."""
+    name, _, number = text.strip().rpartition("@")
+    if not name or not number.isdecimal() or int(number) not in nodes:
+        raise UsageError(f'"{text}": expected profile@node-ID, such as generic_cia402@5')
+    return NamedDrive(name, int(number))
+
+
+def slot_of(
+    drive: NamedDrive,
+    bus: str,
+    workspace: Workspace,
+    hand: Hand | None = None,
+    faults: Iterable[Fault] = (),
+    *,
+    booted: bool = True,
+    profiles: str | Path | None = None,
+) -> Slot:
+    """Return the slot of a drive on the shipped bench; `profiles` is a folder of own profiles (see `load_profile`).
+
+    Raises ProfileError or EdsError for a bad profile file, UsageError for an unknown profile.
+    """
+    axis = default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
+    return Slot(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)
+
 
 _BUS = "simulated"
 """Name of the bus in a rig that is written."""

@@ -5,12 +5,71 @@ each *operation enabled*, and as long as nothing has happened yet it stops count
 fault has happened, the others keep their times: what comes after a drive was freed by a fault belongs to it.
 """
 
-from collections.abc import Callable, Iterable
+import gc
+import heapq
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from haptic_fieldbus.sim.agenda import Plan
+from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.faults import AnswerFault, ConnectionReset, DriveFaultKind, HostFault, LineFault
+
+# Planned actions of a simulated world, each called at its instant.
+
+Action = Callable[[int], None]
+"""Called with the instant [ns] for which it was planned."""
+Plan = Callable[[int, Action], None]
+"""Plan to call an action at an instant [ns], with that instant."""
+
+
+class Agenda:
+    """Actions by their instants; those of one instant are called in the order in which they were planned."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, int, Action]] = []
+        # Orders actions of the same instant by age; callables cannot be compared.
+        self._planned = 0
+
+    @property
+    def due_ns(self) -> int:
+        """Return the instant of the next action; NEVER_NS when there is none."""
+        return self._waiting[0][0] if self._waiting else NEVER_NS
+
+    def plan(self, t_ns: int, action: Action) -> None:
+        """Plan to call `action` at an instant, with that instant."""
+        self._planned += 1
+        heapq.heappush(self._waiting, (t_ns, self._planned, action))
+
+    def run(self, t_ns: int) -> None:
+        """Call all actions that are due, those included that are planned meanwhile."""
+        while self.due_ns <= t_ns:
+            heapq.heappop(self._waiting)[2](t_ns)
+
+
+# What drives that are hosted in real time need, on any bus.
+
+LONGEST_REMEMBERED = 1000
+"""Least number of latest motion segments that are kept; no caller needs more."""
+NAP_NS = 100_000_000
+"""Longest wait, so that a request to stop is noticed soon."""
+
+
+@contextmanager
+def frozen() -> Iterator[None]:
+    """Keep what exists now out of garbage collection inside the block, so that a collection has little to do.
+
+    Where the program around it had frozen something, all stays frozen: what is whose cannot be told apart.
+    """
+    theirs = gc.get_freeze_count()
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        if not theirs:
+            gc.unfreeze()
+
 
 TimedFault = DriveFaultKind | LineFault | AnswerFault | HostFault
 

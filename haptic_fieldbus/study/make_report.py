@@ -15,18 +15,19 @@ from time import perf_counter
 
 from haptic_fieldbus.documents import nearest
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins.bodies import HAND
+from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.report.drawing import FELT
 from haptic_fieldbus.study.cases import CASES
-from haptic_fieldbus.study.measure.bench import Tools, bench_of
-from haptic_fieldbus.study.measure.contact_loop import contacts
-from haptic_fieldbus.study.measure.host import host_facts
+from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
+from haptic_fieldbus.study.measure.loops import contacts
 from haptic_fieldbus.study.measure.problems import problems
-from haptic_fieldbus.study.measure.quiet import Quiet, load_average
-from haptic_fieldbus.study.page.assumed import assumed
+from haptic_fieldbus.study.measure.timing import Quiet, host_facts, load_average
 from haptic_fieldbus.study.page.buses import buses_section
-from haptic_fieldbus.study.page.context import Context, Progress
 from haptic_fieldbus.study.page.cost import cost_section
 from haptic_fieldbus.study.page.growth import growth_section
-from haptic_fieldbus.study.page.html import Section, page, paragraph, plain_text, table
+from haptic_fieldbus.study.page.html import Context, Progress, Section, page, paragraph, plain_text, table
 from haptic_fieldbus.study.page.impedance import impedance_section
 from haptic_fieldbus.study.page.integrator import integrator_section
 from haptic_fieldbus.study.page.passivity import passivity_section
@@ -34,6 +35,29 @@ from haptic_fieldbus.study.page.region import region_section
 from haptic_fieldbus.study.page.sources import sources_section
 from haptic_fieldbus.study.page.stability import stability_section
 from haptic_fieldbus.study.page.work_precision import work_precision_section
+
+# What the report takes for granted: the bench, what its drive's data leave open, the hand, and the machine.
+
+
+def assumed(plan: Plan, bench: Bench, machine: Mapping[str, str]) -> str:
+    """Return the assumptions as a sentence each, as HTML."""
+    plant = bench.plant
+    known = (
+        f"{rounded(plant.mass)} kg, {rounded(plant.damping)} N·s/m, {rounded(plant.coulomb)} N of dry friction, counts "
+        f"of {in_unit(plant.resolution, 'm')}"
+    )
+    open_ = "; ".join(plan.assumed) or "nothing"
+    drive = escape(plan.axes[0].profile.title)
+    return (
+        f"<strong>Assumed.</strong> No hardware: {drive}, simulated at {exactly(plan.rate)} Hz in virtual time; its "
+        f"handle has {known}; torque acts {rounded(1e3 * bench.delay)} ms after its sample, and "
+        f"lags by {rounded(1e3 * plant.torque_lag)} ms. Without a source in the drive's data: {escape(open_)}. The "
+        f"hand is {exactly(HAND.mass)} kg on {exactly(HAND.damping)} N·s/m and {exactly(HAND.stiffness)} N/m, and "
+        f"feels a change of force from {percent(FELT)} on (Pang, Tan and Durlach 1991). Costs are those of "
+        f"{escape(machine['python'])} on this machine ({escape(machine['processor'])}); errors and stability are the "
+        "same on any."
+    )
+
 
 # The page has the sections in this order: error first, stability next, cost last.
 SECTIONS: dict[str, Callable[[Context], Section]] = {

@@ -5,8 +5,8 @@ without pymodbus.
 """
 
 from haptic_fieldbus.testing.bench import DriveRequest as DriveRequest
+from haptic_fieldbus.testing.bench import FaultPlan as FaultPlan
+from haptic_fieldbus.testing.bench import SimulatedDrive as SimulatedDrive
 from haptic_fieldbus.testing.bench import Time as Time
 from haptic_fieldbus.testing.bench import VirtualCanBus as VirtualCanBus
-from haptic_fieldbus.testing.drive import SimulatedDrive as SimulatedDrive
-from haptic_fieldbus.testing.fault_plan import FaultPlan as FaultPlan
-from haptic_fieldbus.testing.fault_plan import plan_faults as plan_faults
+from haptic_fieldbus.testing.bench import plan_faults as plan_faults

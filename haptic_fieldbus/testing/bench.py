@@ -1,32 +1,237 @@
 """A simulated bus with its drives, for one test: any program of the process can open it."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import Enum
 from itertools import count
+from pathlib import Path
+from random import SystemRandom
 from typing import Any
 
 import can
 import canopen
+from canopen.network import PeriodicMessageTask
 
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
-from haptic_fieldbus.defaults import (
-    DEFAULT_BIT_RATE,
-    DEFAULT_DRIVE,
-    DEFAULT_HOSTED_HAND,
-    DEFAULT_NODE,
-    DEFAULT_SEED,
-)
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
+from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.canopen.world import World
-from haptic_fieldbus.sim.channel import NamedDrive, slot_of
+from haptic_fieldbus.sim.drive.dictionary import Refused
+from haptic_fieldbus.sim.faults import DriveFault, DriveFaultKind, Fault, HostFault, LineFault, load_faults, toml_of
+from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RANDOM, RECIPES, drawn, seed_of
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.testing.drive import SimulatedDrive
-from haptic_fieldbus.testing.fault_plan import FaultPlan
-from haptic_fieldbus.testing.network import SteppedNetwork
+from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
+
+# A simulated drive as a test sees it: from inside, beside the wire.
+
+
+class SimulatedDrive:
+    """One drive of a `VirtualCanBus`; what is read of it is the truth at this moment, not what it says on the bus."""
+
+    def __init__(self, world: World, slave: Slave, profile: DriveProfile) -> None:
+        self._world = world
+        self._slave = slave
+        self.profile = profile
+
+    def __repr__(self) -> str:
+        return f"<simulated {self.profile.title}, node {self.node}: {self.state}>"
+
+    @property
+    def node(self) -> int:
+        """Return the node-ID."""
+        return self._slave.node.number
+
+    @property
+    def state(self) -> str:
+        """Return the state of CiA 402 by its name in the standard, such as "operation enabled"."""
+        with self._world.pace.held():
+            return self._slave.drive.power.state.value
+
+    @property
+    def nmt_state(self) -> str:
+        """Return the NMT state: "initialising", "pre-operational", "operational" or "stopped"."""
+        with self._world.pace.held():
+            return self._slave.node.state.name.lower().replace("_", "-")
+
+    @property
+    def torque(self) -> float:
+        """Return the torque of the motor [N·m]."""
+        return self._shaft()[2]
+
+    @property
+    def position(self) -> float:
+        """Return the angle of the shaft [rad]."""
+        return self._shaft()[0]
+
+    @property
+    def velocity(self) -> float:
+        """Return the speed of the shaft [rad/s]."""
+        return self._shaft()[1]
+
+    @property
+    def rated_torque(self) -> float:
+        """Return the rated torque of the motor [N·m], to which 6071h and 6077h refer."""
+        return self._slave.drive.objects.rated_torque
+
+    @property
+    def error_code(self) -> int:
+        """Return the code of the fault that stands, as in 603Fh; 0 when there is none."""
+        with self._world.pace.held():
+            return self._slave.drive.objects.error_code.value
+
+    def value(self, index: int, subindex: int = 0) -> int:
+        """Return a number of the object dictionary, as an upload would; raises LookupError when there is none."""
+        with self._world.pace.held():
+            self._slave.drive.measure(self._world.clock.now_ns())
+            try:
+                entry = self._slave.drive.dictionary.find(index, subindex)
+            except Refused:
+                raise LookupError(f"the simulated {self.profile.title} has no {index:04X}h:{subindex:02X}") from None
+            return entry.fetch() if entry.fetch is not None else entry.value
+
+    def fail(self, code: int = 0x2310) -> None:
+        """Let the drive detect a fault now; `code` is that of its emergency message, 2310h is an over-current."""
+        self.happen(DriveFault("drive_fault", 0.0, code))
+
+    def happen(self, fault: DriveFaultKind | LineFault) -> None:
+        """Let a fault of this drive or of its bus happen; its `at` counts from now."""
+        if not isinstance(fault, DriveFaultKind | LineFault):
+            raise ValueError(f'fault "{fault.kind}" cannot begin while the bench runs')
+        with self._world.pace.held():
+            self._world.let_happen(self.node, fault)
+
+    def _shaft(self) -> tuple[float, float, float]:
+        with self._world.pace.held():
+            drive = self._slave.drive
+            drive.servo.advance(self._world.clock.now_ns())
+            return drive.plant.position, drive.plant.velocity, drive.plant.torque
+
+
+# The faults of a test's bench: of a file, of a list, or drawn from a seed.
+
+NEW_SEED = "random"
+"""A plan whose seed is drawn anew for each test."""
+_LARGEST_NEW_SEED = 999_999
+"""Short enough to be typed; any seed may be given."""
+HOST_KINDS = frozenset({"host_late", "host_paused", "clock_step", "slow_compute"})
+"""Faults of the computer of a master that runs in virtual time; nobody else's computer is simulated."""
+
+
+@dataclass(frozen=True)
+class FaultPlan:
+    """Faults of a bench; `seed` is that of drawn faults, None for others."""
+
+    faults: tuple[Fault, ...] = ()
+    seed: int | None = None
+
+    @property
+    def text(self) -> str:
+        """The faults as a file; for drawn ones, a first line that tells how to draw them again."""
+        if self.seed is None:
+            return toml_of(self.faults)
+        return f"# again by: --fault-plan-seed {self.seed}, or the plan {RANDOM}{self.seed}\n{toml_of(self.faults)}"
+
+
+def plan_faults(
+    source: "FaultPlan | str | Path | Iterable[Fault]",
+    *,
+    within: float = 1.0,
+    kinds: Iterable[str] | None = None,
+    seed: int | None = None,
+    folder: Path | None = None,
+    possible: Collection[str] = RECIPES,
+) -> FaultPlan:
+    """Return the plan of a file, of a list of faults, of `random@SEED`, or of `random` and a new seed.
+
+    Drawn faults happen `within` s of *operation enabled*, and are of these `kinds` (None: all that are `possible` on
+    the bus of the bench); `seed` replaces that of `random`. The name of a file counts from `folder`. Raises UsageError
+    for faults that this bench cannot have, and FaultFileError for a faulty file.
+    """
+    if isinstance(source, FaultPlan):
+        return source
+    if not isinstance(source, str | Path):
+        return _checked(FaultPlan(tuple(source)))
+    if source == NEW_SEED:
+        source = f"{RANDOM}{SystemRandom().randint(0, _LARGEST_NEW_SEED) if seed is None else seed}"
+    number = seed_of(str(source))
+    if number is not None:
+        return FaultPlan(drawn(number, within, _kinds(kinds, possible)), number)
+    return _checked(FaultPlan(load_faults((folder or Path()) / source)))
+
+
+def _kinds(wanted: Iterable[str] | None, possible: Collection[str]) -> tuple[str, ...]:
+    """Return the kinds to draw from; raises UsageError for one that cannot be drawn here."""
+    here = [kind for kind in (*RECIPES, *ANSWER_RECIPES) if kind in possible and kind not in HOST_KINDS]
+    kinds = tuple(here if wanted is None else wanted)
+    unknown = [kind for kind in kinds if kind not in here]
+    if unknown or not kinds:
+        raise UsageError(f"kinds of faults {', '.join(unknown)}: expected some of {', '.join(here)}")
+    return kinds
+
+
+def _checked(plan: FaultPlan) -> FaultPlan:
+    for fault in plan.faults:
+        if isinstance(fault, HostFault):
+            raise UsageError(f'fault "{fault.kind}" is one of the master\'s computer, which is real here; leave it out')
+        if fault.bus is not None:
+            raise UsageError(
+                f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
+            )
+    return plan
+
+
+# canopen in virtual time, in one thread.
+#
+# Theory: canopen receives in a thread of its own, and its callers wait for that thread by the wall clock. In virtual
+# time there is one thread, and time passes only in it. So this network has no receiving thread: an SDO request lets
+# virtual time pass until its answer has come, right where it is sent, and `wait` lets any time pass. In both, the
+# frames that arrive go to canopen's callbacks.
+#
+# What waits by the wall clock or has a thread does not work: periodic transmission (SYNC, heartbeat, `PdoMap.start`) is
+# refused, and `LssMaster`, `wait_for_heartbeat`, `wait_for_bootup`, `wait_for_reception` and `BaseNode402` wait in
+# vain.
+
+_SDO_REQUESTS, _SDO_RESPONSES = range(0x601, 0x680), 0x580
+_LONGEST_NS = 300_000_000
+"""Time that an answer may take, the time-out of canopen's SDO client."""
+
+
+class SteppedNetwork(canopen.Network):
+    """A canopen network whose time passes in its requests and in `wait`."""
+
+    def __init__(self, bus: can.BusABC, clock: Clock) -> None:
+        super().__init__(bus)
+        self._wire = bus
+        self._clock = clock
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame; after an SDO request, go on to its answer."""
+        super().send_message(can_id, data, remote)
+        if can_id in _SDO_REQUESTS:
+            self._go_on(_LONGEST_NS, until=_SDO_RESPONSES + can_id % 0x80)
+
+    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> PeriodicMessageTask:
+        """Refuse, because periodic transmission has a thread; raises RuntimeError."""
+        raise RuntimeError(f"{can_id:03X}h cannot be sent periodically in virtual time; send it each time it is due")
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass [s]."""
+        self._go_on(round(seconds * 1e9))
+
+    def _go_on(self, longest_ns: int, until: int | None = None) -> None:
+        end_ns = self._clock.now_ns() + longest_ns
+        while (message := self._wire.recv(max(0, end_ns - self._clock.now_ns()) * 1e-9)) is not None:
+            for listener in self.listeners:
+                listener(message)
+            if message.arbitration_id == until:
+                return
+
 
 _LONGEST = 100_000
 """Least number of latest frames and motion segments that are kept."""
@@ -109,7 +314,7 @@ class VirtualCanBus:
         return self._stack.enter_context(SimulatedBus(**{"channel": self.channel, "bitrate": self.bitrate, **options}))
 
     def network(self) -> canopen.Network:
-        """Return a canopen network on this wire; in virtual time one without a thread (see `testing.network`)."""
+        """Return a canopen network on this wire; in virtual time one without a thread (see `testing.bench`)."""
         bus = self.open()
         if self.time is Time.VIRTUAL:
             stepped = SteppedNetwork(bus, self.clock)

@@ -14,23 +14,21 @@ from typing import TypeVar
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.modbus.bus import modbus_section, parse_bus
 from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.modbus.hosting import device, listen
+from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
+from haptic_fieldbus.sim.modbus.hosting import Server, device, listen
 from haptic_fieldbus.sim.modbus.rack import KINDS
 from haptic_fieldbus.sim.modbus.registers import Refusal
-from haptic_fieldbus.sim.modbus.server import Server
 from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.slot import Slot
-from haptic_fieldbus.testing.bench import DriveRequest
-from haptic_fieldbus.testing.fault_plan import FaultPlan
+from haptic_fieldbus.testing.bench import DriveRequest, FaultPlan
 
 Answer = TypeVar("Answer")
 FREE_PORT = "modbus-tcp:127.0.0.1:0"

@@ -2,21 +2,205 @@
 
 import os
 import re
+import selectors
+import shlex
 import shutil
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
+from importlib.resources import files
 from math import inf
 from pathlib import Path
 from time import monotonic
 from typing import Protocol
 
 from haptic_fieldbus.errors import UsageError, VcanError
-from haptic_fieldbus.vcan import host, needs
-from haptic_fieldbus.vcan.group import CANNOT_RUN, SIGNALLED
-from haptic_fieldbus.vcan.guest import Guest
-from haptic_fieldbus.vcan.job import Job, written
+from haptic_fieldbus.vcan.guest import CANNOT_RUN, SIGNALLED, Guest, ProcessGroup, require_guest, waited
+
+# Folder in which the guest finds what it shall do, and the host's folders that it shall write to.
+
+OWN_FOLDERS = ("/dev", "/proc", "/run", "/sys")
+"""Where the guest has folders of its own, so that those of the host are not seen."""
+TMPDIR = "/run/tmp"
+OWN_ENVIRONMENT = {
+    "TMPDIR": TMPDIR,
+    "XDG_CACHE_HOME": f"{TMPDIR}/cache",
+    "XDG_STATE_HOME": f"{TMPDIR}/state",
+    "PYTHONDONTWRITEBYTECODE": "1",
+}
+"""Environment of the command in the guest, besides that of the caller: where it can write, for few can elsewhere."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command for the guest: its words and environment, interfaces, folders to write to, size of the terminal."""
+
+    command: Sequence[str]
+    environment: Mapping[str, str]
+    interfaces: Sequence[str]
+    writable: Sequence[Path]
+    terminal: os.terminal_size | None
+
+    def require_folders(self) -> None:
+        """Raise UsageError when a folder is not there, or not seen by the guest."""
+        for folder in self.writable:
+            if not folder.is_dir():
+                raise UsageError(f'--out "{folder}": no such folder')
+            if not os.access(folder, os.W_OK | os.X_OK):
+                raise UsageError(f'--out "{folder}": this user must not write to it')
+        for folder in (Path.cwd(), *self.writable):
+            hidden = next((own for own in OWN_FOLDERS if folder.resolve().is_relative_to(own)), None)
+            if hidden is not None:
+                raise UsageError(f"{folder}: the guest kernel has a {hidden} of its own; use a folder elsewhere")
+
+
+@contextmanager
+def written(job: Job) -> Iterator[Path]:
+    """Yield a folder with the first program of the guest, its settings and the command; removed at the end.
+
+    Raises VcanError when it cannot be written.
+    """
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="haptic-fieldbus-vcan-"))
+    except OSError as error:
+        raise VcanError(f"no temporary folder for the guest kernel: {error.strerror or error}") from error
+    try:
+        try:
+            (folder / "init").write_bytes(files("haptic_fieldbus.vcan").joinpath("guest.sh").read_bytes())
+            (folder / "settings").write_bytes(os.fsencode(_settings(job)))
+            (folder / "command").write_bytes(os.fsencode(_command(job)))
+        except OSError as error:
+            raise VcanError(f"{folder} cannot be written: {error.strerror}") from error
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _settings(job: Job) -> str:
+    """Variables and one function, for the shell of the guest."""
+    columns, rows = job.terminal or ("", "")
+    folders = [f'"$1" {shlex.quote(str(folder.resolve()))}' for folder in job.writable]
+    return (
+        f"interfaces={shlex.quote(' '.join(job.interfaces))} columns={columns} rows={rows}\n"
+        f"each_writable() {{\n{chr(10).join([':', *folders])}\n}}\n"
+    )
+
+
+def _command(job: Job) -> str:
+    """A script that becomes the command: 126 or 127 when that cannot be started, as env(1) has it."""
+    environment = {**job.environment, **OWN_ENVIRONMENT}
+    words = [*(f"{name}={value}" for name, value in environment.items()), *job.command]
+    return (
+        "echo $$ >/run/command.pid\n"
+        f"mkdir -p {TMPDIR}/cache {TMPDIR}/state\n"
+        f"cd {shlex.quote(os.getcwd())} || exit 126\n"
+        f"exec env -i -- {' '.join(map(shlex.quote, words))}\n"
+    )
+
+
+# Virtual CAN interfaces of this kernel: found as they are, or made for a while.
+
+NET = Path("/sys/class/net")
+UP = 0x1
+"""IFF_UP of netdevice(7)."""
+
+
+def is_up(interface: str) -> bool:
+    """Whether an interface of this name exists and is up."""
+    try:
+        return bool(int((NET / interface / "flags").read_text(), 16) & UP)
+    except FileNotFoundError:
+        return False
+
+
+@contextmanager
+def lent(interfaces: Sequence[str]) -> Iterator[bool]:
+    """Yield whether all of them are up as vcan; what had to be made or set up for that is taken back at the end.
+
+    Raises UsageError when one exists and is no vcan.
+    """
+    with ExitStack() as taken_back:
+        yield all(_lend(interface, taken_back) for interface in interfaces)
+
+
+def _lend(interface: str, taken_back: ExitStack) -> bool:
+    """Whether it is up now, as a vcan; that takes the right to change interfaces unless it was so before."""
+    if not (NET / interface).exists():
+        if not _add(interface):
+            return False
+        taken_back.callback(_ip, "link", "del", interface)
+    elif not _is_vcan(interface):
+        raise UsageError(
+            f'interface "{interface}" exists and is no vcan: commands may do anything to theirs, so name another one'
+        )
+    if is_up(interface):
+        return True
+    taken_back.callback(_ip, "link", "set", interface, "down")
+    return _ip("link", "set", interface, "up")
+
+
+def _add(interface: str) -> bool:
+    if _ip("link", "add", interface, "type", "vcan"):
+        return True
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        with suppress(FileNotFoundError):
+            subprocess.run(["modprobe", "vcan"], capture_output=True, check=False)
+        return _ip("link", "add", interface, "type", "vcan")
+    return False
+
+
+def _is_vcan(interface: str) -> bool:
+    """As the kernel tells it; a file of the interface does not say."""
+    return _ip("-details", "link", "show", "dev", interface, "type", "vcan", shows=interface)
+
+
+def _ip(*words: str, shows: str = "") -> bool:
+    """Whether `ip` from iproute2 exists, does this, and shows a text."""
+    try:
+        done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return False
+    return done.returncode == 0 and shows in done.stdout
+
+
+class HostCommand:
+    """A command that runs on this machine, beside its interfaces; it ends with its runner, as in a guest."""
+
+    ready = True
+
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str], wakeup: int) -> None:
+        self._wakeup = wakeup
+        self._group = ProcessGroup(command, environment)
+        self._selector = selectors.DefaultSelector()
+        for descriptor in (self._group.ended, wakeup):
+            self._selector.register(descriptor, selectors.EVENT_READ)
+
+    @property
+    def status(self) -> int | None:
+        """Exit status of the command, once it has ended."""
+        return self._group.status()
+
+    def turn(self, deadline: float) -> bool:
+        """Wait until a time of the monotonic clock [s] or a signal; False once the command has ended."""
+        ready = waited(self._selector, deadline, self._wakeup)
+        return self._group.ended not in ready
+
+    def send(self, number: signal.Signals) -> None:
+        """Let the command have a signal."""
+        self._group.send(number)
+
+    def last_words(self) -> str:
+        """Return nothing: what the command says is not listened to."""
+        return ""
+
+    def close(self) -> None:
+        """End what the command has left behind."""
+        self._group.close()
+        self._selector.close()
+
 
 TIMED_OUT, NOT_FOUND = 124, 127
 """Exit statuses, as timeout(1) and env(1) have them."""
@@ -71,14 +255,14 @@ def run(errand: Errand, note: Callable[[str], None]) -> int:
     """
     _check(errand)
     if not hasattr(os, "pidfd_open"):  # not Linux, for which there is nothing but a refusal
-        needs.require_guest()
-    with host.lent(() if errand.guest else errand.interfaces) as there, _signals() as (arrived, wakeup):
+        require_guest()
+    with lent(() if errand.guest else errand.interfaces) as there, _signals() as (arrived, wakeup):
         names = " ".join(errand.interfaces)
         if there and not errand.guest:
             note(f"{names} of this machine")
-            with closing(host.HostCommand(errand.command, _environment("host"), wakeup)) as place:
+            with closing(HostCommand(errand.command, _environment("host"), wakeup)) as place:
                 return _attend(place, errand.limit_s, arrived)
-        needs.require_guest()
+        require_guest()
         job = Job(errand.command, _environment("guest"), errand.interfaces, errand.writable, _terminal())
         job.require_folders()
         note(f"{names} in a guest kernel; {_writable(errand.writable)}")

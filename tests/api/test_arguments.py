@@ -11,7 +11,7 @@ from haptic_fieldbus.api.arguments import KINDS, arguments_of
 from haptic_fieldbus.api.estimation import SignalRequest
 from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
-from haptic_fieldbus.planning.task import Rendering, Task
+from haptic_fieldbus.planning.request import Rendering, Task
 
 VALUES = {"plan": Task, "run": Trial, "stability": Inquiry, "response": OpenLoop}
 """What each function of the Python API takes as one value."""

@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_fieldbus import run
-from haptic_fieldbus.assessing.error_sums import ErrorFigures, ErrorSums
-from haptic_fieldbus.assessing.lateness import Lateness
+from haptic_fieldbus.assessing.torque_error import ErrorFigures, ErrorSums, Lateness
 from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.element import Eventful

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.buses.canopen.frames import CandumpWriter, open_frame_writer
 
 

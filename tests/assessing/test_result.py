@@ -16,9 +16,9 @@ from haptic_fieldbus.assessing.result import (
     finite,
     known_before,
 )
-from haptic_fieldbus.planning.plan_json import plan_json
+from haptic_fieldbus.planning.explain import plan_json
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import compiled, load
-from haptic_fieldbus.planning.task import Task
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:

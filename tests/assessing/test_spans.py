@@ -7,11 +7,10 @@ import pytest
 import scipy.integrate
 from numpy.typing import NDArray
 
+from haptic_fieldbus.assessing.element_forces import Handover, spans
 from haptic_fieldbus.assessing.recording import Conversion, Recording
-from haptic_fieldbus.assessing.spans import Handover, spans
 from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
-from haptic_fieldbus.cycle.laws import Field, blended, field_of
-from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.cycle.laws import Field, Sensed, blended, field_of
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.friction import Friction
 from haptic_fieldbus.scenes.sprung_mass import SprungMass

@@ -7,8 +7,8 @@ import pytest
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary
 from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
-from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.assessing.torque_error import ErrorFigures
 from haptic_fieldbus.report.plot import plot_run
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damper import Damper

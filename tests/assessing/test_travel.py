@@ -10,15 +10,14 @@ import pytest
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary
 from haptic_fieldbus.assessing.axis_assessment import Run
-from haptic_fieldbus.assessing.loop_report import LoopReport
-from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.result import Result, known_before
 from haptic_fieldbus.assessing.summary import Assessment
 from haptic_fieldbus.assessing.travel import Reach, Travel
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import SafetyTripError
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import compiled, load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.end_stop import EndStop
 from haptic_fieldbus.scenes.magnet import Magnet

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.cli.simulate import HEADING
-from haptic_fieldbus.drive.rig_text import rig_text
+from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.sim.host_request import HostRequest, resolve, rig_of
 from tests.cli.command import Command

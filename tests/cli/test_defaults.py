@@ -13,11 +13,10 @@ from haptic_fieldbus import api, defaults
 from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
 from haptic_fieldbus.cli.options import BenchOptions
-from haptic_fieldbus.cli.response import ResponseOptions
+from haptic_fieldbus.cli.planning import ResponseOptions, StabilityOptions
 from haptic_fieldbus.cli.run import RunOptions
-from haptic_fieldbus.cli.stability import StabilityOptions
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.sim.host_request import HostRequest
 from tests.cases import every
 from tests.cli.command import Command

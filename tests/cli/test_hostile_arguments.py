@@ -14,8 +14,8 @@ import haptic_fieldbus as package
 from haptic_fieldbus import Changes, Rig, Scene, SceneAxis, Signal, Workspace, plan, response, run, stability
 from haptic_fieldbus.api.estimation import SignalRequest, estimate_from
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.wall import Wall
 from tests.cases import every

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.buses.found import Check
-from haptic_fieldbus.cli import doctor as doctor_command
-from haptic_fieldbus.cli.watch import lines_of
+from haptic_fieldbus.cli import bench as doctor_command
+from haptic_fieldbus.cli.bench import lines_of
 from haptic_fieldbus.running.watching import View
 from tests.cli.command import Command
 

@@ -12,12 +12,10 @@ from haptic_fieldbus.api import Trial
 from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
 from haptic_fieldbus.cli.options import SHOWN, BenchOptions, SceneOptions, frequency, number, seconds
-from haptic_fieldbus.cli.plan import plan
-from haptic_fieldbus.cli.response import ResponseOptions, response
+from haptic_fieldbus.cli.planning import ResponseOptions, StabilityOptions, plan, response, stability
 from haptic_fieldbus.cli.run import RunOptions, run
-from haptic_fieldbus.cli.stability import StabilityOptions, stability
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.task import Rendering, Task
+from haptic_fieldbus.planning.request import Rendering, Task
 from tests.cases import every
 
 PAIRS = [(BenchOptions, Task), (RunOptions, Trial), (StabilityOptions, Inquiry), (ResponseOptions, OpenLoop)]

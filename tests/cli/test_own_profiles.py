@@ -12,15 +12,17 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import ProfileError, RigError, UsageError
-from haptic_fieldbus.protocols.catalogue import load_profile, load_rig, profile_summaries
-from haptic_fieldbus.protocols.folders import (
+from haptic_fieldbus.protocols.catalogue import (
     VARIABLE,
     known_names,
+    load_profile,
+    load_rig,
     own_files,
     own_profile,
     profile_file,
     profile_folder,
     profile_names,
+    profile_summaries,
 )
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.host_request import HostRequest, resolve

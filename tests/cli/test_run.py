@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.cli import pictures
+from haptic_fieldbus.cli import options
 from haptic_fieldbus.cli import run as module
 from haptic_fieldbus.errors import UsageError
 from tests.cli.command import Command
@@ -208,7 +208,7 @@ def test_a_rotary_bench_speaks_of_torque(command: Command, tmp_path: Path) -> No
 def test_without_matplotlib_a_picture_is_refused_before_anything_runs(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pictures, "find_spec", lambda name: None)
+    monkeypatch.setattr(options, "find_spec", lambda name: None)
     finished = command("run", "wall", "--plot", str(tmp_path / "run.png"))
     assert finished.status == 2
     assert "pip install matplotlib" in finished.err

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.catalogue import load_rig, profile_folder
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.canopen import hosting
 from haptic_fieldbus.sim.slot import Slot
 from tests.cli.command import Command

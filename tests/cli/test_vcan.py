@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.vcan import guest, needs, runner
+from haptic_fieldbus.vcan import guest, runner
 from tests.cli.command import Command
 
 PACKAGES = "apt-get install user-mode-linux kmod iproute2"
@@ -18,14 +18,14 @@ def programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("true", "sleep", "rm"):
         (folder / name).symlink_to(f"/bin/{name}")
     monkeypatch.setenv("PATH", str(folder))
-    monkeypatch.setattr(needs, "SYSTEM_FOLDERS", ())
-    monkeypatch.setattr(needs, "MODULES", tmp_path)
+    monkeypatch.setattr(guest, "SYSTEM_FOLDERS", ())
+    monkeypatch.setattr(guest, "MODULES", tmp_path)
     return folder
 
 
 def kernel(programs: Path, script: str) -> None:
     """Let a script be the guest kernel, with all that it needs."""
-    for name in needs.PROGRAMS:
+    for name in guest.PROGRAMS:
         (programs / name).write_text(f"#!/bin/sh\n{script}\n")
         (programs / name).chmod(0o755)
     module = programs.parent / "6.1" / "kernel" / "drivers" / "net" / "can" / "vcan.ko"

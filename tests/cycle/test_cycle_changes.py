@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.laws import Field, blended, field_of
-from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.cycle.laws import Field, Sensed, blended, field_of
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import Element

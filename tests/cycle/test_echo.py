@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.echo import Doubt
+from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Trip, TripKind
-from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.objects import DataType

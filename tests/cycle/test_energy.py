@@ -7,8 +7,8 @@ import pytest
 
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, Tally, shares
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
+from haptic_fieldbus.cycle.laws import AxisState, Sensed
 from haptic_fieldbus.cycle.safety import Permission, TripKind
-from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.energy import axis_terms, larger_of
 from haptic_fieldbus.scenes.element import Element

@@ -7,8 +7,8 @@ import pytest
 from haptic_fieldbus.api import run
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
+from haptic_fieldbus.cycle.laws import AxisState, Sensed
 from haptic_fieldbus.cycle.safety import Permission
-from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.planning.energy import ledger_elements
 from haptic_fieldbus.scenes.catalogue import load_scene

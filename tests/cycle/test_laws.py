@@ -4,8 +4,7 @@ import itertools
 
 import pytest
 
-from haptic_fieldbus.cycle.laws import READERS, law_of, summed, with_signals
-from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.cycle.laws import READERS, Sensed, law_of, summed, with_signals
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.signals import Signal
 

@@ -13,9 +13,8 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.cycle.energy import Tally
-from haptic_fieldbus.cycle.laws import field_of
+from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.cycle.safety import TripKind
-from haptic_fieldbus.cycle.state import Sensed
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.dahl import Dahl

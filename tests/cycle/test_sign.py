@@ -9,9 +9,9 @@ import pytest
 import scipy.linalg
 from numpy.typing import NDArray
 
+from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sign import SignProof, thue_morse
-from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import ATTEMPTS, SignProbe, sign_probe

@@ -8,10 +8,9 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind
-from haptic_fieldbus.cycle.sign import Sign
-from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
-from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.cycle.sign import Sign, bind_sign_watch
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.sim import faults
 from tests.builders import endless_rig, plan_of, scene_of

@@ -8,9 +8,9 @@ from itertools import pairwise
 import pytest
 
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.standstill import Standstill
-from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.numerics.linear import StateSpace, gain

@@ -13,7 +13,7 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
-from haptic_fieldbus.planning import verdicts
+from haptic_fieldbus.planning import compile
 from haptic_fieldbus.protocols import catalogue
 from haptic_fieldbus.protocols.registry import GROUP
 from tests.calls import Call, Calls, Function, traced
@@ -36,7 +36,7 @@ HANDED_IN = {
         "running.session",
         "api.sites",
     ): "the site of a run is a context that the caller made; the run enters and leaves it",
-    ("buses.canopen.ports", "sim.canopen.bus"): "the master has an interface of python-can; it cannot see which",
+    ("buses.canopen.wire", "sim.canopen.bus"): "the master has an interface of python-can; it cannot see which",
     ("buses.canopen.master", "sim.canopen.bus"): "the same, when it is closed",
     ("assessing.axis_assessment", "sim.canopen.world"): "a run is judged by the true motion that its world knows",
     ("assessing.summary", "sim.canopen.world"): "the world may forget the motion that has been judged",
@@ -167,7 +167,7 @@ def climbs(calls: Calls) -> dict[tuple[str, str], tuple[Function, Function]]:
 def _first_plan() -> None:
     """What an earlier test has read and judged is read and judged again, so that its calls are seen."""
     catalogue._shipped.cache_clear()
-    verdicts._kept.cache_clear()
+    compile._kept.cache_clear()
 
 
 @pytest.mark.thorough("traces every call of a run")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.documents.replacing import edit_file, remove_file, write_file
+from haptic_fieldbus.documents.edits import edit_file, remove_file, write_file
 
 OLD, NEW = "old\r\nlines # kept\n", "new\r\n"
 
@@ -130,7 +130,7 @@ def in_a_process(path: Path, before: str, change: str = EDIT) -> "subprocess.Com
     code = f"""
 import os, resource, signal, sys
 from pathlib import Path
-from haptic_fieldbus.documents.replacing import edit_file, write_file
+from haptic_fieldbus.documents.edits import edit_file, write_file
 path, new = Path({str(path)!r}), {NEW!r} * 1000
 {before}
 try:

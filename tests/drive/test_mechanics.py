@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
+from haptic_fieldbus.drive.rig import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
 from haptic_fieldbus.errors import RigError
 from haptic_fieldbus.protocols.catalogue import load_rig
 

@@ -10,8 +10,8 @@ from haptic_fieldbus.drive.fields import Ranged
 from haptic_fieldbus.drive.plausible import OF_HANDLE, RANGES, implausible
 from haptic_fieldbus.drive.rig import Limits, Rig, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.errors import RigError
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import check_rig, load_rig
 from haptic_fieldbus.signals import Workspace

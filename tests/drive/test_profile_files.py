@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS, TORQUE_UNITS, VELOCITY_UNITS, velocity_step
+from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, TORQUE_UNITS, VELOCITY_UNITS, velocity_step
 from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
-from haptic_fieldbus.protocols import folders
+from haptic_fieldbus.protocols import catalogue
 from haptic_fieldbus.protocols.catalogue import (
     load_profile,
     profile_folder,
@@ -136,7 +136,7 @@ def test_profiles_inside_the_package_come_before_those_beside_it(
 ) -> None:
     package = tmp_path / "site" / "haptic_fieldbus"
     (package / "protocols").mkdir(parents=True)
-    monkeypatch.setattr(folders, "__file__", str(package / "protocols" / "folders.py"))
+    monkeypatch.setattr(catalogue, "__file__", str(package / "protocols" / "folders.py"))
     assert profile_folder() == tmp_path / "site" / "profiles"
     (package / "profiles").mkdir()
     assert profile_folder() == package / "profiles"

@@ -5,9 +5,21 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Weight
-from haptic_fieldbus.drive.rig import BusSection, Limits, Proved, Rig, RigAxis, RotaryMechanism, Seen, default_axis
-from haptic_fieldbus.drive.rig_text import rig_text
+from haptic_fieldbus.drive.rig import (
+    BusSection,
+    Cogging,
+    CompliantCoupling,
+    Limits,
+    Mechanics,
+    Proved,
+    Rig,
+    RigAxis,
+    RotaryMechanism,
+    Seen,
+    Weight,
+    default_axis,
+)
+from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.protocols.canopen.bus import Argument, CanSection
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.signals import Workspace

@@ -6,8 +6,17 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Stribeck, Weight
-from haptic_fieldbus.drive.rig import Limits, LinearMechanism, RigAxis, RotaryMechanism, Seen
+from haptic_fieldbus.drive.rig import (
+    Cogging,
+    CompliantCoupling,
+    Limits,
+    LinearMechanism,
+    RigAxis,
+    RotaryMechanism,
+    Seen,
+    Stribeck,
+    Weight,
+)
 from haptic_fieldbus.drive.rig_units import measured_by, tables_of
 from haptic_fieldbus.errors import RigError
 from haptic_fieldbus.protocols.canopen.bus import CanSection

@@ -2,13 +2,15 @@
 
 import pytest
 
-from haptic_fieldbus.drive.rig import BusSection, RigAxis, RotaryMechanism
-from haptic_fieldbus.drive.units import (
+from haptic_fieldbus.drive.rig import (
     MILLIAMPERE,
     PEAK_SHARE,
     PEAK_SHARE_HIGH,
     PERMILLE,
     PERMILLE_OF_CURRENT,
+    BusSection,
+    RigAxis,
+    RotaryMechanism,
     needed_for,
     torque_step,
 )

@@ -11,7 +11,7 @@ from tests.golden.left_out import FOLDER, PLAIN, observed, text_of
 NOT_FOR_A_WALL = (
     "cycle.tachometer",
     "margins.coupled",
-    "numerics.bristle",
+    "numerics.relaxation",
     "numerics.condition",
     "numerics.estimators",
     "numerics.integrators",

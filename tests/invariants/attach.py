@@ -232,8 +232,7 @@ def _shaft(world: Place, node: int) -> Shaft:
 
 def _stated(plan: Any) -> Stated:
     """The plain numbers of a part of a plan, as the whole has them in its JSON, of its rig and of its drives."""
-    from haptic_fieldbus.planning.limit_table import limit_rows
-    from haptic_fieldbus.planning.plan_json import _sign_json
+    from haptic_fieldbus.planning.explain import _sign_json, limit_rows
 
     told = {
         "pdos": pdos_of(plan),

@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus import run
 from haptic_fieldbus.errors import SafetyTripError
-from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.sim import faults
 from tests.invariants.attach import watched
 from tests.invariants.proofs import broken

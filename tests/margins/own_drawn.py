@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.local import Local
+from haptic_fieldbus.scenes.element import Local
 from haptic_fieldbus.signals import Signal
 from tests.margins import laws
 from tests.margins.drawn import TRAVEL, Drawn, drawn

@@ -12,7 +12,7 @@ from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.margins.cautious import WORST
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.ranges import Ranges
+from haptic_fieldbus.margins.plant import Ranges
 from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_growth
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.wall import Wall

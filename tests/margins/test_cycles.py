@@ -8,10 +8,9 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, quantisation_limit
 from haptic_fieldbus.margins.cycles import LimitCycle, edge_chatter, saturated_cycles
-from haptic_fieldbus.numerics.batch import Running, run
+from haptic_fieldbus.numerics.batch import Loops, Running, loops, run
 from haptic_fieldbus.numerics.describing import saturated_amplitude
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.loops import Loops, loops
 from tests.loops import PERIOD, Array, wall
 
 STEP = 1e-5

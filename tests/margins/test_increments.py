@@ -4,7 +4,7 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.increments import Increments, weight
+from haptic_fieldbus.margins.passivity import Increments, weight
 from haptic_fieldbus.numerics.estimators import bind
 from haptic_fieldbus.scenes.wall import Wall
 

@@ -9,9 +9,8 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, alone, judge, stiffness_limit, weakened
-from haptic_fieldbus.numerics.batch import run
+from haptic_fieldbus.numerics.batch import loops, run
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant as SimulatedPlant
 from tests.cases import every

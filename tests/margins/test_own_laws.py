@@ -9,13 +9,11 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.places import OwnLaw, Places
-from haptic_fieldbus.margins.terrain import EVERYWHERE
+from haptic_fieldbus.margins.places import EVERYWHERE, OwnLaw, Places
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
-from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.scenes.local import Interval
+from haptic_fieldbus.scenes.element import Element, Interval
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.signals import Signal
 from tests.margins.own_drawn import BoundedPolynomial, OwnTrial, Remembering, Stated, own_loop

@@ -20,7 +20,7 @@ from haptic_fieldbus.margins import (
     suggest,
 )
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.increments import Increments
+from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley

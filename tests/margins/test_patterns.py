@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant, sample, stiffness_limit
-from haptic_fieldbus.margins.patterns import gaps, pattern_bound, pattern_growth, pattern_limit, pattern_matrix
+from haptic_fieldbus.margins.linear import gaps, pattern_bound, pattern_growth, pattern_limit, pattern_matrix
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from tests.loops import BENCH, LAG, PERIOD, Array, motion_over, sprung_mass, wall, with_damping
 

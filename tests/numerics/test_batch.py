@@ -8,9 +8,8 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, sample, stiffness_limit
-from haptic_fieldbus.numerics.batch import BLOCK, run
+from haptic_fieldbus.numerics.batch import BLOCK, loops, run
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from tests.loops import PERIOD, ByHand, sprung_mass, with_damping
 

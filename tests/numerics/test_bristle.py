@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from haptic_fieldbus.numerics.bristle import SAMPLED_EXCESS, advance, bind
+from haptic_fieldbus.numerics.relaxation import SAMPLED_EXCESS, advance, bind
 
 moves = st.floats(-1.0, 1.0)
 steadies = st.floats(1e-5, 1.0)

@@ -8,8 +8,7 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_fieldbus.numerics.exact import expm, expm1, foh, polynomial_step, polynomial_system, zoh
-from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.numerics.linear import Matrix, expm, expm1, foh, polynomial_step, polynomial_system, zoh
 from tests.cases import every
 from tests.lanes import examples
 

@@ -5,15 +5,13 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.drive.mechanics import CompliantCoupling, Mechanics
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import Rig, default_axis
+from haptic_fieldbus.drive.rig import CompliantCoupling, Mechanics, Rig, default_axis
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.bodies import HungBody, limit_with
-from haptic_fieldbus.margins.ranges import COUPLING_SHARES
-from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.margins.plant import COUPLING_SHARES
+from haptic_fieldbus.planning.compile import compile_plan, ranges_of
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.uncertainty import ranges_of
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.traffic import ADAPTER_LATENCY, JITTER

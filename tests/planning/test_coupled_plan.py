@@ -13,11 +13,10 @@ from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import rounded
-from haptic_fieldbus.planning.explain import explain
+from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.report.stability import stability_lines
+from haptic_fieldbus.report.analysis_words import stability_lines
 from haptic_fieldbus.report.words import announcement, stability_text
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -213,8 +212,8 @@ def test_a_coupling_without_stiffness_beside_others_is_none_to_vary() -> None:
 
 @pytest.mark.thorough("judges a grid of couplings")
 def test_the_picture_of_the_region_is_drawn_of_a_pair_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from haptic_fieldbus.report import plot_region
+    from haptic_fieldbus.report import analysis_plots
 
-    monkeypatch.setattr(plot_region, "POINTS", 3)
-    plot_region.plot_region(judge_scene(Inquiry("virtual_shaft")), tmp_path / "region.png")
+    monkeypatch.setattr(analysis_plots, "POINTS", 3)
+    analysis_plots.plot_region(judge_scene(Inquiry("virtual_shaft")), tmp_path / "region.png")
     assert (tmp_path / "region.png").stat().st_size > 10_000

@@ -13,13 +13,12 @@ import pytest
 
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import Limits, Permissions, Proved, Rig, RigAxis, Seen
+from haptic_fieldbus.drive.rig import SHARES_OF_RATED, Limits, Permissions, Proved, Rig, RigAxis, Seen
 from haptic_fieldbus.drive.rig_units import tables_of
-from haptic_fieldbus.drive.units import SHARES_OF_RATED
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.catalogue import load_scene

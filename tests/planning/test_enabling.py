@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from haptic_fieldbus.planning.enabling import enabling_lines, first_enabling
+from haptic_fieldbus.planning.deadlines import enabling_lines, first_enabling
 from tests.builders import PROFILE, plan_of
 
 SEARCHING = replace(

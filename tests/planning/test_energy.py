@@ -14,7 +14,7 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.energy import LIPSCHITZ
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.planning.energy import TWIST, axis_terms
-from haptic_fieldbus.planning.limit_table import limit_rows
+from haptic_fieldbus.planning.explain import limit_rows
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import AnyElement

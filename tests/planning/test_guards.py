@@ -8,14 +8,12 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.drive.cia402 import OptionCode, WrittenObject
-from haptic_fieldbus.drive.identity import Identity
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.objects import DataType, Identity
 from haptic_fieldbus.drive.rig import Limits, Proved, Rig
 from haptic_fieldbus.errors import PlanError, RigError
-from haptic_fieldbus.planning.explain import explain
+from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SetupSection
 from haptic_fieldbus.protocols.catalogue import load_rig

@@ -9,7 +9,7 @@ from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER, lay_out_image
 from haptic_fieldbus.protocols.canopen.pdo import Direction, Pdo, lay_out
-from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
+from haptic_fieldbus.protocols.canopen.traffic import PdoTraffic
 from haptic_fieldbus.signals import Signal
 from tests.builders import PROFILE
 

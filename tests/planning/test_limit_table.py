@@ -8,12 +8,10 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.drive.rig import Limits, Rig
-from haptic_fieldbus.drive.rig_text import rig_text
+from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.numerals import in_unit
-from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.planning.limit_table import LimitRow, Reaction, limit_rows, recommended_limits
+from haptic_fieldbus.planning.explain import LimitRow, Reaction, explain, limit_rows, plan_json, recommended_limits
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import PROFILE, VELOCITY_ONLY, WALL, plan_of, rig_of, scene_of

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_fieldbus.cycle.laws import field_of
-from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SceneError, UnstableSceneError, UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.live_changes import MISSING, Change, plan_change

@@ -13,9 +13,8 @@ from haptic_fieldbus.running.changes import Changes
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.element import AnyElement, Place
 from haptic_fieldbus.scenes.end_stop import EndStop
-from haptic_fieldbus.scenes.parameters import place_names
 from haptic_fieldbus.scenes.pendulum import Pendulum
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, place_names
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall

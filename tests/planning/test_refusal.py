@@ -8,7 +8,7 @@ import pytest
 
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Verdict
-from haptic_fieldbus.margins.contact import stiffest_of
+from haptic_fieldbus.margins.closed_loop import stiffest_of
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.refusal import check_stable

@@ -18,8 +18,8 @@ from haptic_fieldbus.errors import (
     UsageError,
 )
 from haptic_fieldbus.numerics.linear import gain
+from haptic_fieldbus.planning.request import Rendering, Task
 from haptic_fieldbus.planning.selection import check_rendering, compiled, load, select
-from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall

@@ -6,7 +6,7 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.settings import parsed, settled
+from haptic_fieldbus.planning.selection import parsed, settled
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import scene_of

@@ -11,9 +11,9 @@ import pytest
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Permissions, RigAxis, Seen
 from haptic_fieldbus.errors import PlanError, RigError
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.planning.sign_probe import SignProbe, is_checked, raising, sign_probe, sign_text
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.detents import Detents

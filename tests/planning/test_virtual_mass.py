@@ -2,7 +2,7 @@
 
 import pytest
 
-from haptic_fieldbus.planning.virtual_mass import BLOCK, FASTEST_HAND, virtual_mass
+from haptic_fieldbus.planning.sign_probe import BLOCK, FASTEST_HAND, virtual_mass
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.inertia import Inertia
 from haptic_fieldbus.scenes.spring import Spring

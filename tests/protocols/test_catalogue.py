@@ -11,13 +11,15 @@ from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import (
     bus_schema,
     check_rig,
+    known_names,
     load_profile,
     load_rig,
+    profile_file,
+    profile_folder,
     profile_schema,
     profile_summaries,
     rig_schema,
 )
-from haptic_fieldbus.protocols.folders import known_names, profile_file, profile_folder
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 from haptic_fieldbus.signals import Signal

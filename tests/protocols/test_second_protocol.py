@@ -13,8 +13,7 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.errors import BusOverloadError, PlanError, ProfileError, UsageError
-from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.planning.plan_json import plan_json
+from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named, protocol_names
 

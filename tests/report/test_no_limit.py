@@ -8,7 +8,7 @@ import haptic_fieldbus
 from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.report.stability import stability_lines
+from haptic_fieldbus.report.analysis_words import stability_lines
 from haptic_fieldbus.report.words import stability_text
 
 METHOD = "backward-euler"

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.assessing.period_times import PeriodTimes
-from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
+from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, TorqueError, Trace
 from haptic_fieldbus.report.drawing import BINS, held, thin
 from haptic_fieldbus.report.plot import ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, plot_run
 from haptic_fieldbus.scenes.wall import Wall

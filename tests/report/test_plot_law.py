@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.assessing.result import Array, Trace
 from haptic_fieldbus.report.drawing import UNITS
-from haptic_fieldbus.report.plot_law import draw_law, law_at_rest, wells
+from haptic_fieldbus.report.plot import draw_law, law_at_rest, wells
 from haptic_fieldbus.scenes.dahl import Dahl
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.end_stop import EndStop

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.assessing.period_times import PeriodTimes
-from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord
-from haptic_fieldbus.assessing.rights import Right
+from haptic_fieldbus.assessing.result import Percentiles, PeriodTimes, Result, Right, Timing, TorqueError, TripRecord
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis

@@ -2,10 +2,10 @@
 
 import pytest
 
-from haptic_fieldbus.assessing.rights import Right
+from haptic_fieldbus.assessing.result import Right
 from haptic_fieldbus.buses.found import Check
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.running.examining import clock_check, examine, lateness, right_check, wake_up_check
+from haptic_fieldbus.running.rights import clock_check, examine, lateness, right_check, wake_up_check
 
 
 class Late(VirtualClock):

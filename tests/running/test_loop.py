@@ -8,8 +8,7 @@ from collections.abc import Callable
 import can
 import pytest
 
-from haptic_fieldbus.assessing.loop_report import LoopReport
-from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError

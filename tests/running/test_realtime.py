@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from haptic_fieldbus.running.realtime import GIVE_WAY, no_garbage_collection, threads_give_way
+from haptic_fieldbus.running.loop import GIVE_WAY, no_garbage_collection, threads_give_way
 
 
 def test_no_garbage_is_collected_while_the_loop_runs_nor_before() -> None:

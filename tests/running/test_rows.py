@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.running.rows import DirectRows, ProcessRows, RowFile, Rows, row_line
 
 COLUMNS = ("t_ns", "handle.position")

@@ -9,7 +9,7 @@ from haptic_fieldbus.errors import SceneError, UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.changed import changed
-from haptic_fieldbus.scenes.parameters import quantities
+from haptic_fieldbus.scenes.registry import quantities
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 from tests.builders import scene_of

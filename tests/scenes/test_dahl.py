@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from pydantic import TypeAdapter, ValidationError
 from scipy.integrate import solve_ivp
 
-from haptic_fieldbus.numerics.bristle import SAMPLED_EXCESS
+from haptic_fieldbus.numerics.relaxation import SAMPLED_EXCESS
 from haptic_fieldbus.scenes.dahl import Dahl
 from tests.scenes.leaps import along, leaps
 from tests.scenes.sheet import Array, Motion, forces, given_to_the_hand, passing, spring_leak

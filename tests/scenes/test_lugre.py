@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from scipy.integrate import solve_ivp
 
-from haptic_fieldbus.numerics.bristle import SAMPLED_EXCESS
+from haptic_fieldbus.numerics.relaxation import SAMPLED_EXCESS
 from haptic_fieldbus.scenes.dahl import Dahl
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.signals import Signal

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import DocumentError, SceneError, UsageError
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene, scene_names, scene_summaries
-from haptic_fieldbus.scenes.parameters import parameters
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, parameters
 from haptic_fieldbus.scenes.scene import SceneAxis, axes_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall

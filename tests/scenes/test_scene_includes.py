@@ -6,7 +6,7 @@ import pytest
 
 from haptic_fieldbus.errors import SceneError
 from haptic_fieldbus.scenes.catalogue import load_scene
-from haptic_fieldbus.scenes.parts import MOST_ELEMENTS
+from haptic_fieldbus.scenes.files import MOST_ELEMENTS
 from haptic_fieldbus.scenes.scene import SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace

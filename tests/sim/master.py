@@ -3,8 +3,7 @@
 import struct
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.sim.canopen.link.controller import Received
-from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link import Frame, Received
 from haptic_fieldbus.sim.canopen.world import World
 
 PERIOD_NS = 1_000_000

@@ -5,14 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from haptic_fieldbus.drive.mechanics import Cogging, Mechanics
-from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
+from haptic_fieldbus.drive.rig import Cogging, LinearMechanism, Mechanics, RotaryMechanism
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import HANDS, LEADER, Hand, grip, hand_named
 from haptic_fieldbus.sim.mechanics.body import Body
-from haptic_fieldbus.sim.mechanics.load import Load
-from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
+from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory

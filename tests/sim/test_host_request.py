@@ -6,8 +6,8 @@ import pytest
 
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import NODES
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.faults import AnswerLost, BusOff, Emergency, ErrorFrame, Fault, SyncIgnored
 from haptic_fieldbus.sim.host_request import HostRequest, host_on, joined_bus, numbered, resolve, rig_of
 

@@ -13,8 +13,7 @@ from haptic_fieldbus.documents.samples import read_samples
 from haptic_fieldbus.eds import eds_text, load_eds
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
-from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
-from haptic_fieldbus.protocols.folders import profile_folder, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile, load_rig, profile_folder, profile_names
 from haptic_fieldbus.scenes import library
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.sim.canopen.sheet import sheet

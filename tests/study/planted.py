@@ -171,8 +171,8 @@ PLANTED = {
     ),
     "friction 1 % too large": Planted(
         f"{NUMERICS}/batch.py",
-        "friction.SampledMass(loops.mass, loops.damping, loops.coulomb)",
-        "friction.SampledMass(loops.mass, loops.damping, 1.01 * loops.coulomb)",
+        "= SampledMass(loops.mass, loops.damping, loops.coulomb)",
+        "= SampledMass(loops.mass, loops.damping, 1.01 * loops.coulomb)",
         ("coarse-encoder", "coulomb-rescue", "local-stability"),
         ("tests/numerics/test_batch.py::test_friction_stops_a_free_mass_after_m_v2_over_2_fc",),
     ),
@@ -193,7 +193,7 @@ PLANTED = {
         ("tests/cycle/test_energy.py::test_a_contact_at_constant_speed_shows_its_leak_to_the_last_digit",),
     ),
     "least inertia of the worst case 0.9": Planted(
-        f"{MARGINS}/ranges.py",
+        f"{MARGINS}/plant.py",
         "INERTIA_SHARES: Range = (0.8, 1.25)",
         "INERTIA_SHARES: Range = (0.9, 1.25)",
         ("worst-of-ranges",),
@@ -214,7 +214,7 @@ PLANTED = {
         (f"{TESTS}/test_increments.py::test_a_damper_counts_by_what_its_estimator_makes_of_single_moves",),
     ),
     "velocity gone from the rounding that friction bridges": Planted(
-        f"{MARGINS}/increments.py",
+        f"{MARGINS}/passivity.py",
         "(0.5 * self.slope + self.damping / period) * plant.resolution",
         "0.5 * self.slope * plant.resolution",
         ("rounding-bridged",),
@@ -263,21 +263,21 @@ PLANTED = {
         ("tests/cycle/test_gaps.py::test_a_loop_is_given_up_when_its_margin_is_used_up",),
     ),
     "moving contact from half of the fastest speed": Planted(
-        "haptic_fieldbus/assessing/error_sums.py",
+        "haptic_fieldbus/assessing/torque_error.py",
         "MOVING = 0.05",
         "MOVING = 0.5",
         ("score-by-hand",),
         ("tests/assessing/test_torque_error.py::test_what_is_scored_is_contact_in_which_the_handle_moves",),
     ),
     "score 2 % too large": Planted(
-        "haptic_fieldbus/assessing/error_sums.py",
+        "haptic_fieldbus/assessing/torque_error.py",
         "error_rms_contact=float(wrong)",
         "error_rms_contact=1.02 * float(wrong)",
         ("score-by-hand",),
         ("tests/assessing/test_torque_error.py::test_what_is_scored_is_contact_in_which_the_handle_moves",),
     ),
     "slope of a straight input 1 % wrong": Planted(
-        f"{NUMERICS}/exact.py",
+        f"{NUMERICS}/linear.py",
         "held - slope, slope",
         "held - slope, 1.01 * slope",
         ("straight-line-step",),

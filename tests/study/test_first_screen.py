@@ -17,14 +17,13 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study import make_report as run_report
 from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.cases import CASES
+from haptic_fieldbus.study.make_report import assumed
 from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools, bench_of
-from haptic_fieldbus.study.measure.scene_errors import scene_error
 from haptic_fieldbus.study.measure.timing import Cost
 from haptic_fieldbus.study.measure.work_precision import Point, Set
-from haptic_fieldbus.study.page import all_problems, left_out, margins, sources
-from haptic_fieldbus.study.page.assumed import assumed
-from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Card, Section, page, plain_text
+from haptic_fieldbus.study.page import cost, sources, stability, work_precision
+from haptic_fieldbus.study.page.html import Card, Context, Section, page, plain_text
+from haptic_fieldbus.study.page.sources import scene_error
 from tests.ci_summary import best_ms, counted
 from tests.number_style import strange_numbers
 
@@ -79,54 +78,54 @@ def test_a_share_is_the_largest_of_its_deviations_and_no_number_is_the_worst() -
     ],
 )
 def test_a_margin_is_what_is_permitted_over_what_was_found(passed: bool, used: float | None, margin: float) -> None:
-    assert margins.margin_of(result(passed, used)) == margin
+    assert stability.margin_of(result(passed, used)) == margin
 
 
 def test_every_case_is_a_mark_and_what_failed_is_named() -> None:
     found = {name: result(True, 0.1) for name in CASES} | {"tissue": result(True, 0.2)}
     cases = {**CASES, "tissue": CASES["tiny-h"]}
     found["lost-bus"], found["long-clock"] = result(False, None), result(False, 3.0)
-    (panel,) = margins.draw(cases, found).axes
+    (panel,) = stability.draw(cases, found).axes
     assert len(panel.lines) == len(found) + 1, "a mark a case, and the line at which cases fail"
     names = {text.get_text() for text in panel.texts}
     assert "lost-bus, long-clock" in names
     assert any(name.startswith("tissue 5") for name in names), "the closest of its row, with its margin"
-    assert [margins.margin_of(found[name]) for name in margins.closest(found)[:2]] == [0.0, 1.0 / 3.0]
+    assert [stability.margin_of(found[name]) for name in stability.closest(found)[:2]] == [0.0, 1.0 / 3.0]
     rows = {label.get_text() for label in panel.get_yticklabels()}
-    assert rows == {margins.family_of(case) for case in cases.values()}
+    assert rows == {stability.family_of(case) for case in cases.values()}
 
 
 def test_the_median_over_problems_counts_a_failed_run_as_the_worst() -> None:
     curves = [[(1.0, 0.1), (2.0, 0.01)], [(3.0, math.inf), (4.0, 0.03)], [(5.0, 0.3), (6.0, 0.02)]]
-    assert all_problems.median_curve(curves) == [(3.0, 0.3), (4.0, 0.02)]
-    assert all_problems.median_curve([curves[1]] * 2 + curves[:1])[0][1] == math.inf
-    assert all_problems.curve(a_set("tissue", "rk4", [None, 21.0, 1.0])) == [
+    assert work_precision.median_curve(curves) == [(3.0, 0.3), (4.0, 0.02)]
+    assert work_precision.median_curve([curves[1]] * 2 + curves[:1])[0][1] == math.inf
+    assert work_precision.curve(a_set("tissue", "rk4", [None, 21.0, 1.0])) == [
         (100.0, math.inf), (200.0, math.inf), (400.0, 0.5),
     ]  # fmt: skip
 
 
 def test_one_figure_shows_every_method_on_all_problems_and_in_the_loop() -> None:
     alone = [[a_set(name, method, [0.2, 0.1]) for method in METHODS] for name in ("tissue", "free-puck")]
-    loops = [[a_set(name, "none", [0.1, 0.05])] for name in all_problems.LOOPS]
-    drawn = all_problems.draw([*alone, *loops])
+    loops = [[a_set(name, "none", [0.1, 0.05])] for name in work_precision.LOOPS]
+    drawn = work_precision.draw_all([*alone, *loops])
     named = {text.get_text() for text in drawn.legends[0].get_texts()}
     assert set(METHODS) <= named
     assert len([line for line in drawn.axes[0].lines if line.get_alpha()]) == 2 * len(METHODS), "each problem, faint"
     assert len(drawn.axes[1].lines) == len(loops) + 1
-    told = all_problems.problems_finding([*alone, *loops])
+    told = work_precision.problems_finding([*alone, *loops])
     assert "off by 10 % of the largest force" in told
     assert "1.00 times the computing" in told
-    assert all_problems.problems_finding(alone) == ""
+    assert work_precision.problems_finding(alone) == ""
 
 
 def test_a_line_a_scene_says_what_it_leaves_out() -> None:
     plans = {name: api.plan(name) for name in ("wall", "virtual_shaft")}
     costs = {"wall": Cost(np.array([1770.0, 1790.0, 1902.0]), 1, 1), "virtual_shaft": Cost(np.full(3, 6470.0), 1, 1)}
-    text = plain_text(left_out.lines(plans, costs).replace("<td", "|<td"))
+    text = plain_text(cost.lines(plans, costs).replace("<td", "|<td"))
     assert "|wall|velocity, estimator, integrator, virtual states|1.79 (1.78 to 1.85)" in text
     assert "|virtual_shaft|integrator, virtual states|6.47 (6.47 to 6.47)" in text
-    assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(left_out.scenes_finding(plans, costs))
-    reasons = left_out.reasons(plans)
+    assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(cost.scenes_finding(plans, costs))
+    reasons = cost.reasons(plans)
     assert "no element asks for it" in reasons
     assert "<td>12</td>" in reasons, "8 octets in and 4 out for each axis"
     assert "<td>24</td>" in reasons

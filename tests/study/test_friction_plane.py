@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_fieldbus.study.measure.friction_plane import Ending, border, plane
-from haptic_fieldbus.study.page.friction_plane import part
+from haptic_fieldbus.study.measure.region import Ending, border, plane
+from haptic_fieldbus.study.page.region import part
 
 
 @pytest.mark.thorough("simulates until the motion has settled", quick=1)

@@ -12,10 +12,10 @@ import scipy.linalg
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.study.measure import contact_loop, growth, work_precision
+from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, Problem, problems, sprung_mass
-from haptic_fieldbus.study.measure.step_limits import step_limit
+from haptic_fieldbus.study.measure.work_precision import step_limit
 from tests.loops import BENCH
 
 OMEGA = math.sqrt(STIFFNESS / MASS)
@@ -118,15 +118,15 @@ def loop_by_hand(period: float, steps: int, stiffness: float, damping: float) ->
 
 
 def test_the_closed_loop_is_the_one_written_out_by_hand() -> None:
-    contact = contact_loop.contacts()["damped-wall-in-hand"]
+    contact = loops.contacts()["damped-wall-in-hand"]
     law = contact.law("backward-difference", 0.005, 0.0)
-    found = contact_loop.loop_force(law, SHIPPED, 0.005, 200)
+    found = loops.loop_force(law, SHIPPED, 0.005, 200)
     np.testing.assert_allclose(found, loop_by_hand(0.005, 200, 600.0, 2.0), rtol=1e-9, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", contact_loop.contacts())
+@pytest.mark.parametrize("name", loops.contacts())
 def test_the_loop_in_continuous_time_is_what_another_solver_finds(name: str) -> None:
-    contact = contact_loop.contacts()[name]
+    contact = loops.contacts()[name]
     a, motor, hand = device_in_hand(BENCH)
     space = contact.space
 
@@ -140,7 +140,7 @@ def test_the_loop_in_continuous_time_is_what_another_solver_finds(name: str) -> 
         rates, (0.0, 1.0), np.zeros(4 + space.order), method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13
     )
     expected = space.c[0] @ solution.y[4:] + space.d[0] @ solution.y[:2]
-    np.testing.assert_allclose(contact_loop.closed(contact, SHIPPED).exact(0.05, 20), expected, atol=1e-8)
+    np.testing.assert_allclose(loops.closed(contact, SHIPPED).exact(0.05, 20), expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -154,44 +154,44 @@ def test_the_loop_in_continuous_time_is_what_another_solver_finds(name: str) -> 
     ],
 )
 def test_a_held_force_makes_every_loop_first_order(name: str, method: str) -> None:
-    found = contact_loop.measure(contact_loop.contacts()[name], method, SHIPPED, FINE)
+    found = loops.measure(loops.contacts()[name], method, SHIPPED, FINE)
     assert found.order == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_loop_that_samples_too_slowly_is_told_to_be_unstable() -> None:
-    found = contact_loop.measure(contact_loop.contacts()["wall-in-hand"], "none", SHIPPED, [5, 5120])
+    found = loops.measure(loops.contacts()["wall-in-hand"], "none", SHIPPED, [5, 5120])
     assert [point.stable for point in found.points] == [False, True]
 
 
 @pytest.mark.parametrize("step", [0, 1, 12_345, 10**7])
 def test_the_force_after_many_steps_is_known_to_the_last_digit(step: int) -> None:
     with mpmath.workdps(60):
-        phase = mpmath.sqrt(mpmath.mpf(STIFFNESS) / MASS) * mpmath.mpf(growth.PERIOD) * step
+        phase = mpmath.sqrt(mpmath.mpf(STIFFNESS) / MASS) * mpmath.mpf(loops.PERIOD) * step
         expected = float(STIFFNESS * mpmath.mpf(WAY) * mpmath.cos(phase))
-    assert growth.exact_force(step) == pytest.approx(expected, abs=1e-15)
+    assert loops.exact_force(step) == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_run_begins_with_the_mass_where_it_should_be(method: str) -> None:
-    one = integrators.discretise(sprung_mass(), growth.PERIOD, method)
-    step = integrators.bind(sprung_mass(), growth.PERIOD, method)
-    growth.start(one, step)
+    one = integrators.discretise(sprung_mass(), loops.PERIOD, method)
+    step = integrators.bind(sprung_mass(), loops.PERIOD, method)
+    loops.start(one, step)
     forces = (step(0.0), step(0.0))
     assert forces[0] == pytest.approx(STIFFNESS * WAY, rel=1e-4)
-    assert growth.energy(one, forces) == pytest.approx(0.5 * STIFFNESS * WAY**2, rel=1e-2)
+    assert loops.energy(one, forces) == pytest.approx(0.5 * STIFFNESS * WAY**2, rel=1e-2)
 
 
 def test_energy_grows_and_fades_as_the_eigenvalues_of_euler_say() -> None:
-    h = OMEGA * growth.PERIOD
+    h = OMEGA * loops.PERIOD
     for method, factor in (("forward-euler", 1.0 + h * h), ("backward-euler", 1.0 / (1.0 + h * h))):
-        found = growth.free_swing(method, 5000)
+        found = loops.free_swing(method, 5000)
         for steps, energy in zip(found.steps, found.energy, strict=True):
             assert energy + 1.0 == pytest.approx(factor ** (steps - 1), rel=1e-9)
 
 
 def test_the_error_of_the_trapezoid_is_the_phase_that_it_lacks() -> None:
-    found = growth.free_swing("trapezoidal", 20_000)
-    h = OMEGA * growth.PERIOD
+    found = loops.free_swing("trapezoidal", 20_000)
+    h = OMEGA * loops.PERIOD
     lag = (h - 2.0 * math.atan(0.5 * h)) * found.steps[-1]
     assert found.error[-1] == pytest.approx(2.0 * math.sin(0.5 * lag), rel=0.02)
     assert max(map(abs, found.energy)) < 1e-12
@@ -199,10 +199,10 @@ def test_the_error_of_the_trapezoid_is_the_phase_that_it_lacks() -> None:
 
 @pytest.mark.thorough("steps down to where floats end")
 def test_the_exact_step_loses_only_digits_and_euler_ends_where_floats_do() -> None:
-    assert growth.free_swing("exact-foh", 10**5).error[-1] < 1e-11
-    ended = growth.free_swing("forward-euler", 5 * 10**6)
+    assert loops.free_swing("exact-foh", 10**5).error[-1] < 1e-11
+    ended = loops.free_swing("forward-euler", 5 * 10**6)
     assert ended.diverged_at is not None
-    overflow = 308.0 * math.log(10.0) / (0.5 * math.log1p((OMEGA * growth.PERIOD) ** 2))
+    overflow = 308.0 * math.log(10.0) / (0.5 * math.log1p((OMEGA * loops.PERIOD) ** 2))
     assert ended.steps[-1] < 1.02 * overflow
     assert ended.diverged_at > 0.98 * overflow
 

@@ -11,16 +11,16 @@ from haptic_fieldbus import api
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.planning.verdicts import grouped
+from haptic_fieldbus.planning.compile import grouped
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
-from haptic_fieldbus.study.measure import deadlines, in_the_loop, optional_parts, passivity, region, scene_errors
+from haptic_fieldbus.study.measure import loops, region, timing
 from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
-from haptic_fieldbus.study.measure.host import host_facts
-from haptic_fieldbus.study.measure.impedance import felt_impedance, ideal_impedance
 from haptic_fieldbus.study.measure.problems import MASS
+from haptic_fieldbus.study.measure.timing import host_facts
+from haptic_fieldbus.study.page import passivity, sources
 from haptic_fieldbus.study.page import passivity as page
-from haptic_fieldbus.study.page.impedance import of_plan
+from haptic_fieldbus.study.page.impedance import felt_impedance, ideal_impedance, of_plan
 from tests.loops import BENCH, PERIOD, ByHand, wall
 
 TOOLS = Tools(api.run, api.plan)
@@ -117,7 +117,7 @@ def test_the_region_is_measured_as_it_is_predicted() -> None:
 
 
 def test_clamped_forward_euler_grows_at_the_rate_of_its_eigenvalues() -> None:
-    found = in_the_loop.loop_growth(SHIPPED, "forward-euler", 5)
+    found = loops.loop_growth(SHIPPED, "forward-euler", 5)
     expected = 0.5 * np.log1p(PERIOD**2 * found.stiffness / MASS) / PERIOD
     np.testing.assert_allclose(found.rate["clamped"], expected, rtol=1e-9, atol=1e-9)
     assert found.limit["clamped"] == 0.0
@@ -125,14 +125,14 @@ def test_clamped_forward_euler_grows_at_the_rate_of_its_eigenvalues() -> None:
 
 @pytest.mark.parametrize("method", ["forward-euler", "exact-foh"])
 def test_the_stiffest_stable_spring_is_where_a_loop_by_hand_begins_to_grow(method: str) -> None:
-    limit = in_the_loop.loop_growth(SHIPPED, method, 2).limit["free"]
+    limit = loops.loop_growth(SHIPPED, method, 2).limit["free"]
     for factor, grows in ((0.999, False), (1.001, True)):
         loop = ByHand(SHIPPED.plant, SHIPPED.delay, factor * limit, mass=MASS, method=method)
         assert (loop.growth() > 1.0) is grows
 
 
 def test_preserving_stability_is_neither_enough_nor_needed_in_the_loop() -> None:
-    limits = {method: in_the_loop.loop_growth(SHIPPED, method, 2).limit["free"] for method in METHODS}
+    limits = {method: loops.loop_growth(SHIPPED, method, 2).limit["free"] for method in METHODS}
     assert limits["forward-euler"] < limits["semi-implicit-drift-first"] < 0.9 * limits["exact-foh"]
     assert limits["exact-zoh"] < 0.9 * limits["exact-foh"]
     assert limits["rk4"] == pytest.approx(limits["exact-foh"], rel=0.01)
@@ -140,8 +140,8 @@ def test_preserving_stability_is_neither_enough_nor_needed_in_the_loop() -> None
 
 def test_a_flicked_handle_swings_as_the_growth_rate_says() -> None:
     stiffness = 400.0
-    radius = in_the_loop.radius_of("free", SHIPPED, "forward-euler")(stiffness)
-    times, force = in_the_loop.flicked_free(SHIPPED, "forward-euler", 6.0, stiffness)
+    radius = loops.radius_of("free", SHIPPED, "forward-euler")(stiffness)
+    times, force = loops.flicked_free(SHIPPED, "forward-euler", 6.0, stiffness)
     early, late = (np.abs(force[(times > begin) & (times < begin + 1.0)]).max() for begin in (2.0, 4.0))
     assert late / early == pytest.approx(radius ** (2.0 / PERIOD), rel=0.02)
 
@@ -150,10 +150,10 @@ def test_a_flicked_handle_swings_as_the_growth_rate_says() -> None:
 def test_the_periods_that_are_timed_render_a_force() -> None:
     for scene in scene_names():
         plan = api.plan(scene)
-        playback = optional_parts.Playback(plan)
+        playback = timing.Playback(plan)
         cycle = playback.running_cycle()
         largest = 0.0
-        for image in playback.images(2 * optional_parts.IMAGES):
+        for image in playback.images(2 * timing.IMAGES):
             cycle(image)
             forces = [cycle.row[cycle.columns.index(f"{axis.name}.force")] for axis in plan.axes]
             largest = max(largest, *map(abs, forces))
@@ -165,7 +165,7 @@ def test_the_periods_that_are_timed_render_a_force() -> None:
 @pytest.mark.thorough("times every optional part")
 def test_every_part_has_a_cost_and_a_name_of_its_own() -> None:
     plans = {name: api.plan(name) for name in ("wall", "damped_wall", "sprung_mass")}
-    found = list(optional_parts.parts(plans, SHIPPED))
+    found = list(timing.parts(plans, SHIPPED))
     assert [part.part for part in found[:3]] == [f"whole period: {name}" for name in plans]
     assert len({part.part for part in found}) == len(found)
     assert all(part.ns_per_step > 0.0 for part in found)
@@ -176,8 +176,8 @@ def test_every_part_has_a_cost_and_a_name_of_its_own() -> None:
 
 
 def test_a_period_shorter_than_the_exchange_is_always_missed() -> None:
-    found = deadlines.deadlines(TOOLS, 200)
-    assert found.bus == api.plan(deadlines.SCENE).delay.bus
+    found = timing.deadlines(TOOLS, 200)
+    assert found.bus == api.plan(timing.SCENE).delay.bus
     for each in found.rates:
         assert each.missed >= each.missed_computing
         if found.bus > 1.0 / each.rate:
@@ -185,7 +185,7 @@ def test_a_period_shorter_than_the_exchange_is_always_missed() -> None:
 
 
 def test_the_error_of_each_scene_is_split_in_shares_that_sum_to_one() -> None:
-    found = {name: scene_errors.scene_error(TOOLS, name, 1.0) for name in ("wall", "no such scene")}
+    found = {name: sources.scene_error(TOOLS, name, 1.0) for name in ("wall", "no such scene")}
     assert sum(found["wall"].by_source.values()) == pytest.approx(1.0)
     assert "no such scene" in found["no such scene"].reason
     assert found["no such scene"].rms is None

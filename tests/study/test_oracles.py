@@ -9,10 +9,8 @@ import scipy.linalg
 
 from haptic_fieldbus.study import oracles
 from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import limit_in_contact
-from haptic_fieldbus.study.oracles.counts import Pressed
-from haptic_fieldbus.study.oracles.polynomials import schur_cohn_limit
-from haptic_fieldbus.study.oracles.trajectories import states_of
+from haptic_fieldbus.study.oracles.contact import Pressed, limit_in_contact, schur_cohn_limit
+from haptic_fieldbus.study.oracles.events import states_of
 
 ROOM = Path(oracles.__file__).parent
 NUMBERS = {"math", "numpy", "numpy.typing", "decimal"}

@@ -21,9 +21,18 @@ from haptic_fieldbus.study.measure.bench import Tools, bench_of
 from haptic_fieldbus.study.measure.timing import Cost
 from haptic_fieldbus.study.measure.work_precision import Point, Set, has_failed
 from haptic_fieldbus.study.page import stability
-from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Section, number_text, page, picture, table
-from haptic_fieldbus.study.page.style import LOOKS, look_of, svg
+from haptic_fieldbus.study.page.html import (
+    LOOKS,
+    Cell,
+    Context,
+    Section,
+    look_of,
+    number_text,
+    page,
+    picture,
+    svg,
+    table,
+)
 from haptic_fieldbus.study.page.work_precision import (
     at_fixed_cost,
     draw,

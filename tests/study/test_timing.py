@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.study.measure import timing
-from haptic_fieldbus.study.measure.quiet import Quiet, load_average
-from haptic_fieldbus.study.measure.timing import Cost, Timed
+from haptic_fieldbus.study.measure.timing import Cost, Quiet, Timed, load_average
 
 DRIFT = np.array([1.0, 1.0, 1.1, 1.5, 2.0, 4.0, 4.0, 4.0])
 """A machine that becomes slower while it is timed."""

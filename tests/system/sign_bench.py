@@ -14,8 +14,8 @@ from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.drive.rig import Rig, Seen
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load, select
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus

@@ -11,13 +11,12 @@ import numpy as np
 from haptic_fieldbus.api.sites import _simulation
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.drive.rig import Rig, RigAxis, Seen
-from haptic_fieldbus.drive.units import torque_step
+from haptic_fieldbus.drive.rig import Rig, RigAxis, Seen, torque_step
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.running.loop import run_loop

@@ -3,7 +3,7 @@
 import pytest
 
 from haptic_fieldbus.api import run
-from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.builders import endless_rig
 from tests.system.sign_bench import unseen_rig

@@ -17,10 +17,10 @@ import haptic_fieldbus
 from haptic_fieldbus.documents.quantities import RANGES
 from haptic_fieldbus.drive.fields import Ranged
 from haptic_fieldbus.errors import HapticFieldbusError
-from haptic_fieldbus.planning.plan_json import plan_json
+from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.parameters import quantities
+from haptic_fieldbus.scenes.registry import quantities
 from tests.builders import shipped
 
 BEYOND = (1e308, -1e308, 1e-300, 5e-324, 0.0, -0.0, -1.0, 9e15, math.nan, math.inf)

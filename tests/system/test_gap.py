@@ -7,7 +7,7 @@ import pytest
 
 from haptic_fieldbus import run
 from haptic_fieldbus.assessing.result import Result
-from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.sim.faults import MissingTpdos
 from tests.builders import endless_rig
 from tests.system.sign_bench import unseen_rig

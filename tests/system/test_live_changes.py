@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus import Changes, Result
 from haptic_fieldbus.api import run
 from haptic_fieldbus.errors import PlanError, UnstableSceneError
-from haptic_fieldbus.running.realtime import GIVE_WAY
+from haptic_fieldbus.running.loop import GIVE_WAY
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.planning.plan_json import plan_json
+from haptic_fieldbus.planning.explain import plan_json
 
 AXIS = """
 [axis.{name}]

@@ -18,9 +18,8 @@ from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.modbus.line import SimulatedLine
+from haptic_fieldbus.sim.modbus.line import SIMULATION, SimulatedLine
 from haptic_fieldbus.sim.modbus.registers import Refusal
-from haptic_fieldbus.sim.modbus.site import SIMULATION
 from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.slot import Slot
 from tests.builders import endless_rig

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.result import Trace
-from haptic_fieldbus.numerics.exact import expm
+from haptic_fieldbus.numerics.linear import expm
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.system.test_run import LINEAR, bilateral, fine_bench

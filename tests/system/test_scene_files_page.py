@@ -6,7 +6,7 @@ from pathlib import Path
 
 import haptic_fieldbus
 from haptic_fieldbus.scenes.catalogue import load_scene
-from haptic_fieldbus.scenes.parts import AxisSection, SceneFile
+from haptic_fieldbus.scenes.files import AxisSection, SceneFile
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "scene_files.md").read_text(encoding="utf-8")
 (SHOWN,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)

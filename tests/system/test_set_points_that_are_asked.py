@@ -12,7 +12,7 @@ from haptic_fieldbus.errors import BusConfigurationError, DriveFaultError
 from haptic_fieldbus.planning.deadlines import EndCause
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link import Frame
 from tests.builders import endless_rig
 from tests.system.test_set_points_that_do_not_act import CONTACT, RATES, TOOLS, Rack
 from tests.system.zero_torque import measured, planned

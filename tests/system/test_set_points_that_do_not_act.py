@@ -21,7 +21,7 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import Hand, Piece
 from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of, shipped

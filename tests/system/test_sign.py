@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus import run
-from haptic_fieldbus.drive.mechanics import Mechanics, Stribeck, Weight
-from haptic_fieldbus.drive.rig import Permissions, Seen
+from haptic_fieldbus.drive.rig import Mechanics, Permissions, Seen, Stribeck, Weight
 from haptic_fieldbus.errors import PlanError, SafetyTripError
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.sign_probe import sign_probe
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults

@@ -16,8 +16,7 @@ from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.changed import changed
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
-from haptic_fieldbus.scenes.parameters import quantities
-from haptic_fieldbus.scenes.registry import ELEMENTS, kind_of
+from haptic_fieldbus.scenes.registry import ELEMENTS, kind_of, quantities
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.hand import HANDS, Hand, Piece, hand_named
 from tests.builders import endless_rig, scene_of

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from haptic_fieldbus.vcan import host
+from haptic_fieldbus.vcan import runner
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Link:
 
     @property
     def is_up(self) -> bool:
-        return host.is_up(self.name)
+        return runner.is_up(self.name)
 
     def down(self) -> None:
         """As when a cable is pulled; a test that may not do so here is skipped."""

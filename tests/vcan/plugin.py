@@ -60,10 +60,10 @@ class Vcan:
 
     def _on_host(self) -> bool:
         """Whether this kernel has the interfaces; those that it has to make are there until the end of the session."""
-        from haptic_fieldbus.vcan import host
+        from haptic_fieldbus.vcan import runner
 
         if self._host is None:
-            self._host = self._lent.enter_context(host.lent(INTERFACES))
+            self._host = self._lent.enter_context(runner.lent(INTERFACES))
             if not self._host:
                 self._lent.close()
         return self._host
@@ -71,10 +71,10 @@ class Vcan:
     def _from_guest(self, item: pytest.Item) -> Iterator[pytest.TestReport]:
         """Reports of a test; one that says why when it was not run."""
         from haptic_fieldbus.errors import VcanError
-        from haptic_fieldbus.vcan import needs
+        from haptic_fieldbus.vcan import guest
 
         try:
-            needs.require_guest()
+            guest.require_guest()
         except VcanError as error:
             yield not_run(item, "skipped", f"Skipped: {error}")
             return

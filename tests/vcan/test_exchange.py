@@ -9,9 +9,7 @@ import can
 import pytest
 
 from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
-from haptic_fieldbus.buses.canopen.ports import PythonCanPort
-from haptic_fieldbus.buses.canopen.socketcan import QUEUED_PERIODS, SocketCanPort
-from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.canopen.wire import QUEUED_PERIODS, PythonCanPort, SocketCanPort, Wire
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.errors import BusError
 from tests.vcan.links import Link

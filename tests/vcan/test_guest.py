@@ -12,7 +12,7 @@ from time import monotonic
 import pytest
 
 from haptic_fieldbus.errors import VcanError
-from haptic_fieldbus.vcan import needs
+from haptic_fieldbus.vcan import guest
 
 pytestmark = [
     pytest.mark.thorough("boots guest kernels"),
@@ -26,7 +26,7 @@ READS_LIKE_A_SHELL = 'it\'s "a" $HOME `b` *\\\n end'
 @pytest.fixture(autouse=True)
 def _needs() -> None:
     try:
-        needs.require_guest()
+        guest.require_guest()
     except VcanError as error:
         pytest.skip(str(error))
 
@@ -56,7 +56,7 @@ class Runner:
     def kernels(self) -> int:
         """Processes of guests of this runner that still are there."""
         lines = map(_read, Path("/proc").glob("[0-9]*/cmdline"))
-        return sum(needs.KERNEL.encode() in line and os.fsencode(self.folder) in line for line in lines)
+        return sum(guest.KERNEL.encode() in line and os.fsencode(self.folder) in line for line in lines)
 
 
 def _read(path: Path) -> bytes:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.vcan import host
+from haptic_fieldbus.vcan import runner
 from tests.vcan.links import Link
 
 pytestmark = [
@@ -18,28 +18,28 @@ pytestmark = [
 
 
 def exists(name: str) -> bool:
-    return (host.NET / name).exists()
+    return (runner.NET / name).exists()
 
 
 def test_what_is_there_stays_and_what_was_made_goes(vcan: Link) -> None:
-    with host.lent([vcan.name, "made0"]) as there:
+    with runner.lent([vcan.name, "made0"]) as there:
         if not there:
             pytest.skip("this user must not make interfaces")
-        assert host.is_up("made0")
+        assert runner.is_up("made0")
     assert not exists("made0")
     assert vcan.is_up
 
 
 def test_an_interface_that_was_down_is_down_again(vcan: Link) -> None:
     vcan.down()
-    with host.lent([vcan.name]) as there:
+    with runner.lent([vcan.name]) as there:
         assert there
         assert vcan.is_up
     assert not vcan.is_up
 
 
 def test_an_interface_that_is_no_vcan_is_not_lent() -> None:
-    with pytest.raises(UsageError, match='interface "lo" exists and is no vcan'), host.lent(["made0", "lo"]):
+    with pytest.raises(UsageError, match='interface "lo" exists and is no vcan'), runner.lent(["made0", "lo"]):
         pass
     assert not exists("made0")
 

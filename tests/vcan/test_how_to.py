@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.vcan import needs
+from haptic_fieldbus.vcan import guest
 
 TEXT = (Path(__file__).parents[2] / "docs" / "how-to" / "test_on_vcan.md").read_text()
 COMMANDS = re.findall(r"^haptic-fieldbus (.*)$", TEXT, re.MULTILINE)
@@ -28,4 +28,4 @@ def test_the_commands_work(command: str, shows: str, tmp_path: Path) -> None:
 
 
 def test_the_packages_are_those_that_are_asked_for() -> None:
-    assert f"apt-get install {' '.join(needs.PROGRAMS.values())} can-utils" in TEXT
+    assert f"apt-get install {' '.join(guest.PROGRAMS.values())} can-utils" in TEXT

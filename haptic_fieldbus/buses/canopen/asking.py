@@ -14,15 +14,14 @@ Reference: CiA 301 7.2.4.3.5, 7.2.4.3.6 (SDO upload).
 from collections.abc import Callable
 from struct import pack_into
 
-from haptic_fieldbus.buses.canopen.expedited import ABORTED, EXPEDITED, UPLOAD_DONE, address, request
-from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.canopen.node import ABORTED, EXPEDITED, UPLOAD_DONE, Node, address, request
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.protocols.canopen.beside import ASK_EVERY
-from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.traffic import answer_time
 
 LATEST = 2

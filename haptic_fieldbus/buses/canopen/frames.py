@@ -10,8 +10,7 @@ from struct import Struct
 from types import TracebackType
 from typing import Protocol, Self
 
-from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES, LogFile, cut_file
-from haptic_fieldbus.buses.writing import WritingProcess, pieces
+from haptic_fieldbus.buses.writing import FRAME_SUFFIXES, LogFile, WritingProcess, cut_file, pieces
 from haptic_fieldbus.protocols.canopen.pdo import worst_case_bits
 
 EXTENDED_FLAG = 0x8000_0000

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import chain, cycle, islice
 
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
-from haptic_fieldbus.buses.canopen.ports import Received
+from haptic_fieldbus.buses.canopen.wire import Received
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.beside import (

@@ -6,27 +6,109 @@ it had not been received, so that a node which repeats itself shows no sign of l
 Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, 7.2.8.3.2.1 node guarding, 7.2.8.3.2.2 heartbeat).
 """
 
+import queue
+from collections import deque
 from enum import IntEnum
 
 import canopen
+from canopen.sdo.client import SdoClient
+from canopen.sdo.constants import ABORT_GENERAL_ERROR, REQUEST_ABORTED
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
-from haptic_fieldbus.buses.canopen.ports import Received
-from haptic_fieldbus.buses.canopen.sdo_client import PumpedResponses, PumpedSdoClient, WireNetwork
-from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.canopen.wire import Received, Wire
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.protocols.canopen.cob_ids import (
-    EMCY_COB_ID,
-    NMT_COB_ID,
-    SDO_REQUEST_COB_ID,
-    SDO_RESPONSE_COB_ID,
-)
+from haptic_fieldbus.protocols.canopen.bus import EMCY_COB_ID, NMT_COB_ID, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.emergency import RESET_CLASS, emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.signals import LinkFlag
+
+# Expedited SDO requests as octets, for where an answer is not waited for.
+#
+# Reference: CiA 301 7.2.4.3.3 to 7.2.4.3.6.
+
+DOWNLOAD_DONE, UPLOAD_DONE, ABORTED = 3, 2, 4
+"""Specifiers of an SDO response, in the highest three bits of its first octet."""
+EXPEDITED = 0x02
+"""Bit in the first octet of an upload response: the value is in it."""
+
+
+def request(entry: ObjectEntry, value: int | None) -> bytes:
+    """Return the SDO request that downloads `value`, expedited, or uploads the entry when it is None."""
+    if value is None:
+        return bytes((0x40,)) + address(entry) + bytes(4)
+    data = entry.type.pack(value)
+    # Expedited, with its size: bits 2 and 3 count the octets that are not used.
+    return bytes((0x23 | (4 - len(data)) << 2,)) + address(entry) + data.ljust(4, b"\0")
+
+
+def address(entry: ObjectEntry) -> bytes:
+    """Return index and sub-index as they stand in requests and responses."""
+    return entry.object.to_bytes(2, "little") + bytes((entry.subindex,))
+
+
+# The SDO client of canopen, without its thread.
+#
+# canopen's SdoClient implements the SDO protocol. Its queue of responses is replaced by a queue that receives from the
+# wire itself, so that no thread is needed and all waiting is measured on our clock.
+#
+# Reference: CiA 301 7.2.4.3 (SDO protocols).
+
+NAMING = (UPLOAD_DONE, DOWNLOAD_DONE, ABORTED)
+"""Specifiers of the SDO responses that name their entry."""
+
+
+class PumpedResponses(queue.Queue[bytes]):
+    """Response queue of an SdoClient; `get` receives from the wire until a response is there or the time is over."""
+
+    def __init__(self, wire: Wire) -> None:
+        super().__init__()
+        self._wire = wire
+        self._responses: deque[bytes] = deque()
+        self.entry: ObjectEntry | None = None
+        """What is asked for at present."""
+
+    def put(self, item: bytes, block: bool = True, timeout: float | None = None) -> None:
+        """Take a response; one to an earlier request, which came too late for it, names another entry."""
+        named = item[0] >> 5 in NAMING and any(item[1:4])
+        if self.entry is None or not named or item[1:4] == address(self.entry):
+            self._responses.append(item)
+
+    def empty(self) -> bool:
+        """Drop responses to earlier requests, and return True.
+
+        SdoClient calls this before each request, and replaces a queue that is not empty by an ordinary one.
+        """
+        self._responses.clear()
+        return True
+
+    def get(self, block: bool = True, timeout: float | None = None) -> bytes:
+        deadline_ns = self._wire.clock.now_ns() + round((timeout or 0.0) * 1e9)
+        while not self._responses:
+            if not self._wire.pump(deadline_ns):
+                raise queue.Empty
+        return self._responses.popleft()
+
+
+class PumpedSdoClient(SdoClient):
+    """SdoClient that aborts without a log entry, since an exception with the same message follows."""
+
+    def abort(self, abort_code: int = ABORT_GENERAL_ERROR) -> None:
+        self.send_request(bytes((REQUEST_ABORTED, 0, 0, 0)) + abort_code.to_bytes(4, "little"))  # type: ignore[no-untyped-call]
+
+
+class WireNetwork(canopen.Network):
+    """The network that SdoClient sends through: our wire."""
+
+    def __init__(self, wire: Wire) -> None:
+        super().__init__()
+        self._wire = wire
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        self._wire.send(can_id, bytes(data))
+
 
 SDO_TIMEOUT = 0.3
 """[s]."""

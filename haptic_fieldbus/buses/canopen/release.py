@@ -21,14 +21,13 @@ Reference: CiA 301 7.2.4.3 (SDO protocols), 7.2.8.3 (NMT); IEC 61800-7-201 (CiA 
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from haptic_fieldbus.buses.canopen.expedited import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, address, request
 from haptic_fieldbus.buses.canopen.link import Link
-from haptic_fieldbus.buses.canopen.node import NmtState, Node
+from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, NmtState, Node, address, request
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED
-from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 SLICE = 0.002

@@ -14,10 +14,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TypeVar
 
-from haptic_fieldbus.buses.canopen.expedited import request
-from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster, frame_words
-from haptic_fieldbus.buses.canopen.listening import Heard, listen
-from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Node, nmt_state_name
+from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, Heard, OneMaster, frame_words, listen
+from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Node, nmt_state_name, request
 from haptic_fieldbus.buses.canopen.setup import (
     DEVICE_TYPE,
     DRIVE_PROFILE,
@@ -33,12 +31,11 @@ from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.protocols.canopen.beside import GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
-from haptic_fieldbus.protocols.canopen.bus import NODES
-from haptic_fieldbus.protocols.canopen.cob_ids import FROM_A_NODE, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
-from haptic_fieldbus.protocols.canopen.matching import Sureness, fitting
+from haptic_fieldbus.protocols.canopen.bus import FROM_A_NODE, NODES, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.canopen.eds_values import PER_AXIS, axes_words
+from haptic_fieldbus.protocols.canopen.fitting import Sureness, fitting
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.canopen.vendor.values import PER_AXIS, axes_words
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 

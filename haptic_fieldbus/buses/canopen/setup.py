@@ -6,28 +6,223 @@ part of the configuration: a drive that does not confirm it is not started.
 Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6007h, 6060h, 6061h, 605Eh.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
-from haptic_fieldbus.buses.canopen.mapping import map_pdos
 from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
-from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
-from haptic_fieldbus.buses.torque_limits import TorqueLimits
+from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
-from haptic_fieldbus.drive.identity import Identity, known_number
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.objects import DataType, Identity, ObjectEntry, known_number
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.profile import STANDARD
+from haptic_fieldbus.drive.rig import COUNTS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.protocols.canopen.beside import MODE, SHAFT_BRAKES, reactions
-from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID
+from haptic_fieldbus.planning.deadlines import first_enabling
+from haptic_fieldbus.protocols.canopen.beside import MODE, SHAFT_BRAKES, period_objects, reactions
+from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
+from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, ShownObject
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
+
+# Preparation of a drive beyond what all drives need: values that its profile asks for, and what its tool has set.
+#
+# What is written is read back. A value that is there already is not written, so that a constant that is right is no
+# fault. Nothing is stored: 1010h is never written, and a drive that is switched off forgets all of it.
+
+ENCODER_RESOLUTION = tuple(ObjectEntry(0x608F, DataType.UINT32, subindex) for subindex in (1, 2))
+"""Position encoder resolution of CiA 402-2: increments, and the revolutions of the motor for which they are."""
+MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
+"""Object of CiA 402-2; some drives have it in a unit of their own."""
+
+
+def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
+    """Make the drive hold what its profile needs before the mode is set, and the period; raises BusError."""
+    for each in profile.setup.writes:
+        ensure(node, each.entry, each.value)
+    for entry, value in period_objects(profile, rate):
+        ensure(node, entry, value)
+    slope = profile.torque.slope
+    if slope is not None:
+        ensure(node, slope.entry, slope.value)
+
+
+def ensure(node: Node, entry: ObjectEntry, value: int) -> None:
+    """Write an entry unless it has this value already, and read it back; raises BusError."""
+    if node.read(entry) != value:
+        node.write(entry, value)
+
+
+def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence with what the vendor's tool has set, and one for a commutation search.
+
+    Raises BusConfigurationError when a value is missing without which torque means nothing, or when the rated current,
+    by which every command is scaled, is not that of the rig.
+    """
+    section = profile.commissioning
+    shown: list[str] = []
+    told = list(_left_out(profile))
+    for each in section.shown:
+        value = node.optional(each.entry)
+        if each.needed and not value:
+            raise BusConfigurationError(
+                f"{node.label}: {each.name} ({each.entry.object:04X}h:{each.entry.subindex:02X}) is not set, so the "
+                f"drive does not know its motor. Commission it with {section.tool or 'the tool of its vendor'} first"
+            )
+        if value is not None:
+            shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
+            told.extend(_slower(node, each, value, axis))
+    if profile.torque.rated_current is not None:
+        _check_rated_current(node, profile.torque.rated_current.entry, axis)
+    told.extend(_other_counts(node, profile, axis))
+    if shown:
+        yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
+    yield from told
+    warning = first_enabling(profile)
+    if warning:
+        yield warning
+
+
+def _left_out(profile: CanopenProfile) -> Iterator[str]:
+    """Yield a sentence with what a profile of no particular drive names and this drive lacks."""
+    lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
+    if lacking:
+        yield f"{profile.title} is a profile of no particular drive, and this one has no {', no '.join(lacking)}"
+
+
+def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence when the drive's max motor speed is below the speed at which the run ends.
+
+    What a drive does there is not laid down for torque modes: it may take torque away, or fault.
+    """
+    if shown.object != MAX_MOTOR_SPEED or shown.unit != MOTOR_SPEED_UNIT:
+        return
+    allowed = value * 2.0 * math.pi / 60.0 * axis.rig.mechanism.ratio
+    limit, unit = axis.limits.speed, f"{axis.workspace.length_unit}/s"
+    if allowed < limit:
+        yield (
+            f"{node.label}: its {shown.name} of {value} {shown.unit} (6080h) is {rounded(allowed)} {unit} at "
+            f"the handle, below the {exactly(limit)} {unit} at which the run ends, so the drive may take torque "
+            f"away or fault before that. Raise it with the drive's tool, or lower axis.{axis.name}.limits.speed"
+        )
+
+
+def _other_counts(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence when the drive tells another encoder than the rig (CiA 402-2, 608Fh).
+
+    It is no refusal, because the factor group of a drive may scale its position besides.
+    """
+    if profile.position is None or profile.position.actual.unit != COUNTS:
+        return
+    increments, revolutions = (node.optional(each) for each in ENCODER_RESOLUTION)
+    if not increments or not revolutions:
+        return
+    counts, expected = increments / revolutions, axis.rig.encoder_counts_per_revolution
+    if abs(counts - expected) > 0.5:
+        hint = ". Are the counts in the rig lines?" if round(counts) == 4 * expected else ""
+        yield (
+            f"{node.label}: its encoder has {exactly(counts)} counts in a revolution (608Fh), the rig says {expected} "
+            f"(axis.{axis.name}.encoder_counts_per_revolution): positions, speeds and stiffnesses would be off by a "
+            f"factor of {rounded(counts / expected)}, unless the drive scales its position{hint}"
+        )
+
+
+def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> float | None:
+    """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object.
+
+    Raises BusError, BusConfigurationError when it is not that of the rig.
+    """
+    mapped = profile.torque.rated
+    if mapped is None:
+        return None
+    rated = rated_torque(profile.title, str(mapped.entry), mapped.unit, node.read(mapped.entry))
+    check_rating(node.label, axis, str(mapped.entry), "torque", rated, axis.rig.rated_torque, "N·m")
+    return rated
+
+
+def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
+    held = node.read(entry) * 1e-3
+    check_rating(node.label, axis, str(entry), "current", held, axis.rig.rated_current, "A")
+
+
+# The PDOs of one drive, configured by SDO: those that the plan uses are mapped and switched on, the others are off.
+#
+# A mapping that is fixed in the drive is read and compared instead of written, and of the other parameters of its PDO
+# only those are written that differ.
+#
+# Reference: CiA 301 7.5.2.35 to 38 (PDO communication and mapping parameters).
+
+COB_ID_INVALID = 0x8000_0000
+"""Bit 31 of a PDO's COB-ID: the PDO is switched off."""
+COB_ID_NO_RTR = 0x4000_0000
+"""Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
+
+
+def map_pdos(node: Node, member: BusMember) -> None:
+    """Switch all PDOs of a drive off, and map and switch on those that it exchanges; raises BusError."""
+    for direction, pdos in ((Direction.TPDO, member.traffic.tpdos), (Direction.RPDO, member.traffic.rpdos)):
+        used = {pdo.number: pdo for pdo in pdos}
+        # In the order of the numbers: a PDO beyond the fourth takes the COB-ID of one that is off by then.
+        for number, room in sorted(member.profile.pdo.room(direction).items()):
+            # A PDO without room for a mapping may not be there at all.
+            cob_id = _switch_off(node, direction, number, node.read if room else node.optional)
+            if number in used:
+                _map(node, used[number], cob_id, inhibited=bool(member.profile.pdo.inhibit_time_default))
+
+
+def _switch_off(node: Node, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
+    """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
+    entry = _communication(direction, number, DataType.UINT32, 1)
+    cob_id = COB_ID_INVALID if (held := read(entry)) is None else held
+    if not cob_id & COB_ID_INVALID:
+        cob_id |= COB_ID_INVALID
+        node.write(entry, cob_id)
+    return cob_id
+
+
+def _map(node: Node, pdo: Pdo, cob_id: int, *, inhibited: bool) -> None:
+    """Map a PDO in the order of CiA 301 7.5.2: invalid (done), no entries, entries, their number, type, valid."""
+    if pdo.fixed:
+        _check_fixed(node, pdo)
+    else:
+        node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), 0)
+        for subindex, entry in enumerate(pdo.entries, start=1):
+            node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
+        node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
+    write = partial(ensure, node) if pdo.fixed else node.write
+    write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
+    # By CiA 301 an inhibit time does not delay a synchronous TPDO; not every drive is known to keep to it.
+    if pdo.direction is Direction.TPDO and (not pdo.synchronous or inhibited):
+        write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
+    valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
+    node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
+
+
+def _check_fixed(node: Node, pdo: Pdo) -> None:
+    """Raise BusConfigurationError when the drive maps otherwise than its profile says."""
+    count = node.read(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0))
+    places = [ObjectEntry(pdo.mapping_index, DataType.UINT32, each) for each in range(1, count + 1)]
+    held, said = [node.read(place) for place in places], [entry.mapping for entry in pdo.entries]
+    if held != said:
+        raise BusConfigurationError(
+            f"{node.label}: {pdo.mapping_index:04X}h maps {_mappings(held)} into {pdo.name}; the profile says "
+            f"{_mappings(said)}. Correct pdo.{pdo.direction.value.lower()}_fixed in the profile"
+        )
+
+
+def _mappings(values: Sequence[int]) -> str:
+    return ", ".join(f"{value:08X}h" for value in values) or "nothing"
+
+
+def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:
+    return ObjectEntry((0x1800 if direction is Direction.TPDO else 0x1400) + number - 1, kind, subindex)
+
 
 DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
 SYNC_ID = ObjectEntry(0x1005, DataType.UINT32)

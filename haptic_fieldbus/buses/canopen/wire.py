@@ -4,18 +4,209 @@ There is no Notifier and no thread. A caller that waits for a frame receives by 
 clock that was handed in, so that virtual time stays deterministic. Configuration and loop share this path.
 """
 
+import errno
+import select
+import socket
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from struct import Struct, pack
+from typing import Protocol
+from uuid import uuid4
 
 import can
 
-from haptic_fieldbus.buses.canopen.error_frames import ErrorFrames
-from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, FrameLog, frame_bits
-from haptic_fieldbus.buses.canopen.ports import OURS, CanPort, PythonCanPort
-from haptic_fieldbus.buses.canopen.socketcan import SocketCanPort, is_socketcan
+from haptic_fieldbus.buses.canopen.errors import FOREIGN, TOLD, ErrorFrames, is_queue_full, translate
+from haptic_fieldbus.buses.canopen.frames import (
+    CAN_ID_MASK,
+    ERROR_FLAG,
+    EXTENDED_FLAG,
+    REMOTE_FLAG,
+    FrameLog,
+    frame_bits,
+)
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
+
+# A port to one CAN bus: frames as CAN-ID and data, over any interface of python-can.
+#
+# A CAN-ID holds the identifier, and the flags of linux/can.h for extended, remote and error frames, so that no handler
+# of a data frame ever gets one of those. The data of a remote frame is as many octets as it asks for.
+#
+# Our own frames, when an interface gives them back, come as `OURS`. Most interfaces mark them (`is_rx`). One that
+# echoes without a mark gets one from us. On SocketCAN `is_rx` says another thing, that a frame comes from a process of
+# this computer; there `SocketCanPort` takes the place of this one.
+
+Received = tuple[int, bytes | bytearray]
+"""CAN-ID with its flags, and data."""
+OURS: Received = (0, b"")
+"""What stands for a frame of our own; compared by identity."""
+
+
+class CanPort(Protocol):
+    """Sends and receives in the calling thread. Each method may raise what python-can or the system raises."""
+
+    def send(self, can_id: int, data: bytes | bytearray) -> None:
+        """Send a frame, or raise; it never waits for room in the transmit queue."""
+
+    def receive(self, seconds: float) -> Received | None:
+        """Return a frame, after waiting this long [s] at most; None when none came."""
+
+    def arrived_ns(self, earliest_ns: int) -> int | None:
+        """Return the instant on our clock at which the last frame arrived, `earliest_ns` or later; None if unknown."""
+
+    def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
+        """Let only frames with these CAN-IDs, and error frames that matter, wake us; None: all frames.
+
+        `frames` is the number that we send each period; old ones beyond a few periods are refused, not queued.
+        """
+
+
+class PythonCanPort:
+    """Any interface of python-can; with `marks`, of one that gives back our frames without saying so.
+
+    python-can's UDP datagrams pass on the channel of a frame, which means nothing there. To count what was sent would
+    not do, because a lost echo would excuse the same frame of somebody else.
+    """
+
+    def __init__(self, can_bus: can.BusABC, *, marks: bool = False) -> None:
+        self._bus = can_bus
+        self._mark = uuid4().hex if marks else None
+        self.stamp = 0.0
+        """Time stamp of the last frame [s], by whatever clock its interface has."""
+
+    def send(self, can_id: int, data: bytes | bytearray) -> None:
+        remote = bool(can_id & REMOTE_FLAG)
+        message = can.Message(
+            arbitration_id=can_id & CAN_ID_MASK,
+            data=None if remote else data,
+            dlc=len(data),
+            is_remote_frame=remote,
+            is_extended_id=bool(can_id & EXTENDED_FLAG),
+            channel=self._mark,
+        )
+        self._bus.send(message)
+
+    def receive(self, seconds: float) -> Received | None:
+        message = self._bus.recv(seconds)
+        if message is None:
+            return None
+        self.stamp = message.timestamp
+        if not message.is_rx or (self._mark is not None and message.channel == self._mark):
+            return OURS
+        if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
+            return message.arbitration_id, message.data
+        data = bytes(message.dlc) if message.is_remote_frame else message.data
+        return message.arbitration_id | _flags(message), data
+
+    def arrived_ns(self, earliest_ns: int) -> int | None:
+        """Return None: the time stamps of interfaces come from many clocks."""
+        return None
+
+    def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
+        """Do nothing: python-can's own filter would cost more than the look-up of a handler."""
+
+
+def _flags(message: can.Message) -> int:
+    return (
+        (EXTENDED_FLAG if message.is_extended_id else 0)
+        | (REMOTE_FLAG if message.is_remote_frame else 0)
+        | (ERROR_FLAG if message.is_error_frame else 0)
+    )
+
+
+# The socket of a SocketCAN interface, used without python-can's messages in between.
+#
+# python-can opens and closes the socket. A frame is 16 octets in both directions (`struct can_frame` of linux/can.h):
+# CAN-ID with its flags, length, three octets of padding, eight octets of data. A frame costs one system call to send,
+# and two to wait for and receive.
+#
+# - *Filters.* In the loop the kernel wakes us for frames that have a handler, and for the error frames that tell the
+#   state of the controller. A bus full of frames for others costs nothing then.
+# - *Latest value wins.* The kernel queues frames while the bus is busy, up to the length of its transmit queue. What
+#   waits there is old when it goes out. Therefore room for a few periods of our frames is all that our socket asks for;
+#   beyond that a frame is refused, and the next period sends a newer one.
+# - *Time stamps.* The kernel stamps a frame as it arrives, by CLOCK_REALTIME, which may be set at any time. The stamp
+#   becomes an age by that clock, and the age an instant on ours; it must lie between the moment at which the socket was
+#   last seen empty and now, else one of these is taken.
+#
+# Reference: Linux, Documentation/networking/can.rst, sections "RAW protocol sockets" and "Timestamps".
+
+FRAME = Struct("=IB3x8s")
+"""`struct can_frame`."""
+EXACTLY = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF
+"""Mask of a filter that takes one CAN-ID of 11 bits, flags included."""
+TIMESPEC = Struct("@ll")
+MOST_FILTERS = 512
+"""Number that the kernel takes (CAN_RAW_FILTER_MAX)."""
+STAMP_SIZE = 64
+"""Room for the control message with a time stamp, in octets."""
+QUEUED_PERIODS = 4
+"""Periods whose frames may wait in the transmit queue. Slow adapters confirm a frame some milliseconds after it."""
+FRAME_COST = 768
+"""What the kernel charges to the send buffer for a frame that waits, in octets; it doubles what one asks for."""
+CAN_RAW_ERR_FILTER, ALL_ERRORS = 2, 0x1FFF_FFFF
+"""Option of the socket (linux/can/raw.h), which Python does not name, and its value for all error frames."""
+
+
+def is_socketcan(can_bus: can.BusABC) -> bool:
+    """Whether a bus of python-can is one SocketCAN interface, whose socket can be used."""
+    family = getattr(getattr(can_bus, "socket", None), "family", None)
+    return family is not None and family == getattr(socket, "AF_CAN", None) and bool(getattr(can_bus, "channel", ""))
+
+
+class SocketCanPort:
+    """A port on an open socket, which stays the property of its python-can bus."""
+
+    def __init__(self, opened: socket.socket, clock: Clock) -> None:
+        self._socket, self._clock = opened, clock
+        self._send, self._receive = opened.send, opened.recvmsg_into
+        self._sockets = (opened,)
+        self._buffer = bytearray(FRAME.size)
+        self._buffers = (self._buffer,)
+        self._unwanted = socket.MSG_TRUNC | getattr(socket, "MSG_CONFIRM", 0)
+        """Flags of a frame that is none of CAN 2.0, and of one of our own."""
+        self._ancillary: list[tuple[int, int, bytes]] = []
+
+    def send(self, can_id: int, data: bytes | bytearray) -> None:
+        try:
+            self._send(FRAME.pack(can_id, len(data), data), socket.MSG_DONTWAIT)
+        except BlockingIOError as full:  # our part of the queue is full, see `focus`
+            raise OSError(errno.ENOBUFS, "our share of the transmit queue is full") from full
+
+    def receive(self, seconds: float) -> Received | None:
+        if seconds > 0.0 and not select.select(self._sockets, (), (), seconds)[0]:
+            return None
+        try:
+            _, self._ancillary, flags, _ = self._receive(self._buffers, STAMP_SIZE, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return None
+        if flags & self._unwanted:
+            return OURS
+        can_id, length, data = FRAME.unpack_from(self._buffer)
+        return can_id, data[:length]  # of a remote frame, zeros
+
+    def arrived_ns(self, earliest_ns: int) -> int | None:
+        stamp = self._ancillary[0][2] if self._ancillary else b""
+        if len(stamp) != TIMESPEC.size:
+            return None
+        seconds, nanoseconds = TIMESPEC.unpack(stamp)
+        age_ns: int = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+        now_ns = self._clock.now_ns()
+        return min(now_ns, max(now_ns - age_ns, earliest_ns))
+
+    def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
+        if can_ids is None or len(can_ids) > MOST_FILTERS:
+            self._filter(pack("=II", 0, 0), ALL_ERRORS)
+            return
+        wanted = sorted(can_id for can_id in can_ids if not can_id & EXTENDED_FLAG)
+        self._filter(b"".join(pack("=II", can_id, EXACTLY) for can_id in wanted), TOLD)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, QUEUED_PERIODS * frames * FRAME_COST // 2)
+
+    def _filter(self, filters: bytes, errors: int) -> None:
+        self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
+        self._socket.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, errors)
+
 
 Handler = Callable[[bytes | bytearray], None]
 Tap = Callable[[int, bytes | bytearray], None]

@@ -1,31 +1,299 @@
 """Opening Modbus lines, and the questions to a unit that come before a plan."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.buses.access import BusAccess
-from haptic_fieldbus.buses.found import Check, Scan
-from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES
-from haptic_fieldbus.buses.modbus.adapter import adapter_checks, round_trip_checks
-from haptic_fieldbus.buses.modbus.foreign import listen
-from haptic_fieldbus.buses.modbus.looking import UnitLook
+from haptic_fieldbus.buses.found import Check, FoundNode, Glimpse, Scan, timing_checks
+from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
+from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
-from haptic_fieldbus.buses.modbus.opening import open_line
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.scanning import scan_line
-from haptic_fieldbus.buses.modbus.unit import UnitClient
-from haptic_fieldbus.buses.rating import rated_torque
+from haptic_fieldbus.buses.modbus.set_up import ADVICE, FAULTS
+from haptic_fieldbus.buses.modbus.transport import SerialTransport, TcpTransport, Transport
+from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
+from haptic_fieldbus.buses.torque_limits import rated_torque
+from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
+from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
-from haptic_fieldbus.errors import BusError, DocumentError, ForeignMasterError, UsageError
-from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.protocols.folders import known_names
+from haptic_fieldbus.errors import (
+    BusConfigurationError,
+    BusError,
+    BusTimeoutError,
+    DocumentError,
+    ForeignMasterError,
+    UsageError,
+)
+from haptic_fieldbus.protocols.catalogue import known_names, load_profile
+from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section
 from haptic_fieldbus.protocols.modbus.layout import characters, line_of
-from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
+from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register, modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
+from haptic_fieldbus.signals import Signal
+
+# Checks of a Modbus line: the rights to a serial port, its latency timer, and the way to a unit and back.
+
+QUESTIONS = 200
+ANSWER_NS = 100_000_000
+SLOW = {
+    True: "the adapter holds octets back, or the drive answers late: see usb_latency_timer, and the drive's own delay",
+    False: "the network or the drive answers late: connect the drive to this computer by a cable of its own",
+}
+"""Whether the line is a serial one → what to do about answers that come late."""
+
+
+def adapter_checks(section: ModbusSection, root: Path = SYS) -> Iterator[Check]:
+    """Yield the checks of the adapter, from what the system tells of it."""
+    if not section.serial:
+        yield Check("usb_latency_timer", None, "none, the line is a network")
+        return
+    yield _access(section.channel)
+    yield latency_timer(section.channel, root)
+
+
+def _access(device: str) -> Check:
+    """Check that this user may read and write the serial port."""
+    if not Path(device).exists():
+        return Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
+    if os.access(device, os.R_OK | os.W_OK):
+        return Check("serial_access", True, f"{device} may be read and written")
+    advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in anew"
+    return Check("serial_access", False, f"{device} may not be opened", advice)
+
+
+def round_trip_checks(
+    requester: Requester, unit: UnitClient, profile: ModbusProfile, rate: float
+) -> tuple[Check, Check]:
+    """Ask for the status many times, and check the round trip and its jitter for a loop of this rate [Hz].
+
+    Raises BusError when the line is dead.
+    """
+    times: list[float] = []
+    for _ in range(QUESTIONS):
+        requester.ask(unit.reading(profile.power.status))
+        if requester.answer(requester.sent_ns + ANSWER_NS) is not None:
+            times.append((requester.arrived_ns - requester.sent_ns) * 1e-9)
+        elif not times:
+            break  # a unit that is not there
+        requester.forget()
+    serial = requester.transport.serial
+    return timing_checks(f"unit {unit.id}", times, QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial])
+
+
+# Looking at drives without touching them: their registers are read, and nothing is written.
+#
+# Reading feeds no watchdog, but it takes the line: as soon as octets come on a serial line that nobody here asked for,
+# somebody else uses it, and nothing more is asked. On TCP another master is not disturbed.
+
+SHOWN = (Signal.STATUSWORD, Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTUAL)
+"""Signals that are read where the drive offers them."""
+ANSWER_TIMEOUT = 0.1
+"""Time for which an answer is waited for [s]: a drive that is gone must not hold up the look at another."""
+
+
+Drive = tuple[int, ModbusProfile, PowerTable]
+"""Unit id, profile, and the table of its power states."""
+
+
+class UnitLook:
+    """A look at the drives of one line; it listens before it sends anything. Raises BusError."""
+
+    def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
+        self.masters = ""
+        self._requester = requester
+        self._drives = {
+            axis: (UnitClient(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile, power)
+            for axis, (unit, profile, power) in drives.items()
+        }
+        try:
+            self.listened = listen(requester, seconds)
+        except ForeignMasterError as error:
+            self.listened = self.masters = str(error)
+
+    def look(self) -> dict[str, Glimpse]:
+        """Return what each drive says now; raises BusError when the line is dead."""
+        return {axis: self._look_at(*drive) for axis, drive in self._drives.items()}
+
+    def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> Glimpse:
+        requester = self._requester
+        if requester.transport.serial and requester.unasked and not self.masters:
+            self.masters = f"somebody else uses {requester.name}: octets came that nobody here asked for"
+        now_ns = requester.clock.now_ns
+        if self.masters:
+            return Glimpse(now_ns(), note="not asked")
+        began_ns = t_ns = now_ns()
+        values: dict[Signal, int] = {}
+        notes: list[str] = []
+        for signal, register in profile.registers().items():
+            if signal not in SHOWN:
+                continue
+            try:
+                values[signal] = unit.read(register, ANSWER_TIMEOUT, 1)
+            except BusTimeoutError as error:
+                advice = "" if values else f"; {ADVICE[requester.transport.serial]}"
+                age = (now_ns() - began_ns) * 1e-9 if values else None
+                return Glimpse(t_ns, values, age, note=f"{error}{advice}")
+            except BusConfigurationError as error:
+                notes.append(str(error))
+            if signal is Signal.POSITION:
+                t_ns = requester.arrived_ns
+        code = _error_code(unit, profile, power, values)
+        return Glimpse(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))
+
+
+def _error_code(
+    unit: UnitClient, profile: ModbusProfile, power: PowerTable, values: Mapping[Signal, int]
+) -> int | None:
+    """Return the code of the fault that a drive is in; None where it has no register for it."""
+    if power.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS or profile.power.error is None:
+        return None
+    try:
+        return unit.read(profile.power.error, ANSWER_TIMEOUT, 1)
+    except (RefusedError, BusTimeoutError):
+        return None
+
+
+# Opening the line of a rig: a connection or a serial port.
+
+
+def open_line(section: ModbusSection, clock: Clock) -> Transport:
+    """Open a real line; raises BusError when it cannot be opened, UsageError for one that is simulated."""
+    name = f"{section.interface}:{section.channel}"
+    if section.simulated:
+        raise UsageError(f"{section.interface} exists in a simulated run alone; real are modbus-tcp and modbus-rtu")
+    if not section.serial:
+        return TcpTransport(name, section.address, clock)
+    return SerialTransport(name, section.channel, clock)
+
+
+# Finding units by reading alone: only those that somebody names are asked.
+#
+# A unit that answers is there, be it with an exception. Modbus has no registers that all devices share, so what is read
+# are the registers of the known profiles: a profile fits when the unit has all of them, and the values that tell its
+# model are those of the profile. Where a profile names no such values, the unit must lack a register between those of
+# the profile: a server that has every register would fit each profile.
+#
+# Reference: Modbus application protocol 1.1b3, 6.3 and 7.
+
+THERE_NS = 200_000_000
+"""Time that a unit has for its first answer [ns]."""
+GAPS_TRIED = 3
+"""Gaps between the registers of a profile of which one register is read."""
+NO_PROFILE = "no profile fits: it lacks registers of each, or is another model"
+
+
+def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[ModbusProfile]) -> Scan:
+    """Ask these units who they are; `profiles` are those that may fit. Raises BusError."""
+    try:
+        listened = listen(requester)
+    except ForeignMasterError as error:
+        return Scan(requester.name, (), str(error), f"{error}; nothing was asked")
+    asked = sorted(set(units))
+    found = [_found(requester, unit, profiles) for unit in asked if _answers(requester, unit)]
+    told = f"Asked: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
+    return Scan(requester.name, tuple(found), f"{listened}. {told}")
+
+
+def _answers(requester: Requester, unit: int) -> bool:
+    requester.ask(Question(unit, READ_HOLDING, 0, 1))
+    answer = requester.answer(requester.clock.now_ns() + THERE_NS)
+    if answer is None:
+        requester.forget()
+    return answer is not None
+
+
+def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode:
+    """Ask a unit that is there for the registers of the profiles."""
+    fitting = [profile for profile in profiles if _fits(_unit(requester, number, profile), profile)]
+    usable = [profile for profile in fitting if profile.drive.usable]
+    # One that is known by its values comes before one that is known by its registers alone.
+    best = next((profile for profile in usable if _tells(profile)), None)
+    best = best or next((each for each in usable if _lacks_others(_unit(requester, number, each), each)), None)
+    if best is None:
+        return FoundNode(number, sure=_why_none(fitting))
+    unit = _unit(requester, number, best)
+    known = {each.name: unit.read(each) for each in best.identity}
+    also = ", ".join(_named(profile) for profile in fitting if profile is not best)
+    return FoundNode(
+        number,
+        known.get("vendor"),
+        known.get("product code"),
+        known.get("revision"),
+        None if best.serial is None else unit.read(best.serial),
+        profile=best.name,
+        sure=_sure(best) + (f"; {also} would fit as well" if also else ""),
+        power_state=_power(best).state(unit.read(best.power.status)).value,
+    )
+
+
+def _why_none(fitting: Sequence[ModbusProfile]) -> str:
+    """Return why no profile is proposed, with those whose registers the unit has."""
+    if not fitting:
+        return NO_PROFILE
+    has = f"no profile is proposed: it has the registers of {', '.join(map(_named, fitting))}"
+    if not any(profile.drive.usable for profile in fitting):
+        return has
+    return (
+        f"{has}, but others between them too, as a server of any kind may have. If you know the drive, name its "
+        "profile with --drive"
+    )
+
+
+def _named(profile: ModbusProfile) -> str:
+    return profile.name if profile.drive.usable else f"{profile.name} (cannot render force)"
+
+
+def _lacks_others(unit: UnitClient, profile: ModbusProfile) -> bool:
+    """Return whether a unit refuses a register between those of a profile, as one does that has no others."""
+    taken = sorted((each.address, each.address + each.count) for each in profile.registers().values())
+    gaps = [(end, begin) for (_, end), (begin, _) in pairwise(taken) if begin > end]
+    widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:GAPS_TRIED]
+    middles = [Register((end + begin) // 2, DataType.UINT16) for end, begin in widest]
+    return any(not _readable(unit, register) for register in middles)
+
+
+def _unit(requester: Requester, number: int, profile: ModbusProfile) -> UnitClient:
+    return UnitClient(requester, number, f"unit {number}", profile.line)
+
+
+def _power(profile: ModbusProfile) -> PowerTable:
+    return CIA402 if profile.power.table == "cia402" else PowerTable(profile.power.rows, profile.power.off)
+
+
+def _tells(profile: ModbusProfile) -> bool:
+    """Whether the profile names values by which its model is known."""
+    return any(each.values for each in profile.identity)
+
+
+def _sure(profile: ModbusProfile) -> str:
+    if _tells(profile):
+        return "likely: the values that tell its model are those of the profile"
+    return "no more than a guess: it has the registers of the profile, and not those between them"
+
+
+def _fits(unit: UnitClient, profile: ModbusProfile) -> bool:
+    """Whether a unit has the registers of a profile, with the values that tell its model."""
+    read = [register for signal, register in profile.registers().items() if signal is not Signal.CONTROLWORD]
+    try:
+        models = all(not each.values or unit.read(each) in each.values for each in profile.identity)
+        return models and all(_readable(unit, register) for register in read)
+    except (BusTimeoutError, RefusedError):
+        return False
+
+
+def _readable(unit: UnitClient, register: Register) -> bool:
+    try:
+        return unit.optional(register) is not None
+    except BusConfigurationError:
+        return False
 
 
 class ModbusAccess(BusAccess):

@@ -23,34 +23,81 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over seria
 from collections.abc import Iterator
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
-from haptic_fieldbus.buses.modbus.acknowledging import acknowledge
-from haptic_fieldbus.buses.modbus.exchange import Turns
-from haptic_fieldbus.buses.modbus.foreign import listen
+from haptic_fieldbus.buses.modbus.exchange import Turns, listen
 from haptic_fieldbus.buses.modbus.framing import Question
-from haptic_fieldbus.buses.modbus.link import Reading, TargetReading, UnitLink, offsets_of, times_of, traffic_of
-from haptic_fieldbus.buses.modbus.parting import UnitParting
-from haptic_fieldbus.buses.modbus.registers import from_words
-from haptic_fieldbus.buses.modbus.release import LineRelease
+from haptic_fieldbus.buses.modbus.link import (
+    Reading,
+    StoredSetPoint,
+    TargetReading,
+    UnitLink,
+    offsets_of,
+    times_of,
+    traffic_of,
+)
+from haptic_fieldbus.buses.modbus.release import LineRelease, UnitParting
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
-from haptic_fieldbus.buses.modbus.set_up import SetUp
+from haptic_fieldbus.buses.modbus.set_up import FAULTS, POLL_NS, SetUp
 from haptic_fieldbus.buses.modbus.transport import Transport
-from haptic_fieldbus.buses.modbus.unit import UnitClient
-from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
+from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.numerals import in_unit
+from haptic_fieldbus.drive.power import PowerTable
+from haptic_fieldbus.errors import DriveFaultError
+from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
+from haptic_fieldbus.planning.limits import effort_step
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.scales import effort_step
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.register_traffic import Transaction, read_back_signals
-from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
+from haptic_fieldbus.protocols.modbus.register_traffic import Block, RegisterRequest, Transaction, read_back_signals
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
+
+# Clearing of the fault into which a drive goes when it has lost its master, after its guard was proved.
+#
+# Nothing else clears a fault, and this one only by the code that the profile names for it: a fault that came for
+# another reason in the same time stays, and is told.
+#
+# Reference: IEC 61800-7-201 (CiA 402-2), 6040h bit 7.
+
+NO_CODE = 0
+FAULT_RESET = 0x80
+"""Controlword of CiA 402; its bit 7 acts when it rises."""
+CLEARED_WITHIN = 0.5
+"""Time that a drive has to leave *fault* [s]."""
+
+
+def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
+    """Clear the fault of a drive that lost its master; raises DriveFaultError for another fault, or BusError."""
+    status, command = profile.power.status, profile.power.command
+    if power.state(unit.read(status)) not in FAULTS:
+        return
+    code = NO_CODE if profile.power.error is None else unit.optional(profile.power.error) or NO_CODE
+    expected = None if profile.watchdog is None else profile.watchdog.fault
+    if expected is not None and code not in (expected, NO_CODE):
+        raise DriveFaultError(
+            f"{unit.label} went to fault while it was left alone, and not because it lost its master: error code "
+            f"{code:04X}h. Nothing was cleared"
+        )
+    reset = FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
+    if reset is None:
+        raise DriveFaultError(
+            f"{unit.label} is in fault since it lost its master, and {profile.title} names no command that clears one "
+            "(power.reset of its profile): switch it off and on"
+        )
+    for each in (power.off, reset, power.off):
+        unit.send(command, each)
+    deadline_ns = unit.requester.clock.now_ns() + round(CLEARED_WITHIN * 1e9)
+    while power.state(unit.read(status)) in FAULTS:
+        if unit.requester.clock.now_ns() >= deadline_ns:
+            raise DriveFaultError(
+                f"{unit.label} stays in fault {exactly(CLEARED_WITHIN)} s after its lost master was acknowledged: "
+                "switch it off and on, and check its link"
+            )
+        unit.requester.quiet(POLL_NS)
+
 
 UNGUARDED = 1.0
 """Time for which a drive without a watchdog is tried to be freed [s]: on TCP, lost octets come again within it."""

@@ -8,12 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.modbus.foreign import refuse_unrest
-from haptic_fieldbus.buses.modbus.unit import UnitClient
-from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
-from haptic_fieldbus.buses.rating import check_rating, rated_torque
-from haptic_fieldbus.buses.torque_limits import TorqueLimits
-from haptic_fieldbus.drive.identity import Identity, known_number
+from haptic_fieldbus.buses.modbus.exchange import refuse_unrest
+from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient
+from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
+from haptic_fieldbus.drive.objects import Identity, known_number
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly

@@ -4,13 +4,30 @@ A request that stays without an answer is repeated, which changes nothing, since
 a time-out the line is left quiet for a while, so that a late answer is not taken for that to the next question.
 """
 
+from collections.abc import Sequence
+
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.registers import from_words, to_words
 from haptic_fieldbus.buses.modbus.requester import Requester, no_echo
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection, Register
+from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection, Register, WatchdogSection, WordOrder
 from haptic_fieldbus.protocols.modbus.register_traffic import EXCEPTIONS
+
+# Values as they stand in registers of 16 bits; one of 32 bits takes two, in the drive's order of words.
+
+
+def to_words(register: Register, value: int, order: WordOrder) -> tuple[int, ...]:
+    """Return the registers of a value, by rising address; raises struct.error when it is out of range."""
+    low_first = register.type.pack(value)
+    words = tuple(int.from_bytes(low_first[at : at + 2], "little") for at in range(0, len(low_first), 2))
+    return words if order == "low first" else words[::-1]
+
+
+def from_words(register: Register, words: Sequence[int], order: WordOrder) -> int:
+    """Return the value in registers, given by rising address."""
+    low_first = words if order == "low first" else words[::-1]
+    return register.type.unpack(b"".join(word.to_bytes(2, "little") for word in low_first))
+
 
 ANSWER_TIMEOUT = 0.3
 """Time for which an answer is waited for [s]."""
@@ -107,3 +124,39 @@ class UnitClient:
             words = EXCEPTIONS.get(code, "not one of the standard")
             raise RefusedError(f"{self.label} refused {purpose} with exception {code} ({words})", code)
         return answer
+
+
+# The drive's own watch on its master: armed when the exchange begins, and put back when a drive has been freed.
+#
+# It is armed last, so that it does not run out while other drives are configured. Set-points feed it; questions do not.
+
+STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
+"""Unit of the register → steps in a second."""
+
+
+class DriveWatch:
+    """The watch of one drive, set to `seconds`."""
+
+    def __init__(self, unit: UnitClient, section: WatchdogSection, seconds: float) -> None:
+        self._unit, self._section = unit, section
+        if section.time.unit not in STEPS_PER_SECOND:
+            wrong = f"unit {section.time.unit!r} of {section.time} is not one of {', '.join(STEPS_PER_SECOND)}"
+            raise BusConfigurationError(f"{unit.label}: {wrong}")
+        self._steps = round(seconds * STEPS_PER_SECOND[section.time.unit])
+        self._before: int | None = None
+        self.words = f"on link loss {section.reaction} within {round(1e3 * seconds)} ms"
+
+    def prepare(self) -> None:
+        """Choose the reaction, and note the time of before; raises BusError."""
+        for each in self._section.writes:
+            self._unit.ensure(each, each.value)
+        self._before = self._unit.read(self._section.time)
+
+    def arm(self) -> None:
+        """Set the time, and read it back; raises BusError, BusConfigurationError when the drive has another."""
+        self._unit.write(self._section.time, self._steps)
+
+    @property
+    def disarming(self) -> tuple[tuple[Register, int], ...]:
+        """Registers and values that put back what was there before."""
+        return () if self._before is None else ((self._section.time, self._before),)

@@ -28,9 +28,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_fieldbus.numerics.exact import expm1, polynomial_system
 from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, expm1, polynomial_system
 
 RK4_LAG_LIMIT = 2.785293563405282
 """Largest stable T·λ of rk4 for a lag: the real root of 1 − x/2 + x²/6 − x³/24 = 0, at which R(−x) = 1."""

@@ -6,20 +6,56 @@ actual value as the echo, life guarding. Nothing takes the place of a guard that
 the torque, or is refused (decision 0036).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from enum import Enum
 from typing import TypeVar
 
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, PositionSection, TorqueSection
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds
+from haptic_fieldbus.protocols.canopen.eds_pdos import carries, torque_mode
+from haptic_fieldbus.protocols.canopen.eds_sources import LEFT_OUT
+from haptic_fieldbus.protocols.canopen.eds_values import number_of, supported_modes
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, LinkLossSection, SyncSection
-from haptic_fieldbus.protocols.canopen.vendor.lacks import torque_mode
-from haptic_fieldbus.protocols.canopen.vendor.pdos import carries
-from haptic_fieldbus.protocols.canopen.vendor.sources import LEFT_OUT
-from haptic_fieldbus.protocols.canopen.vendor.values import number_of, supported_modes
+
+# Which profiles fit a device, by what it says of itself, and how sure that is.
+
+
+class Sureness(Enum):
+    """How well a profile fits a device, the best first; the value is the words for people."""
+
+    PRODUCT = "sure: vendor and product code are those of the profile"
+    MODEL = "likely: the vendor is that of the profile, and the device names the model"
+    VENDOR = "perhaps: the vendor is that of the profile, which names no product codes"
+    DRIVE = "no more than a guess: it is a CiA 402 drive, of a vendor without a profile"
+
+
+ORDER = tuple(Sureness)
+
+
+def fitting(
+    profiles: Iterable[CanopenProfile], vendor_id: int | None, product_code: int | None, name: str | None
+) -> list[tuple[CanopenProfile, Sureness]]:
+    """Return the profiles that may be that of a CiA 402 drive, the surest first."""
+    graded = [(profile, _sureness(profile, vendor_id, product_code, name or "")) for profile in profiles]
+    found = [(profile, sureness) for profile, sureness in graded if sureness is not None]
+    return sorted(found, key=lambda each: ORDER.index(each[1]))
+
+
+def _sureness(profile: CanopenProfile, vendor_id: int | None, product_code: int | None, name: str) -> Sureness | None:
+    expected = profile.identity
+    if expected.vendor_id is None and not expected.product_codes:
+        return Sureness.DRIVE
+    if expected.vendor_id is not None and expected.vendor_id != vendor_id:
+        return None
+    if expected.product_codes:
+        return Sureness.PRODUCT if product_code in expected.product_codes else None
+    model = profile.drive.model.split()[0].casefold()
+    return Sureness.MODEL if model in name.casefold() else Sureness.VENDOR
+
 
 Named = TypeVar("Named", MappedObject, OptionCode)
 _TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value", "torque.echo",

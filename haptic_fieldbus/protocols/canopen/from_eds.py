@@ -21,22 +21,21 @@ from haptic_fieldbus.drive.cia402 import (
 )
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.profile import DriveSection, TimingSection
-from haptic_fieldbus.drive.units import COUNTS, PERMILLE
+from haptic_fieldbus.drive.rig import COUNTS, PERMILLE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import EdsError, Fault
-from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SyncSection
-from haptic_fieldbus.protocols.canopen.vendor.lacks import (
+from haptic_fieldbus.protocols.canopen.eds_pdos import (
     PROFILE_TORQUE,
     TORQUE_TYPES,
     Lack,
     automaton_lacks,
+    carries,
     force_lacks,
+    pdo_section,
     torque_mode,
 )
-from haptic_fieldbus.protocols.canopen.vendor.pdos import carries, pdo_section
-from haptic_fieldbus.protocols.canopen.vendor.sources import sources_of
-from haptic_fieldbus.protocols.canopen.vendor.values import (
+from haptic_fieldbus.protocols.canopen.eds_sources import sources_of
+from haptic_fieldbus.protocols.canopen.eds_values import (
     READABLE,
     WRITABLE,
     data_type,
@@ -45,6 +44,8 @@ from haptic_fieldbus.protocols.canopen.vendor.values import (
     position_unit,
     velocity_unit,
 )
+from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SyncSection
 
 TARGET = 0x6071
 POWERS = (-3, -4, -5, -6)

@@ -9,17 +9,14 @@ from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import PlanError
-from haptic_fieldbus.protocols.acting import HostTimes
-from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.canopen import bus, checks
+from haptic_fieldbus.protocols.canopen import bus, profile
+from haptic_fieldbus.protocols.canopen.beside import period_objects
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
-from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic, asked_signals
-from haptic_fieldbus.protocols.canopen.periods import period_objects
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
-from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
+from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic, PdoTraffic, asked_signals
 from haptic_fieldbus.protocols.cia402 import with_mode_bits
-from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
-from haptic_fieldbus.protocols.traffic import AxisTraffic
+from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members
+from haptic_fieldbus.protocols.traffic import AxisTraffic, HostTimes
 from haptic_fieldbus.signals import Signal
 
 
@@ -42,7 +39,7 @@ class Canopen(FieldbusProtocol):
         return profile_from_eds(load_eds(path))
 
     def check_profile(self, document: Document) -> None:
-        checks.check_profile(document)
+        profile.check_profile(document)
 
     def parse_bus(self, text: str) -> BusName:
         return bus.parse_bus(text)

@@ -9,7 +9,7 @@ from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.drive.fields import STRICT, Measured, NonNegativeTime
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName, bit_rate
+from haptic_fieldbus.protocols.protocol import BusName, bit_rate
 
 TCP, RTU, SIM_TCP, SIM_RTU = INTERFACES = ("modbus-tcp", "modbus-rtu", "sim-modbus-tcp", "sim-modbus-rtu")
 """First words of bus names, and interfaces in rig files."""

@@ -7,10 +7,17 @@ from typing import TypeVar
 
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
-from haptic_fieldbus.protocols.modbus.line import LineTimes, serial_line, tcp_line
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction
-from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest, blocks
+from haptic_fieldbus.protocols.modbus.register_traffic import (
+    Block,
+    LineTimes,
+    RegisterRequest,
+    RegisterTraffic,
+    Transaction,
+    blocks,
+    serial_line,
+    tcp_line,
+)
 from haptic_fieldbus.signals import Signal
 
 Value = TypeVar("Value")

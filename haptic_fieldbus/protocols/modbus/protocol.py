@@ -8,17 +8,14 @@ from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
-from haptic_fieldbus.protocols.acting import HostTimes
-from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.cia402 import CIA402
-from haptic_fieldbus.protocols.modbus import bus, checks
+from haptic_fieldbus.protocols.modbus import bus, profile
 from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
-from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
+from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes, RegisterTraffic
 from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, candidates
-from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
-from haptic_fieldbus.protocols.traffic import AxisTraffic
+from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members
+from haptic_fieldbus.protocols.traffic import AxisTraffic, HostTimes
 from haptic_fieldbus.signals import Signal
 
 
@@ -39,7 +36,7 @@ class Modbus(FieldbusProtocol):
         return bus.SIM_TCP if "tcp" in modbus_profile(profile).line.transports else bus.SIM_RTU
 
     def check_profile(self, document: Document) -> None:
-        checks.check_profile(document)
+        profile.check_profile(document)
 
     def parse_bus(self, text: str) -> BusName:
         return bus.parse_bus(text)

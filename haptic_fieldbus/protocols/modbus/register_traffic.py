@@ -1,17 +1,187 @@
 """The process data of one unit: its blocks of registers, and the requests that carry them in each period."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.errors import ImageTooLargeError
 from haptic_fieldbus.numerals import rounded
-from haptic_fieldbus.protocols.modbus.line import LineTimes
-from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection
-from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
+from haptic_fieldbus.protocols.modbus.profile import (
+    READ_WRITE,
+    WRITE_MULTIPLE,
+    WRITE_SINGLE,
+    LineSection,
+    ModbusProfile,
+)
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import LinkFlag, Signal
+
+# Registers that are exchanged with one drive in each period, laid out in as few requests as pay.
+#
+# Signals in adjacent registers share a block. A gap is read through where that is cheaper than a request of its own and
+# the profile says that the registers in it exist; nothing that was not asked for is ever written.
+
+
+@dataclass(frozen=True)
+class Block:
+    """Registers in a row, which one request reads or writes."""
+
+    address: int
+    count: int
+    signals: tuple[MappedSignal, ...]
+    """In the order of their addresses."""
+    offsets: tuple[int, ...]
+    """Place of each signal in the octets of the block."""
+
+    @property
+    def places(self) -> Iterator[tuple[int, int]]:
+        """Yield the first octet of each signal in the octets of the block, and the one behind its last."""
+        for offset, mapped in zip(self.offsets, self.signals, strict=True):
+            yield offset, offset + mapped.type.size
+
+    @property
+    def gaps(self) -> int:
+        """Registers that are read although nobody asked for them."""
+        return self.count - sum(mapped.type.size for mapped in self.signals) // 2
+
+    def has(self, signal: Signal) -> bool:
+        return any(mapped.signal is signal for mapped in self.signals)
+
+
+@dataclass(frozen=True)
+class RegisterRequest:
+    """One request to a drive: its function, and what it reads and writes."""
+
+    function: int
+    read: Block | None = None
+    write: Block | None = None
+
+
+def blocks(profile: ModbusProfile, signals: Sequence[Signal], longest: int, largest_gap: int) -> tuple[Block, ...]:
+    """Return blocks with these signals, by address; gaps of at most `largest_gap` registers are read through.
+
+    Raises ImageTooLargeError when one signal is longer than a request may be.
+    """
+    registers = profile.registers()
+    groups: list[list[Signal]] = []
+    for signal in sorted(signals, key=lambda each: registers[each].address):
+        own = registers[signal]
+        if own.count > longest:
+            raise ImageTooLargeError(f"{signal.value} needs {own.count} registers; a request may have {longest}")
+        if groups and _joins(profile, groups[-1], signal, longest, largest_gap):
+            groups[-1].append(signal)
+        else:
+            groups.append([signal])
+    return tuple(_block(profile, group) for group in groups)
+
+
+def _joins(profile: ModbusProfile, group: Sequence[Signal], signal: Signal, longest: int, largest_gap: int) -> bool:
+    """Return True when a signal that follows a group stands in one block with it."""
+    registers = profile.registers()
+    first, end, own = registers[group[0]].address, _end(profile, group), registers[signal]
+    gap = own.address - end
+    if gap < 0 or own.address + own.count - first > longest:
+        return False
+    return gap == 0 or (gap <= largest_gap and profile.line.has_all(end, own.address))
+
+
+def _end(profile: ModbusProfile, signals: Sequence[Signal]) -> int:
+    """Return the address behind the last register of these signals."""
+    return max(profile.registers()[signal].address + profile.registers()[signal].count for signal in signals)
+
+
+def _block(profile: ModbusProfile, signals: Sequence[Signal]) -> Block:
+    registers = profile.registers()
+    first = registers[signals[0]].address
+    return Block(
+        first,
+        _end(profile, signals) - first,
+        tuple(profile.mapped(signal, registers[signal]) for signal in signals),
+        tuple(2 * (registers[signal].address - first) for signal in signals),
+    )
+
+
+# What requests and answers take on a line: octets of each function, characters, silence, answer time.
+#
+# A request is sent. The drive knows its end by the silence after it, and works for its answer time, at the end of which
+# it writes and reads its registers; then the answer is sent, and again there is silence. On RTU every octet takes a
+# character of 10 or 11 bits. On TCP a frame takes no time of its own and its length is told; the network and both
+# stacks take `round_trip` for a request and its answer together, half of it on each way.
+#
+# Reference: Modbus application protocol 1.1b3, 6.3, 6.6, 6.12, 6.17; Modbus over serial line 1.02, 2.5.1.1.
+
+RTU_OCTETS, TCP_OCTETS = 3, 7
+"""Octets of a frame beside its PDU: unit and checksum; MBAP header."""
+SILENT_CHARACTERS, LONGEST_SILENCE, SILENT_ABOVE = 3.5, 1.75e-3, 19200
+"""Silence between frames: 3.5 characters, and 1.75 ms at more than 19200 bit/s."""
+ROUND_TRIP = 0.25e-3
+"""[s], of a network whose rig does not state it, the simulated one included: a switch, and the stacks of both ends."""
+
+
+@dataclass(frozen=True)
+class LineTimes:
+    """Times of one line [s]."""
+
+    octet: float
+    """Time of one character; 0 on TCP."""
+    silence: float
+    """Silence that ends a frame and separates it from the next; 0 on TCP."""
+    round_trip: float
+    """Time that network, adapter and stacks take for a request and its answer."""
+    frame_octets: int = RTU_OCTETS
+    speed: str = ""
+    """The line in words."""
+
+    def request_time(self, request: RegisterRequest) -> float:
+        """Return the time from the first octet of a request until the drive has all of it [s]."""
+        return self.octet * (self.frame_octets + request_octets(request)) + 0.5 * self.round_trip
+
+    def executed(self, request: RegisterRequest, answer_time: float) -> float:
+        """Return the time from the first octet of a request until the drive writes and reads [s]."""
+        return self.request_time(request) + self.silence + answer_time
+
+    def answer_duration(self, request: RegisterRequest) -> float:
+        """Return the time from the begin of an answer until the master has all of it [s]."""
+        return self.octet * (self.frame_octets + answer_octets(request)) + 0.5 * self.round_trip
+
+    def exchange(self, request: RegisterRequest, answer_time: float) -> float:
+        """Return the time from the first octet of a request to the last one of its answer [s]."""
+        return self.executed(request, answer_time) + self.answer_duration(request)
+
+    def octets(self, request: RegisterRequest) -> int:
+        """Return the octets of a request and its answer."""
+        return 2 * self.frame_octets + request_octets(request) + answer_octets(request)
+
+
+def serial_line(baud: int, bits: int, silence: float | None, round_trip: float = 0.0) -> LineTimes:
+    """Return an RTU line of `baud` bit/s with characters of so many bits; `silence` None: that of the standard."""
+    character = bits / baud
+    standard = LONGEST_SILENCE if baud > SILENT_ABOVE else SILENT_CHARACTERS * character
+    return LineTimes(
+        character,
+        standard if silence is None else silence,
+        round_trip,
+        speed=f"Modbus RTU at {baud} bit/s",
+    )
+
+
+def tcp_line(round_trip: float | None) -> LineTimes:
+    """Return a TCP line; `round_trip` None: that which is assumed."""
+    return LineTimes(0.0, 0.0, ROUND_TRIP if round_trip is None else round_trip, TCP_OCTETS, "Modbus TCP")
+
+
+def request_octets(request: RegisterRequest) -> int:
+    """Return the octets of the PDU of a request."""
+    written = 0 if request.write is None else 2 * request.write.count
+    fixed = {READ_WRITE: 10, WRITE_MULTIPLE: 6, WRITE_SINGLE: 3}
+    return fixed.get(request.function, 5) + written
+
+
+def answer_octets(request: RegisterRequest) -> int:
+    """Return the octets of the PDU of its answer."""
+    return 5 if request.read is None else 2 + 2 * request.read.count
 
 
 class Transaction(Enum):

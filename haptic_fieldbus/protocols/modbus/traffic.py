@@ -13,12 +13,16 @@ from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
-from haptic_fieldbus.protocols.modbus.line import TCP_OCTETS, LineTimes
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction, possible
-from haptic_fieldbus.protocols.modbus.requests import RegisterRequest
-from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay, OtherMasters
+from haptic_fieldbus.protocols.modbus.register_traffic import (
+    TCP_OCTETS,
+    LineTimes,
+    RegisterRequest,
+    RegisterTraffic,
+    Transaction,
+    possible,
+)
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, OtherMasters, ways
 from haptic_fieldbus.signals import Signal
 
 RESERVE = 0.05

@@ -20,11 +20,10 @@ from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFA
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.protocols.canopen.bus import SIMULATION_INTERFACE, CanSection
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.link.controller import Received
-from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link import Frame, Received
 from haptic_fieldbus.sim.canopen.world import World
-from haptic_fieldbus.sim.channel import drives_of, slot_of
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.host_request import drives_of, slot_of
 from haptic_fieldbus.sim.slot import Slot
 
 _MAX_OCTETS = 8

@@ -10,23 +10,190 @@ A step must not be late for its own reasons, so all that steps need is built bef
 exponential is computed and no module imported afterwards, and what exists then is kept out of garbage collection.
 """
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from operator import is_
 
+import can
+
+from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
+from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.opening import open_can
-from haptic_fieldbus.buses.canopen.wire import ECHOING
+from haptic_fieldbus.buses.canopen.wire import ECHOING, OURS, PythonCanPort, port_to
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.protocols.canopen.bus import can_section
-from haptic_fieldbus.sim.canopen.link.wire import Port
-from haptic_fieldbus.sim.canopen.outlet import STAMPED, Outlet, Tell
+from haptic_fieldbus.protocols.protocol import BusName
+from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.canopen.rack import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.faults import Disturbance, HostFault
-from haptic_fieldbus.sim.realtime import LONGEST_REMEMBERED, NAP_NS, frozen
+from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.slot import Slot
+
+# The outlet of hosted drives to a python-can bus that may go down, and come back.
+#
+# A drive does not end when its cable is pulled: it goes on, hears nothing, and lets go by its own watch. So nothing
+# that the interface raises ends the hosting. It is told once when the bus goes down and once when a frame passes again;
+# what is sent meanwhile is lost. An interface that goes on failing is opened anew, because its socket may belong to an
+# adapter that was unplugged.
+#
+# Where the kernel stamps frames as they arrive, a frame is served at its stamp, so that a process that was woken late
+# latches what the shaft did when SYNC came, as a drive would, and does not miss a proof of life that waited with the
+# rest. The stamp is of the wall clock, which may be set at any time; it is bounded by what was served before, and by
+# now.
+
+REOPENED_EVERY_NS = 1_000_000_000
+RETRIED_EVERY_NS = 20_000_000
+"""Pause after a failure to receive, which comes at once and would keep a processor busy."""
+
+_ROOM = 100
+"""Frames that the drives may send at once; a block of an SDO has up to 127 segments."""
+MOST_OCTETS = 8
+"""Longest frame of CAN 2.0."""
+STAMPED = ("udp_multicast",)
+"""Interfaces besides SocketCAN whose time stamps are those of the kernel, by the wall clock of this computer."""
+
+Tell = Callable[[str], None]
+"""Tell the person a sentence."""
+
+
+class Outlet:
+    """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences.
+
+    `echoes`: it gives back what is sent on it, without a mark. `stamped`: its frames have time stamps of the kernel.
+    """
+
+    def __init__(
+        self,
+        can_bus: can.BusABC,
+        clock: Clock,
+        name: str,
+        tell: Tell,
+        reopen: Callable[[], can.BusABC] | None = None,
+        *,
+        echoes: bool = False,
+        stamped: bool = False,
+    ) -> None:
+        self.lost = 0
+        """Number of frames that could not be sent because the transmit queue was full."""
+        self._clock = clock
+        self._echoes = echoes
+        self._focused: frozenset[int] | None = None
+        """CAN-IDs of the frames that concern the drives; None: not told yet."""
+        self._use(can_bus)
+        self._name = name
+        self._tell = tell
+        self._reopen = reopen
+        self._stamped = stamped
+        self._down_ns: int | None = None
+        """Since when nothing passes; None while the bus is up."""
+        self._opened_ns = clock.now_ns()
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame; it is lost when the bus is down or its transmit queue full."""
+        if self._port is None:
+            return
+        flags = (EXTENDED_FLAG if frame.extended else 0) | (REMOTE_FLAG if frame.remote else 0)
+        try:
+            self._port.send(frame.can_id | flags, frame.data)
+        except FOREIGN as error:
+            if is_queue_full(error):
+                self.lost += 1
+            else:
+                self._failed(error)
+        else:
+            self._passed()
+
+    def receive(self, longest_ns: int) -> Frame | None:
+        """Return the next frame; None when none comes within `longest_ns`, or the bus is down."""
+        received = None
+        try:
+            if self._port is not None:
+                received = self._port.receive(max(0, longest_ns) * 1e-9)
+        except FOREIGN as error:
+            self._failed(error)
+            self._pause(longest_ns)
+        else:
+            if self._port is None:
+                self._open()
+                self._pause(longest_ns)
+        if received is None or received is OURS:
+            return None
+        can_id, data = received
+        if can_id & ERROR_FLAG or len(data) > MOST_OCTETS:
+            return None
+        self._passed()
+        return Frame(can_id & CAN_ID_MASK, bytes(data), bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG))
+
+    def focus(self, concerns: frozenset[tuple[int, bool]]) -> None:
+        """Let only these frames wake us, each an identifier and True for a remote one, where the kernel can do that.
+
+        A bus full of frames for others costs a process nothing then.
+        """
+        self._focused = frozenset(can_id | (REMOTE_FLAG if remote else 0) for can_id, remote in concerns)
+        try:
+            if self._port is not None:
+                self._port.focus(self._focused, _ROOM)
+        except FOREIGN as error:
+            self._failed(error)
+
+    def arrived_ns(self, earliest_ns: int) -> int:
+        """Return the instant at which the frame that was received last arrived, not before `earliest_ns`."""
+        now_ns = self._clock.now_ns()
+        port, stamped_ns = self._port, None
+        if port is not None:
+            stamped_ns = port.arrived_ns(earliest_ns)
+        if self._stamped and isinstance(port, PythonCanPort):
+            stamped_ns = now_ns - round((time.time() - port.stamp) * 1e9)
+        age_ns = 0 if stamped_ns is None else now_ns - stamped_ns
+        return max(earliest_ns, now_ns - max(0, age_ns))
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._bus is not None:
+            self._bus.shutdown()
+
+    def _use(self, can_bus: can.BusABC | None) -> None:
+        self._bus = can_bus
+        self._port = None if can_bus is None else port_to(can_bus, self._clock, echoes=self._echoes)
+        if self._port is not None and self._focused is not None:
+            self._port.focus(self._focused, _ROOM)
+
+    def _pause(self, longest_ns: int) -> None:
+        self._clock.sleep_until(self._clock.now_ns() + min(max(0, longest_ns), RETRIED_EVERY_NS))
+
+    def _passed(self) -> None:
+        if self._down_ns is not None:
+            seconds = rounded((self._clock.now_ns() - self._down_ns) * 1e-9)
+            self._down_ns = None
+            self._tell(f"{self._name}: frames pass again, after {seconds} s")
+
+    def _failed(self, error: Exception) -> None:
+        """Tell that the bus is down, or open it anew when it has been failing for long."""
+        why = translate(error, self._name)
+        if self._down_ns is None:
+            self._down_ns = self._clock.now_ns()
+            self._tell(f"{why}. The drives go on; what they send is lost until the bus is back")
+        elif self._clock.now_ns() - self._down_ns >= REOPENED_EVERY_NS:
+            self._open()
+
+    def _open(self) -> None:
+        """Open the bus anew, at most once in `REOPENED_EVERY_NS`."""
+        now_ns = self._clock.now_ns()
+        if self._reopen is None or now_ns - self._opened_ns < REOPENED_EVERY_NS:
+            return
+        self._opened_ns = now_ns
+        self.close()
+        try:
+            self._use(self._reopen())
+        except (BusError, UsageError):
+            # It has been told that the bus is down.
+            self._use(None)
+
 
 _BOOT_NS = 1_000_000
 """Time after power-on by which a drive has sent its boot-up message and is ready."""

@@ -11,22 +11,16 @@ Pure: it takes frames and times [ns] and sends frames through `send`.
 from collections.abc import Callable
 
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.model.options import NodeOptions
+from haptic_fieldbus.sim.canopen.link import Frame
+from haptic_fieldbus.sim.canopen.model import NodeOptions
 from haptic_fieldbus.sim.canopen.services import lss, nmt
-from haptic_fieldbus.sim.canopen.services.alarms import Alarms, Handler
-from haptic_fieldbus.sim.canopen.services.bit_timing import BitTiming
-from haptic_fieldbus.sim.canopen.services.cob_id import ID, INVALID
-from haptic_fieldbus.sim.canopen.services.communication import NodeObjects
+from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, Alarms, Handler
+from haptic_fieldbus.sim.canopen.services.communication import BitTiming, NodeObjects, Storage, TimeConsumer
 from haptic_fieldbus.sim.canopen.services.emergency import DISCONNECTED, HEARTBEAT_LOST, Emergencies
-from haptic_fieldbus.sim.canopen.services.guarding import Guarding
-from haptic_fieldbus.sim.canopen.services.heartbeat import HEARTBEAT_ID, Consumers, Producer
 from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, UNCONFIGURED, LssSlave
-from haptic_fieldbus.sim.canopen.services.nmt import NmtState, Service
+from haptic_fieldbus.sim.canopen.services.nmt import HEARTBEAT_ID, Consumers, Guarding, NmtState, Producer, Service
 from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
-from haptic_fieldbus.sim.canopen.services.sdo.server import TIMEOUT_NS, SdoServer
-from haptic_fieldbus.sim.canopen.services.storage import Storage
-from haptic_fieldbus.sim.canopen.services.timestamp import TimeConsumer
+from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 
 SDO_RESPONSE_ID = 0x580

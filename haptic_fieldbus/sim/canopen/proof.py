@@ -1,14 +1,107 @@
 """Proof of a profile against the EDS of its drive: the profile itself, and the simulated drive that it describes."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import cast
 
-from haptic_fieldbus.eds import Eds
+from haptic_fieldbus.eds import Eds, EdsEntry, NodeOffset
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulatedObject
-from haptic_fieldbus.protocols.canopen.vendor.check import Comparison, compare
-from haptic_fieldbus.protocols.canopen.vendor.findings import Finding
-from haptic_fieldbus.sim.canopen.model.compared import differences
+from haptic_fieldbus.protocols.canopen.eds_check import Comparison, compare
+from haptic_fieldbus.protocols.canopen.eds_values import Finding, data_type
+from haptic_fieldbus.protocols.canopen.profile import AccessType, CanopenProfile, SimulatedObject
+from haptic_fieldbus.sim.canopen.model import ACCESS, BENCH_VALUES, SHOWN_VALUES, WAYS
 from haptic_fieldbus.sim.canopen.sheet import dictionary_of
+from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
+
+# Comparison of the object dictionary of a simulated drive with a vendor's file.
+#
+# The result is in the form of [simulation.objects]: what a profile must say for its simulated drive to have what the
+# file describes. Values that the drive measures, or that describe the bench rather than the model, are not compared.
+
+_READ_ONLY = (Access.RO, Access.CONST)
+_APPLICATION = 0x6000
+"""From this index on a read-only value is one that the drive measures."""
+
+
+def differences(
+    dictionary: Dictionary, eds: Eds, node: int, concerns: Callable[[int], bool]
+) -> dict[str, SimulatedObject]:
+    """Return what the file has otherwise than the dictionary of the node-ID `node`, of the objects that it `concerns`.
+
+    An object that the file lacks altogether has a key without sub-index.
+    """
+    found: dict[str, SimulatedObject] = {}
+    implemented = {(entry.index, entry.subindex): entry for entry in dictionary if concerns(entry.index)}
+    described = {(entry.index, entry.subindex): entry for entry in eds if concerns(entry.index)}
+    for index, subindex in sorted(implemented.keys() | described.keys()):
+        entry, other = implemented.get((index, subindex)), described.get((index, subindex))
+        if other is None:
+            key = f"{index:04X}" if index not in eds else f"{index:04X}:{subindex:02X}"
+            found[key] = SimulatedObject(absent=True)
+        elif entry is None or (data_type(other) is not entry.type and data_type(other) is not None):
+            found[f"{index:04X}:{subindex:02X}"] = _whole(other)
+        else:
+            change = _change(entry, other, node)
+            if change != SimulatedObject():
+                found[f"{index:04X}:{subindex:02X}"] = change
+    return found
+
+
+def _whole(other: EdsEntry) -> SimulatedObject:
+    """Return all that a file says of an entry."""
+    type, value = data_type(other), _given(other)
+    low, high = (_number(other.low), _number(other.high)) if type is not None else (None, None)
+    if low is not None and high is not None and low >= high:
+        low = high = None  # limits without room are a slip of the file, or mean a value that cannot be changed
+    return SimulatedObject(
+        type=type,
+        access=cast(AccessType, other.access),
+        value=value,
+        low=low,
+        high=high,
+        mappable=other.mappable or None,
+    )
+
+
+def _change(entry: Entry, other: EdsEntry, node: int) -> SimulatedObject:
+    """Return what a file says otherwise of an entry of the same type."""
+    access = cast(AccessType, other.access)
+    ways = WAYS[access] if other.mappable else Mappable.NO
+    same_access = ACCESS[access] is entry.access or (ACCESS[access] in _READ_ONLY and entry.access in _READ_ONLY)
+    whole = _whole(other)
+    type_limits = entry.type.limits if entry.type is not None else (entry.low, entry.high)
+    low = type_limits[0] if whole.low is None else whole.low
+    high = type_limits[1] if whole.high is None else whole.high
+    return SimulatedObject(
+        access=None if same_access and ways is entry.mappable else access,
+        value=None if not _compared(entry, other) or _as_number(whole.value, node) == entry.default else whole.value,
+        low=None if entry.type is None or low == entry.low else low,
+        high=None if entry.type is None or high == entry.high else high,
+        mappable=None if ways is entry.mappable else other.mappable,
+    )
+
+
+def _compared(entry: Entry, other: EdsEntry) -> bool:
+    """Return whether the file says something of the power-on value that the simulated drive may take over."""
+    if entry.type is None or _given(other) is None or entry.index in BENCH_VALUES:
+        return False
+    measured = entry.access in _READ_ONLY and entry.index >= _APPLICATION and entry.subindex == 0
+    return not measured or entry.index in SHOWN_VALUES
+
+
+def _given(other: EdsEntry) -> int | str | None:
+    formula = other.formula
+    if isinstance(formula, NodeOffset):
+        return f"$NODEID+0x{formula.offset:X}"
+    return _number(formula)
+
+
+def _number(value: object) -> int | None:
+    return value if isinstance(value, int) else None
+
+
+def _as_number(value: int | str | None, node: int) -> int | None:
+    return int(value.removeprefix("$NODEID+"), 16) + node if isinstance(value, str) else value
+
 
 _NODE = 5
 _STANDARD = (range(0x1000, 0x1F00), range(0x6000, 0x6800))

@@ -3,21 +3,202 @@
 Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.protocols.canopen.profile import canopen_profile
-from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.model.options import node_options
-from haptic_fieldbus.sim.canopen.model.quirks import install_quirks, with_quirks
+from haptic_fieldbus.protocols.canopen.eds_values import number_of, velocity_unit
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
+from haptic_fieldbus.sim.canopen.link import Frame
+from haptic_fieldbus.sim.canopen.model import extend, install_described, node_options
 from haptic_fieldbus.sim.canopen.node import SDO_REQUEST_ID, Node
+from haptic_fieldbus.sim.canopen.services.basics import INVALID
 from haptic_fieldbus.sim.canopen.services.emergency import DRIVE
-from haptic_fieldbus.sim.canopen.services.heartbeat import HEARTBEAT_ID
 from haptic_fieldbus.sim.canopen.services.lss import REQUEST_ID
+from haptic_fieldbus.sim.canopen.services.nmt import HEARTBEAT_ID
 from haptic_fieldbus.sim.drive.core import Drive
+from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.hand import Hand
+
+# Quirks: deviations of real drives from the standards, by the keys of a profile's [simulation].
+#
+# Each quirk changes the profile or the settings that the simulated drive is built from, or its dictionary once it is
+# built. The master never reads this section, so it meets the quirk unprepared, as on the real drive.
+
+
+@dataclass(frozen=True)
+class Quirk:
+    """One key of [simulation], its effect, and the drives on which it was seen."""
+
+    key: str
+    effect: str
+    seen: str
+
+
+QUIRKS = (
+    Quirk(
+        "pdos_disabled",
+        "after power-on every PDO has bit 31 of its COB-ID set",
+        "Ingenia Everest XCR (RPDO 1 to 4), maxon EPOS4 and ZeroErr eRob (2 to 4): their EDS files",
+    ),
+    Quirk(
+        "cob_ids_missing",
+        "after power-on the COB-IDs of PDOs are 8000 0000h: no identifier",
+        "Elmo Gold (RPDO2, TPDO2), Nanotec C5-E and PD4-C (5 to 8): their EDS files",
+    ),
+    Quirk(
+        "absent",
+        "objects that the drive does not have: SDO abort 0602 0000h, and none of their effects",
+        "Nanotec C5-E, Ingenia Everest XCR (1016h, 6007h), EYOU EuServo (6007h, 6076h), maxon EPOS4 (6072h): their EDS",
+    ),
+    Quirk(
+        "sync_honoured",
+        "false: synchronous RPDOs act on reception, although 1400h:02 reads back as written",
+        "Kinco FD124S: canopen-python/canopen issue 400",
+    ),
+    Quirk(
+        "max_torque",
+        "6072h after power-on; 0 leaves the motor without torque until it is written",
+        "Nanotec C5-E (0), PD4-C (100): their EDS files",
+    ),
+    Quirk(
+        "supported_modes",
+        "what 6502h says, whatever the modes are",
+        "ros-industrial/ros_canopen issue 462: wrong; Technosoft iPOS: no torque mode in it, by its EDS",
+    ),
+    Quirk(
+        "mode_change_time",
+        "6061h follows 6060h only after this time",
+        "Festo drives, 3 to 6 s: ros-industrial/ros2_canopen issue 234",
+    ),
+    Quirk(
+        "boot_time",
+        "the boot-up message comes only after this time, and nothing is answered before",
+        "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
+    ),
+    Quirk(
+        "modes",
+        "the modes of operation that the drive has, and no others; 6502h shows them",
+        "every drive lacks some of the standard's modes",
+    ),
+    Quirk(
+        "objects",
+        "access, type, limits, mappability and power-on value of objects, and objects beyond those of the simulation",
+        "every shipped profile of a drive whose vendor's file was read",
+    ),
+    Quirk(
+        "differs",
+        "none: the reasons for which the simulated drive differs from the vendor's file",
+        "profiles check",
+    ),
+)
+"""All keys. Inhibit times of TPDOs after power-on are set by `pdo.inhibit_time_default` instead."""
+
+_NS = 1_000_000_000
+_HEARTBEAT_CONSUMER = 0x1016
+_APPLICATION = range(0x6000, 0x6800)
+_FIRST_MANUFACTURER_BIT = 16
+_TARGETS = {1: 0x607A, 3: 0x60FF, 4: 0x6071, 6: 0x6098, 8: 0x607A, 9: 0x60FF, 10: 0x6071}
+"""Mode of operation → the object that commands it (CiA 402-2)."""
+_PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
+
+
+def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
+    """Return the profile and the settings with the quirks of the profile applied, to build the drive from."""
+    quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
+    absent = frozenset(quirks.absent)
+    boot_ns = round(quirks.boot_time * _NS)
+    settings = replace(
+        settings,
+        without=settings.without | absent | _not_in_file(profile),
+        modes=_modes(profile) if settings.modes is None else settings.modes,
+        velocity_unit=_velocity_unit(profile),
+        mode_change_ns=max(settings.mode_change_ns, round(quirks.mode_change_time * _NS)),
+        start_delay_ns=settings.start_delay_ns + boot_ns,
+        reset_ns=settings.reset_ns + boot_ns,
+    )
+    # The drive is built without an absent object, so that its effects are missing too, not only the entry.
+    abort, reaction = link_loss.abort_connection_option, link_loss.fault_reaction_option
+    link_loss = replace(
+        link_loss,
+        heartbeat_consumer=None if _HEARTBEAT_CONSUMER in absent else link_loss.heartbeat_consumer,
+        abort_connection_option=None if abort is not None and abort.object in absent else abort,
+        fault_reaction_option=None if reaction is not None and reaction.object in absent else reaction,
+    )
+    rated, actual = torque.rated, torque.actual
+    torque = replace(
+        torque,
+        rated=None if rated is not None and rated.object in absent else rated,
+        actual=None if actual is not None and actual.object in absent else actual,
+    )
+    return replace(profile, link_loss=link_loss, torque=torque), settings
+
+
+def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
+    """Apply the quirks of the dictionary once the drive is built.
+
+    Returns notes, in words, on the parts of a vendor's file that could not be taken over; empty without such a file.
+    """
+    quirks = profile.simulation
+    notes = extend(dictionary, profile.eds, node) if isinstance(profile, EdsProfile) else ()
+    for index in quirks.absent:
+        dictionary.remove(index)
+    install_described(dictionary, quirks.objects, node)
+    for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
+        if value is not None and index in dictionary:
+            _start_with(dictionary.find(index), value)
+    for entry in _cob_ids(dictionary):
+        if quirks.cob_ids_missing:
+            _start_with(entry, INVALID)
+            # Without an identifier there is no node-ID in the value that a new node-ID could change.
+            entry.numbered = False
+        elif quirks.pdos_disabled:
+            _start_with(entry, entry.default | INVALID)
+    return notes
+
+
+def _start_with(entry: Entry, value: int) -> None:
+    entry.value = entry.default = value
+
+
+def _cob_ids(dictionary: Dictionary) -> Iterable[Entry]:
+    return [
+        entry
+        for entry in dictionary
+        if entry.subindex == 1 and any(entry.index in records for records in _PDO_COMMUNICATION)
+    ]
+
+
+def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
+    """Return the objects of CiA 402-2 that a vendor's file does not have; empty for a profile without such a file."""
+    if not isinstance(profile, EdsProfile):
+        return frozenset()
+    return frozenset(index for index in _APPLICATION if index not in profile.eds)
+
+
+def _velocity_unit(profile: CanopenProfile) -> str | None:
+    """Return the unit of 60A9h in a vendor's file; None when it names none that is known."""
+    if not isinstance(profile, EdsProfile) or number_of(profile.eds, 0x60A9) is None:
+        return None
+    return velocity_unit(profile.eds)
+
+
+def _modes(profile: CanopenProfile) -> frozenset[int] | None:
+    """Return the modes of operation of the profile, else those of a vendor's file; None when there is neither.
+
+    Where 6502h of the file says nothing, a mode is taken to be there when its target is.
+    """
+    if profile.simulation.modes is not None:
+        return frozenset(profile.simulation.modes)
+    if not isinstance(profile, EdsProfile):
+        return None
+    value = number_of(profile.eds, 0x6502)
+    if not value:
+        return frozenset(mode for mode, target in _TARGETS.items() if target in profile.eds)
+    return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)
 
 
 class Slave:

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable
 
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.agenda import Plan
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.schedule import Plan
 
 
 def faulty_hand(hand: Hand | None, these: Iterable[faults.Fault]) -> Hand | None:

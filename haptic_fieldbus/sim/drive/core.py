@@ -16,15 +16,17 @@ informed of errors (`DriveLink`).
 """
 
 from collections.abc import Callable
+from enum import Enum
 from typing import Protocol
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.sim.drive.brake import Way, way_of
-from haptic_fieldbus.sim.drive.dictionary import Dictionary
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.modes.catalogue import build_modes
-from haptic_fieldbus.sim.drive.objects import add_objects
-from haptic_fieldbus.sim.drive.operation import Operation
+from haptic_fieldbus.sim.drive.modes.mode import INTERNAL_LIMIT, Mode
+from haptic_fieldbus.sim.drive.modes.ramps import to_velocity
+from haptic_fieldbus.sim.drive.objects import NO_MODE, Objects, add_objects
 from haptic_fieldbus.sim.drive.power import STATUS_BITS, Cause, PowerAutomaton, State
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.drive.settings import (
@@ -36,8 +38,239 @@ from haptic_fieldbus.sim.drive.settings import (
     known_mechanics,
     object_defaults,
 )
-from haptic_fieldbus.sim.drive.stage import Stage
+from haptic_fieldbus.sim.drive.stage import NO_RAMP, Stage
 from haptic_fieldbus.sim.hand import Hand
+
+# Slowing down by the motor, for quick stop, halt, fault reaction, *shutdown* and *disable operation*.
+#
+# Theory (CiA 402-2, 605Ah to 605Eh). In every mode, the demand of the speed loop goes to zero by the slow down ramp
+# 6084h or the quick stop ramp 6085h, or at once: then torque goes to its limit, *slow down on the current limit*. The
+# model has no voltage limit; a stop on it is one on the current limit. The shaft counts as at rest when it is slower
+# than `REST` after the ramp. A hand that keeps pushing cannot prevent the end of a stop that ends: it ends at the
+# latest `LONGEST_NS` after the ramp. Until another command takes over, the motor is held at rest.
+
+REST = 0.2
+"""Greatest speed of a shaft at rest [rad/s]."""
+LONGEST_NS = 1_000_000_000
+"""Longest time from the end of the ramp to the end of a stop."""
+
+
+class Way(Enum):
+    """How to slow down; the value is the option code of 605Ah to 605Eh."""
+
+    SLOW_DOWN_RAMP = 1
+    QUICK_STOP_RAMP = 2
+    CURRENT_LIMIT = 3
+    VOLTAGE_LIMIT = 4
+
+
+def way_of(code: int) -> Way:
+    """Return the way of an option code from 1 to 8; the quick stops that stay in their state have codes four higher."""
+    return Way((code - 1) % len(Way) + 1)
+
+
+class Brake:
+    """One slowing down, which begins at `begin_ns` with this ramp; None: at once."""
+
+    def __init__(self, stage: Stage, ramp: Entry | None, begin_ns: int) -> None:
+        self._stage = stage
+        self._begin_ns = begin_ns
+        rate = stage.ramp(ramp) if ramp is not None else NO_RAMP
+        self._motion = to_velocity(stage.servo.plant.velocity, 0.0, rate, rate)
+        self._end_ns = begin_ns + round(self._motion.end * 1e9)
+
+    def tick(self, t_ns: int) -> None:
+        """Run the speed loop for one control tick."""
+        _, velocity, acceleration = self._motion.at((t_ns - self._begin_ns) * 1e-9)
+        self._stage.speed(velocity, acceleration, t_ns)
+
+    def at_rest(self, t_ns: int) -> bool:
+        """Return whether the ramp is over and the shaft at rest."""
+        return t_ns >= self._end_ns and abs(self._stage.servo.plant.velocity) < REST
+
+    def finished(self, t_ns: int) -> bool:
+        """Return whether the shaft is at rest, or `LONGEST_NS` have passed since the ramp."""
+        return self.at_rest(t_ns) or t_ns >= self._end_ns + LONGEST_NS
+
+
+# The drive with its power stage on: the mode of operation, changes of mode, halt and every other stop.
+#
+# Theory (CiA 402-2, 6060h, 6061h, controlword bit 8). The active mode is that of 6061h. It follows 6060h after the
+# drive's mode-change time, in every state of the automaton, halted or not; the old mode stays active until then. A mode
+# that the drive lacks is not taken over. A halt slows down as 605Dh requires and stays in *operation enabled*. The
+# control ticks are made here, and only while a mode or a stop needs them: cyclic synchronous torque does not.
+
+HALT = 0x0100
+
+
+class Operation:
+    """Owner of the active mode, or of the stop that replaces it; times [ns]."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        objects: Objects,
+        modes: dict[int, Mode],
+        tick_ns: int,
+        mode_change_ns: int,
+        show: Callable[[], None],
+    ) -> None:
+        """Start in mode 0; `show` is called when `status` has changed."""
+        self.due_ns = NEVER_NS
+        """Time of the next tick or mode change; NEVER_NS when there is none."""
+        self.status = 0
+        """Bits of the statusword that belong to the mode or the stop."""
+        self._stage = stage
+        self._modes = modes
+        self._requested, self._display = objects.mode, objects.mode_display
+        self._halt_option = objects.row(0x605D)
+        self._ramps = {Way.SLOW_DOWN_RAMP: objects.row(0x6084), Way.QUICK_STOP_RAMP: objects.row(0x6085)}
+        self._period_ns, self._change_time_ns = tick_ns, mode_change_ns
+        self._show = show
+        self._mode = modes[NO_MODE]
+        self._enabled = False
+        self._halted = False
+        self._brake: Brake | None = None
+        self._done: Callable[[int], None] | None = None
+        self._tick_ns = self._change_ns = NEVER_NS
+        self._change_to = NO_MODE
+
+    # Commands of the automaton.
+
+    def enable(self, t_ns: int) -> None:
+        """Start the mode from the present motion: on entering *operation enabled*, or when a stop is cancelled."""
+        self._enabled, self._halted, self._brake = True, False, None
+        self._mode.start(t_ns)
+        self._follow(t_ns)
+
+    def stop(self, way: Way, t_ns: int, done: Callable[[int], None] | None) -> None:
+        """Slow down; `done` is called at rest, None: the motor is held there."""
+        self._brake = Brake(self._stage, self._ramps.get(way), t_ns)
+        self._done = done
+        self._follow(t_ns)
+
+    def disable(self, t_ns: int) -> None:
+        """End the torque at once."""
+        if self._enabled:
+            self._mode.leave()
+        self._enabled = self._halted = False
+        self._brake = None
+        self._stage.cut(t_ns)
+        self._follow(t_ns)
+
+    def leave(self) -> None:
+        """Leave *operation enabled* with the power stage on."""
+        if self._enabled:
+            self._mode.leave()
+        self._enabled = self._halted = False
+
+    def restart(self) -> None:
+        """Return to the power-on state; the entry 6061h has its power-on value already."""
+        self._change_ns = NEVER_NS
+        self._mode = self._modes[NO_MODE]
+        self._plan()
+
+    # Received objects, SYNC and time.
+
+    def act(self, t_ns: int) -> None:
+        """Act on received objects."""
+        if self._requested.value != self._display.value or self._change_ns != NEVER_NS:
+            self._request(t_ns)
+        if self._enabled:
+            if self._brake is None:
+                self._mode.act(t_ns)
+                if self._mode.status != self.status or self._mode.ticking:
+                    self._follow(t_ns)
+        else:
+            self._mode.act_disabled(t_ns)
+
+    def halt(self, controlword: int, t_ns: int) -> None:
+        """Handle bit 8 of a controlword in *operation enabled*, while no other stop is under way."""
+        wanted = bool(controlword & HALT) and self._mode.halts
+        if wanted and not self._halted:
+            self._halted = True
+            self.stop(way_of(self._halt_option.value), t_ns, None)
+        elif not wanted and self._halted:
+            self.enable(t_ns)
+
+    def sync(self, t_ns: int) -> None:
+        """Count the ticks from this SYNC on."""
+        # Ticks that are not needed are not started by a SYNC.
+        if self._tick_ns != NEVER_NS:
+            self._tick_ns = t_ns
+            self._plan()
+
+    def timer(self, t_ns: int) -> None:
+        """Serve the mode change and the tick that are due."""
+        if self._change_ns <= t_ns:
+            self._change(t_ns)
+        if self._tick_ns <= t_ns:
+            self._tick(t_ns)
+
+    # Inside.
+
+    def _request(self, t_ns: int) -> None:
+        # Requesting another mode while a change is pending restarts its time; requesting the active mode cancels it.
+        wanted = self._requested.value
+        if wanted == self._display.value or wanted not in self._modes:
+            self._change_ns = NEVER_NS
+        elif self._change_ns == NEVER_NS or wanted != self._change_to:
+            self._change_to, self._change_ns = wanted, t_ns + self._change_time_ns
+        if self._change_ns <= t_ns:
+            self._change(t_ns)
+        self._plan()
+
+    def _change(self, t_ns: int) -> None:
+        self._change_ns = NEVER_NS
+        self._mode.leave()
+        self._display.value = self._change_to
+        self._mode = self._modes[self._change_to]
+        # A stop goes on through the change, except a halt when the new mode cannot halt.
+        if self._enabled and (self._brake is None or (self._halted and not self._mode.halts)):
+            self._stage.servo.advance(t_ns)
+            self.enable(t_ns)
+        else:
+            self._follow(t_ns)
+
+    def _tick(self, t_ns: int) -> None:
+        self._tick_ns = NEVER_NS
+        self._stage.servo.advance(t_ns)
+        brake = self._brake
+        if brake is None:
+            self._mode.tick(t_ns)
+        elif self._done is not None and brake.finished(t_ns):
+            self._done(t_ns)
+        else:
+            brake.tick(t_ns)
+        # The next tick is later than this one, also when this one is on the grid.
+        self._follow(t_ns + 1)
+
+    def _follow(self, t_ns: int) -> None:
+        """Find the next tick, not before `t_ns`, and update the bits of the statusword."""
+        if self._brake is None and not (self._enabled and self._mode.ticking):
+            self._tick_ns = NEVER_NS
+        elif self._tick_ns == NEVER_NS:
+            self._tick_ns = self._stage.servo.next_tick(t_ns, self._period_ns)
+        self._plan()
+        status = self._bits(t_ns)
+        if status != self.status:
+            self.status = status
+            self._show()
+
+    def _plan(self) -> None:
+        self.due_ns = min(self._tick_ns, self._change_ns)
+
+    def _bits(self, t_ns: int) -> int:
+        if self._brake is None:
+            return self._mode.status if self._enabled else 0
+        status = INTERNAL_LIMIT if self._stage.limited else 0
+        if self._halted:
+            # A halted mode keeps its own bits, but the brake determines standstill and internal limit.
+            status |= self._mode.status & ~(self._mode.standing | INTERNAL_LIMIT)
+            if self._brake.at_rest(t_ns):
+                status |= self._mode.standing
+        return status
+
 
 _VOLTAGE_ENABLED, _REMOTE = 0x0010, 0x0200
 # Period of the loops and of the event-driven TPDOs of a drive whose profile has no control period.

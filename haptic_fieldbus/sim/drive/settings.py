@@ -9,11 +9,18 @@ from random import Random
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import LinearMechanism, RigAxis, RotaryMechanism, default_axis
-from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, steps_per_revolution, velocity_step
+from haptic_fieldbus.drive.rig import (
+    COUNTS,
+    COUNTS_PER_SECOND,
+    LinearMechanism,
+    RigAxis,
+    RotaryMechanism,
+    default_axis,
+    steps_per_revolution,
+    velocity_step,
+)
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
-from haptic_fieldbus.sim.drive.object_table import Defaults
-from haptic_fieldbus.sim.drive.objects import Objects
+from haptic_fieldbus.sim.drive.objects import Defaults, Objects
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes
 from haptic_fieldbus.sim.drive.stage import Gains, gains
 from haptic_fieldbus.sim.drive.units import Units
@@ -128,8 +135,7 @@ def _plant(axis: RigAxis, shaft: Shaft, held: Grip | None, settings: DriveSettin
     if axis.simulation.is_rigid:
         return Plant(shaft, held, position=position, velocity=velocity, t_ns=t_ns)
     # Imported here because most rigs are rigid (decision 0007).
-    from haptic_fieldbus.sim.mechanics.load import Load
-    from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
+    from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
 
     mechanism = axis.mechanism
     lever = mechanism.sign * mechanism.ratio if isinstance(mechanism, RotaryMechanism) else None

@@ -15,8 +15,7 @@ import math
 from dataclasses import dataclass
 
 from haptic_fieldbus.sim.drive.dictionary import Entry
-from haptic_fieldbus.sim.drive.object_table import NO_LIMIT
-from haptic_fieldbus.sim.drive.objects import PERMILLE, Objects
+from haptic_fieldbus.sim.drive.objects import NO_LIMIT, PERMILLE, Objects
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.drive.units import Units
 

@@ -9,10 +9,7 @@ from haptic_fieldbus.documents import read_document
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import ByKind
 from haptic_fieldbus.errors import FaultFileError
-from haptic_fieldbus.sim.faults.answers import AnswerFault
-from haptic_fieldbus.sim.faults.drive import DriveFaultKind, LastingFault
-from haptic_fieldbus.sim.faults.frames import LineFault
-from haptic_fieldbus.sim.faults.host import HandFault, HostFault
+from haptic_fieldbus.sim.faults.kinds import AnswerFault, DriveFaultKind, HandFault, HostFault, LastingFault, LineFault
 
 TimedFault = DriveFaultKind | LineFault | AnswerFault | HostFault | HandFault
 """Kinds that happen at an instant."""

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.mechanics.flow import Flow, moved
-from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, SPEED, TORQUE, State
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, SPEED, TORQUE, Flow, State, moved
 
 Times = NDArray[np.int64]
 

@@ -12,22 +12,28 @@ same octets.
 
 import errno
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from haptic_fieldbus.buses.modbus.errors import translate
+from haptic_fieldbus.buses.modbus.master import ModbusBus
+from haptic_fieldbus.buses.modbus.transport import translate
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.protocols.modbus.line import LineTimes
-from haptic_fieldbus.protocols.modbus.profile import Parity
+from haptic_fieldbus.drive.rig import BusSection
+from haptic_fieldbus.protocols.modbus.bus import modbus_section
+from haptic_fieldbus.protocols.modbus.layout import line_of
+from haptic_fieldbus.protocols.modbus.profile import Parity, modbus_profile
+from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.broken import until
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.modbus.desk import Desk
-from haptic_fieldbus.sim.modbus.station import Asked
+from haptic_fieldbus.sim.modbus.rack import KINDS
+from haptic_fieldbus.sim.modbus.station import Asked, Desk
 from haptic_fieldbus.sim.modbus.unit import Unit
+from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
 _TOLERANCE_NS = 1_000
@@ -244,3 +250,27 @@ class SimulatedLine:
 
     def _error(self, number: int) -> Exception:
         return translate(OSError(number, ""), self.name)
+
+
+# Creation of a simulated Modbus line with a master on it.
+
+
+class ModbusSimulation(Simulation):
+    """The simulation of Modbus lines."""
+
+    kinds = KINDS
+
+    def simulate(
+        self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any
+    ) -> tuple[ModbusBus, SimulatedLine | None]:
+        own = modbus_section(section)
+        wire = line_of(own, [modbus_profile(slot.profile) for slot in slots])
+        line = SimulatedLine(channel or own.interface, wire, clock, seed, serial=own.serial, echo=own.echo)
+        # A clock that steps is no clock of the true motion: what the shaft did at its instants is not known.
+        apart = any(isinstance(fault, faults.ClockStep) for slot in slots for fault in slot.faults)
+        for slot in slots:
+            line.add(slot)
+        return ModbusBus(line, clock, own), (None if apart else line)
+
+
+SIMULATION = ModbusSimulation()

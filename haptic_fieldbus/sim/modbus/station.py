@@ -5,8 +5,8 @@ of it is carried out. Function 23 writes before it reads. A request to everybody
 answered by none; one to a unit that is not there, or whose checksum is wrong, is answered by nobody.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
@@ -23,7 +23,10 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterResponse,
 )
 
+from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.profile import READ_INPUT
+from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.modbus.rack import AnswerDisturbances, FaultyLine, UnitRack
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
 
@@ -124,3 +127,32 @@ def _read_write(pdu: ReadWriteMultipleRegistersRequest, unit: Unit, t_ns: int) -
         return outcome
     words = unit.read(pdu.function_code, pdu.read_address, pdu.read_count, t_ns)
     return words if isinstance(words, Refusal) else ReadWriteMultipleRegistersResponse(registers=words)
+
+
+# Requests carried out and answered, with the faults of the answers: what a line in virtual time and a server share.
+
+
+class Desk:
+    """The drives of a line behind octets; all times are those of one clock [ns]."""
+
+    def __init__(
+        self, line: FaultyLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
+    ) -> None:
+        self.rack = UnitRack(line, seed, longest)
+        self.station = Station(self.rack.units, serial=serial)
+        self.disturbances = AnswerDisturbances(seed, serial=serial)
+
+    def answer(self, asked: Asked, t_ns: int) -> Iterator[tuple[int, bytes]]:
+        """Carry a request out; yield what arrives as its answer: by how much later [ns], and the octets."""
+        unit = self.rack.units.get(asked.unit)
+        fault = self.disturbances.take(asked.unit) if unit is not None and unit.hears(t_ns) else None
+        if isinstance(fault, faults.AnswerException):
+            answer = exception_for(asked, fault.code)
+        else:
+            found = self.station.carry_out(asked, t_ns)
+            if found is None:
+                return
+            answer = found
+        if isinstance(fault, faults.AnswerWrongUnit):
+            asked = replace(asked, unit=fault.to)
+        yield from self.disturbances.arriving(fault, self.station.frame(asked, answer))

@@ -5,32 +5,188 @@ drive works with its power-on value. A register of the profile's set-up that sta
 keeps what is written to it, and does nothing.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.cia402 import (
+    Cia402Profile,
+    LinkLoss,
+    MappedObject,
+    OptionCode,
+    PositionSection,
+    TorqueSection,
+    VelocitySection,
+)
+from haptic_fieldbus.drive.power import PowerRow, PowerState
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.drive.units import COUNTS
+from haptic_fieldbus.drive.rig import COUNTS, RigAxis
 from haptic_fieldbus.protocols.modbus.profile import (
     READ_HOLDING,
     READ_INPUT,
     READ_WRITE,
     ModbusProfile,
+    PowerSection,
     Register,
+    WrittenRegister,
     modbus_profile,
 )
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.core import Drive
-from haptic_fieldbus.sim.drive.dictionary import Access, Entry
+from haptic_fieldbus.sim.drive.dictionary import Access, Entry, one_of
 from haptic_fieldbus.sim.drive.objects import DISABLE
+from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive.settings import DriveSettings, steps_of_position
 from haptic_fieldbus.sim.hand import Hand
-from haptic_fieldbus.sim.modbus.front import Front
-from haptic_fieldbus.sim.modbus.model import CYCLIC_TORQUE, inner_profile, written_registers
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
-from haptic_fieldbus.sim.modbus.watchdog import Watchdog
+
+# The drive inside: a drive with the objects of CiA 402 that stands behind the registers of a Modbus profile.
+
+CYCLIC_TORQUE = 10
+POSITION, VELOCITY, TARGET, ACTUAL, DEMAND, RATED = 0x6064, 0x606C, 0x6071, 0x6077, 0x6074, 0x6076
+ABORT_OPTION, REACTION_OPTION = 0x6007, 0x605E
+
+
+@dataclass(frozen=True, kw_only=True)
+class InnerProfile(Cia402Profile):
+    """A drive whose watch on its master is that of its Modbus profile."""
+
+    watched: bool
+
+    @property
+    def guarded(self) -> bool:
+        return self.watched
+
+
+def inner_profile(profile: ModbusProfile) -> InnerProfile:
+    """Return the drive inside."""
+    torque = profile.torque
+    mode = profile.mode.value if profile.mode is not None and profile.power.table == "cia402" else CYCLIC_TORQUE
+    return InnerProfile(
+        schema=1,
+        drive=profile.drive,
+        timing=profile.timing,
+        name=profile.name,
+        source=profile.source,
+        torque=TorqueSection(
+            mode,
+            _object(TARGET, torque.target),
+            _object(ACTUAL, torque.actual) if torque.actual is not None else None,
+            _object(RATED, torque.rated) if torque.rated is not None else None,
+            _object(DEMAND, torque.demand) if torque.demand is not None else None,
+        ),
+        position=PositionSection(_object(POSITION, profile.position.actual)) if profile.position is not None else None,
+        velocity=VelocitySection(_object(VELOCITY, profile.velocity.actual)) if profile.velocity is not None else None,
+        link_loss=LinkLoss(
+            abort_connection_option=_option(profile, ABORT_OPTION),
+            fault_reaction_option=_option(profile, REACTION_OPTION),
+        ),
+        watched=profile.guarded,
+    )
+
+
+def written_registers(profile: ModbusProfile) -> tuple[WrittenRegister, ...]:
+    """Return the registers with a value of the profile: of its set-up, and of the choice of its reaction."""
+    return (*profile.setup, *(profile.watchdog.writes if profile.watchdog is not None else ()))
+
+
+def _object(index: int, register: Register) -> MappedObject:
+    return MappedObject(index, register.type, unit=register.unit)
+
+
+def _option(profile: ModbusProfile, index: int) -> OptionCode | None:
+    found = (register for register in written_registers(profile) if register.object == index)
+    return next((OptionCode(index, register.value) for register in found), None)
+
+
+# The drive's watch on its master: a time within which a target torque must be written.
+#
+# Theory: the time counts from each request that writes the target, from *operation enabled*, and from the writing of
+# the time itself. A time of 0 switches the watch off. When it is over the drive reacts once, as to a lost link (CiA
+# 402-2, 6007h), and waits for the next of these.
+
+UNITS = {"ms": 1_000_000, "s": 1_000_000_000}
+"""Units of the time → ns."""
+
+
+class Watchdog:
+    """One watch; times [ns]."""
+
+    def __init__(self, time: Entry, unit: str) -> None:
+        self.time = time
+        self.due_ns = NEVER_NS
+        self.factor: float | None = 1.0
+        """How many times as late as it was set the watch acts; None: never."""
+        self._unit_ns = UNITS[unit]
+
+    def restart(self, t_ns: int) -> None:
+        """Count from this instant on."""
+        on = self.time.value and self.factor is not None
+        self.due_ns = t_ns + round(self.time.value * self._unit_ns * (self.factor or 0.0)) if on else NEVER_NS
+
+    def expired(self, t_ns: int) -> bool:
+        """Return whether the time is over, once."""
+        if self.due_ns > t_ns:
+            return False
+        self.due_ns = NEVER_NS
+        return True
+
+
+# Command and status of a drive that has no controlword: a mode register or an opcode, by the rows of its profile.
+#
+# Theory: the rows of the profile are the automaton of such a drive as a table. In each of its states the drive shows
+# the bits of the row, and the command of that row takes it to the next state of the table on the way to *operation
+# enabled*. The profile's `off` frees the shaft in every state, and its `reset` clears a fault. Every other command is
+# refused. Inside is the drive of CiA 402, which gets the controlwords of the way that the command stands for.
+
+_WAY = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED)
+_WORDS = (0x00, 0x06, 0x07, 0x0F)
+"""Controlwords that lead to the states of the way, one after the other."""
+_FAULT_RESET = 0x80
+"""Controlword that clears a fault."""
+_BEHIND = {State.FAULT_REACTION_ACTIVE: State.FAULT, State.QUICK_STOP_ACTIVE: State.OPERATION_ENABLED}
+"""States that a table may lack, and those as which they are shown then."""
+
+
+class Front:
+    """The entries of command and status, in the place of controlword and statusword."""
+
+    def __init__(self, power: PowerSection, state: Callable[[], State], obey: Callable[[int], None]) -> None:
+        """`state` returns the state of the drive inside, `obey` gives it a controlword."""
+        self._state, self._obey, self._off, self._reset = state, obey, power.off, power.reset
+        self._rows = {State(row.state.value): row for row in power.rows}
+        self.status = Entry(0, 0, power.status.type)
+        self.status.fetch = lambda: self._row().bits
+        commands = [power.off, *(row.controlword for row in power.rows)]
+        commands += [] if power.reset is None else [power.reset]
+        self.command = Entry(0, 0, power.command.type, power.off, Access.RW, accept=one_of(commands))
+        self.command.changed = self._commanded
+
+    def _row(self) -> PowerRow:
+        """Return the row that the drive shows: that of its state, else of the last one that it has passed."""
+        state = self._state()
+        state = state if state in self._rows else _BEHIND.get(state, state)
+        if state in self._rows:
+            return self._rows[state]
+        passed = reversed(_WAY[: _WAY.index(state)] if state in _WAY else ())
+        return next(self._rows[each] for each in (*passed, *_WAY) if each in self._rows)
+
+    def _commanded(self) -> None:
+        command, row = self.command.value, self._row()
+        if command == self._off:
+            self._obey(_WORDS[0])
+        elif command == self._reset:
+            self._obey(_FAULT_RESET)
+        elif command == row.controlword and self._state() in _WAY:
+            self._go_on(_WAY.index(self._state()))
+
+    def _go_on(self, place: int) -> None:
+        """Go to the next state of the table on the way."""
+        for state, word in zip(_WAY[place + 1 :], _WORDS[place + 1 :], strict=True):
+            self._obey(word)
+            if state in self._rows:
+                return
+
 
 LOST_MASTER = 0x8130
 """Error code of a drive that has lost its master, when its profile names none: life guard error (CiA 402-2)."""

@@ -1,26 +1,301 @@
 """Cases of the loop around a puck and a wall: a virtual mass with a held, free or light puck, and a start in a wall."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from haptic_fieldbus.cycle.safety import TripKind
-from haptic_fieldbus.margins import Plant, stiffness_limit
+from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit, stiffness_limit
+from haptic_fieldbus.margins.bodies import HungBody
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.plant import sample
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.numerics import integrators, sampled
+from haptic_fieldbus.numerics import batch, integrators, sampled
+from haptic_fieldbus.numerics.batch import loops
 from haptic_fieldbus.numerics.integrators import METHODS, trajectory
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import select
-from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.study.case import CaseResult, share_used
-from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
-from haptic_fieldbus.study.measure.in_the_loop import flicked
+from haptic_fieldbus.scenes.coupling import Coupling
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.cases.drive import PERIOD_NS, Feeder, feed
+from haptic_fieldbus.study.measure.loops import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
-from haptic_fieldbus.study.oracles.held import moved_by_force
-from haptic_fieldbus.study.oracles.polynomials import jury_limit
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import (
+    growth_of,
+    jury_limit,
+    largest,
+    limit_in_contact,
+    moved_by_force,
+    plain_terms,
+    sampled_positions,
+    schur_cohn_limit,
+)
 from haptic_fieldbus.study.oracles.textbook import RULES
 
+# Cases of a wall in the sampled loop: at its limit, beyond it, late, slow, and without friction.
+
 PERIOD = 1e-3
+BENCH = Plant(0.1, 50.0)
+"""Device with strong friction for its mass, so that growth near the limit shows within 1e5 steps."""
+
+
+def _limit(device: Plant, period: float = PERIOD, delay: float = 0.0) -> float:
+    """Return the stiffness limit that the package computes [N/m]; `delay` in periods."""
+    return stiffness_limit(device, period, delay * period, spring)
+
+
+def _law(stiffness: float) -> Callable[[float], float]:
+    return lambda position: -stiffness * position
+
+
+def at_boundary(factor: float, quick: bool) -> CaseResult:
+    """Check that at `factor` of its limit a wall's motion fades or grows as slowly as theory predicts.
+
+    The logarithm of the growth over N periods is compared with N·ln ρ, where ρ² = e + K·c0 for complex roots.
+    """
+    steps = 100_000 if quick else 1_000_000
+    limit, exact = _limit(BENCH), jury_limit(BENCH, PERIOD)
+    e, _, c0 = plain_terms(BENCH, PERIOD)
+    # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
+    expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
+    measured = growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), steps))
+    return CaseResult(
+        f"limit {exact:.6f} N/m; at {exactly(factor)} of it ln of growth {expected:+.4f} in {exactly(0.9 * steps)} "
+        "periods",
+        f"limit {limit:.6f} N/m (1e-8 allowed); ln of growth {measured:+.4f} (1 % and 0.005 allowed)",
+        abs(limit / exact - 1.0) <= 1e-8
+        and abs(measured - expected) <= 0.01 * abs(expected) + 0.005
+        and measured * (factor - 1.0) > 0.0,
+        "Jury's conditions by hand, and a loop of plain floats run at that share of the package's limit",
+        tolerance="1e-8 of the limit; 1 % and 0.005 of ln of growth",
+        used=share_used((limit / exact - 1.0, 1e-8), (measured - expected, 0.01 * abs(expected) + 0.005)),
+    )
+
+
+def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
+    """Return the swing in the last tenth of a run against a one-sided wall [m], by the batch engine and by hand."""
+    wall = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=stiffness, unilateral=True,
+                 push=push, position=1e-3)  # fmt: skip
+    peak = float(batch.run(wall, steps).peaks[-1, 0])
+    positions = sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
+    return peak - push / stiffness, max(positions[-(steps // 10) :]) - push / stiffness
+
+
+def wall_over(quick: bool) -> CaseResult:
+    """Check that a wall with a hand leaning on it chatters for ever at 1.5 times its limit, and rests at half of it."""
+    steps, push = (4000 if quick else 50_000), 5.0
+    limit = jury_limit(BENCH, PERIOD)
+    chatter, brute = _chatter(1.5 * limit, steps, push)
+    calm, _ = _chatter(0.5 * limit, steps, push)
+    e, _, c0 = plain_terms(BENCH, PERIOD)
+    expected = math.sqrt(e + 1.5 * limit * c0)
+    both_sides = batch.run(
+        loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3), 1000
+    )
+    grown = float(both_sides.growth[0]) ** (1.0 / 900.0)
+    return CaseResult(
+        f"in contact growth {expected:.4f} a period; leaning with 5 N, overshoot {brute * 1e6:.3f} µm for ever",
+        f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1e-6), at half the limit "
+        f"{rounded(calm * 1e6, 1)} µm",
+        abs(grown / expected - 1.0) <= 1e-3
+        and abs(chatter / brute - 1.0) <= 1e-6
+        and brute > 0.1 * push / limit
+        and abs(calm) <= 1e-9 * push / limit,
+        "ρ² = e + K·c0 by hand; a one-sided loop of plain floats",
+        tolerance="0.1 % of the growth, 1e-6 of the overshoot",
+        used=share_used((grown / expected - 1.0, 1e-3), (chatter / brute - 1.0, 1e-6), (calm, 1e-9 * push / limit)),
+    )
+
+
+def delayed(delay: float, quick: bool) -> CaseResult:
+    """Check the limits of many devices with delay against Schur and Cohn, and runs below and above one of them."""
+    masses = (1e-5, 0.1, 10.0) if quick else (1e-5, 1e-3, 0.1, 1.0, 10.0)
+    devices = [Plant(mass, damping) for mass in masses for damping in (1e-2, 1.0, 1e2)]
+    worst = max(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
+    limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
+    below, above = (
+        growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
+        for factor in (0.99, 1.01)
+    )
+    return CaseResult(
+        f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
+        f"{limit:.5f} N/m; {len(devices)} other devices off by {rounded(worst, 1)} at most (1e-6 allowed); ln of "
+        f"growth {below:+.2f}, {above:+.2f}",
+        max(worst, abs(limit / exact - 1.0)) <= 1e-6 and below < -0.5 and above > 0.5,
+        "characteristic polynomial by hand, Schur–Cohn in 60 digits; a loop of plain floats",
+        tolerance="1e-6 of the limit; ln of growth beyond ±0.5",
+        used=share_used((worst, 1e-6), (limit / exact - 1.0, 1e-6)),
+    )
+
+
+def slow_loop(quick: bool) -> CaseResult:
+    """Check slow loops from 20 Hz to 0.1 Hz: the device stops between samples, and the limit goes to 2b/(T − 2m/b)."""
+    device, stiffness = Plant(0.1, 5.0), 600.0
+    periods = (0.05, 0.2, 1.0, 10.0)
+    worst = max(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
+    slowest = _limit(device, periods[-1])
+    expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
+    verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
+    grown = growth_of(sampled_positions(device, periods[0], _law(stiffness), 50))
+    return CaseResult(
+        f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",
+        f"limit {slowest:.8f} N/m, off Jury's by {rounded(worst, 1)} (1e-8 allowed); 600 N/m {verdict.value}, ln of "
+        f"growth {grown:+.0f} in 50 periods",
+        max(worst, abs(slowest / expected - 1.0)) <= 1e-8 and verdict is Verdict.UNSTABLE and grown > 1.0,
+        "Jury's conditions by hand and their limit for bT ≫ m; a loop of plain floats",
+        tolerance="1e-8 of the limit",
+        used=share_used((worst, 1e-8), (slowest / expected - 1.0, 1e-8)),
+    )
+
+
+def undamped_wall(quick: bool) -> CaseResult:
+    """Check that without friction no stiffness is stable: the product of the roots is 1 + K·T²/2m."""
+    plants = [Plant(mass, 0.0) for mass in (1e-5, 0.1, 10.0)]
+    limits = [_limit(plant, delay=delay) for plant in plants for delay in (0.0, 0.5, 1.0, 2.0, 10.0)]
+    limits += [passive_limit(each, PERIOD, 0.0) for each in plants]
+    share, steps = (1e-3 if quick else 1e-5), (20_000 if quick else 1_000_000)
+    device = Plant(0.1, 0.0)
+    measured = growth_of(sampled_positions(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
+    expected = 0.9 * steps * 0.5 * math.log1p(0.5 * share)
+    return CaseResult(
+        f"limit exactly 0 N/m; at K = {exactly(share)}·m/T² ln of growth {expected:.4f} in {exactly(0.9 * steps)} "
+        "periods",
+        f"largest limit {exactly(max(limits))} N/m of {len(limits)}; ln of growth {measured:.4f} (1 % allowed)",
+        not np.any(limits) and abs(measured / expected - 1.0) <= 0.01,
+        "product of the roots 1 + K·T²/2m > 1, by hand; a loop of plain floats",
+        tolerance="limit exactly 0; 1 % of ln of growth",
+        used=share_used((measured / expected - 1.0, 0.01)),
+    )
+
+
+# Cases of loops of more than one body: axes that a coupling ties together, and a load on a compliant transmission.
+
+ESTIMATOR = "backward-difference"
+AGREEMENT, CUT, EXACT = 1e-6, 5e-4, 1e-12
+"""Permitted relative difference of limits of stability; of energies, for motions are cut into cells; of forces."""
+FIRST, SECOND = Plant(0.1, 2.0, 0.02, 1e-5, 0.4e-3), Plant(0.05, 0.8, 0.001, 2e-6)
+"""Devices of two axes, with friction and encoder; the motor of the first one lags."""
+DELAYS = (0.3e-3, 1.2e-3)
+"""From sample to force [s]."""
+SHAFTS = ((0.05, -2.5), (0.15, 0.4))
+"""Damping B [N·s/m] and ratio n of shafts between the axes."""
+
+
+def _tied(damping: float, ratio: float) -> Group:
+    members = [
+        Member(name, plant, delay, (), None, ESTIMATOR)
+        for name, plant, delay in zip("ab", (FIRST, SECOND), DELAYS, strict=True)
+    ]
+    return Group(tuple(members), (Coupling(("a", "b"), 1.0, damping, ratio),), PERIOD)
+
+
+def _stable_by_hand(damping: float, ratio: float) -> float:
+    bodies = [events.motor(each.mass, each.damping, each.torque_lag) for each in (FIRST, SECOND)]
+    turn, shots = events.every(PERIOD, *DELAYS)
+
+    def is_stable(stiffness: float) -> bool:
+        law = events.shaft(stiffness, damping, ratio, PERIOD)
+        # The shaft may be turned as a whole, and nothing turns it back: one eigenvalue is 1.
+        return events.growth(events.map_of_turn(bodies, turn, shots, law, memory=1), freely=1) <= 1.0
+
+    return largest(is_stable, 1.0, 1.4, 1e-8)
+
+
+def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -> float:
+    """Return the share of both dampings that the worst motion of both handles needs."""
+    ends = np.outer([1.0, -ratio], [1.0, -ratio])
+    drives = [
+        energies.LateDrive(each.damping, delay, each.torque_lag)
+        for each, delay in zip((FIRST, SECOND), DELAYS, strict=True)
+    ]
+    return energies.worst_share(
+        lambda z: -(stiffness + damping * (1.0 - 1.0 / z) / PERIOD) * ends, drives, PERIOD, cells
+    )
+
+
+def _torn(damping: float, ratio: float) -> float:
+    """Return how far the forces of a coupling are from those of a spring and damper between x₁ and n·x₂."""
+    law = Coupling(("a", "b"), 400.0, damping, ratio).begin(PERIOD)
+    places = np.random.default_rng(2).uniform(-0.1, 0.1, (100, 4)).tolist()
+    worst = 0.0
+    for first, speed, second, turning in places:
+        force = -400.0 * (first - ratio * second) - damping * (speed - ratio * turning)
+        found = law(first, speed, second, turning) if damping else law(first, second)
+        apart = max(abs(one - other) for one, other in zip(found, (force, -ratio * force), strict=True))
+        worst = max(worst, apart / (40.0 * max(1.0, ratio**2)))
+    return worst
+
+
+def coupled_axes(quick: bool) -> CaseResult:
+    """Check a virtual shaft between two unequal axes: stability, energy with any hands, friction, and its forces."""
+    judged = [_tied(*shaft).stability.stiffness_limit for shaft in SHAFTS]
+    stable = [limit.stable or 0.0 for limit in judged]
+    by_hand = [_stable_by_hand(*shaft) for shaft in SHAFTS]
+    passive = [limit.passive or 0.0 for limit in judged]
+    cells = 20 if quick else 60
+    shares = [_share_by_hand(limit, *shaft, cells) for limit, shaft in zip(passive, SHAFTS, strict=True)]
+    held = [2.0 * min(0.02 / 1e-5, 0.001 / 2e-6 / ratio**2) for _, ratio in SHAFTS]
+    apart = max(abs(one / other - 1.0) for one, other in zip(stable, by_hand, strict=True))
+    worst = max(abs(share - 1.0) for share in shares)
+    friction = max(abs((limit.quantisation or 0.0) / one - 1.0) for limit, one in zip(judged, held, strict=True))
+    torn = max(_torn(part * damping, ratio) for damping, ratio in SHAFTS for part in (0.0, 1.0))
+    return CaseResult(
+        f"ratios of -2.5 and 0.4: stable to {values_text(by_hand, 6)} N/m; where passivity ends, the worst motion of "
+        f"both handles needs all of both dampings; friction bridges counts to {values_text(held, 4)} N/m",
+        f"stable to {values_text(stable, 6)} N/m, apart by {rounded(apart, 1)}; passive to {values_text(passive, 4)} "
+        f"N/m, needed share of the dampings off by {rounded(worst, 1)}; counts off by {rounded(friction, 1)}, forces "
+        f"by {rounded(torn, 1)}",
+        apart <= AGREEMENT and worst <= CUT and friction <= EXACT and torn <= EXACT,
+        "both devices from event to event; the worst of all motions in cells of constant speed; F₂ = -n·F₁ and "
+        "2·fc/(n²·D) by hand",
+        tolerance=f"{exactly(AGREEMENT)} of the limits, {exactly(CUT)} of the energies, {exactly(EXACT)} of the rest",
+        used=share_used((apart, AGREEMENT), (worst, CUT), (friction, EXACT), (torn, EXACT)),
+    )
+
+
+MOTOR, DELAY = Plant(0.1, 2.0, torque_lag=0.16e-3), 0.3e-3
+LOAD, STIFF = 0.05, 3e3
+"""Mass [kg] behind a transmission of a stiffness [N/m]: both swing against each other at 48 Hz."""
+LOSSES = (0.0, 1.0, 20.0)
+"""Dampings of transmissions [N·s/m]."""
+RIGID = 1e9
+"""Stiffness of a transmission that is as good as rigid [N/m]."""
+
+
+def _judged(*bodies: HungBody, plant: Plant = MOTOR) -> float:
+    """Return the limit of stability of a wall on a motor with these bodies [N/m]."""
+    wall = Wall("handle", stiffness=100.0)
+    group = Group((Member("handle", plant, DELAY, (wall,), None, ESTIMATOR, bodies=bodies),), (), PERIOD)
+    return group.stability.stiffness_limit.stable or 0.0
+
+
+def _loaded_by_hand(loss: float) -> float:
+    motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
+    body = events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss)
+    return limit_in_contact(body, PERIOD, DELAY)
+
+
+def compliant_transmission(quick: bool) -> CaseResult:
+    """Check the limit of a motor with a load behind a spring: the swing of both counts, and a rigid one is one mass."""
+    found = [_judged(HungBody(LOAD, STIFF, loss)) for loss in LOSSES]
+    by_hand = [_loaded_by_hand(loss) for loss in LOSSES]
+    whole = _judged(plant=Plant(MOTOR.mass + LOAD, MOTOR.damping, torque_lag=MOTOR.torque_lag))
+    rigid = _judged(HungBody(LOAD, RIGID, math.sqrt(RIGID * LOAD)))
+    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
+    off = abs(rigid / whole - 1.0)
+    return CaseResult(
+        f"transmissions of {exactly(STIFF)} N/m with 0, 1, 20 N·s/m: stable to {values_text(by_hand, 6)} N/m; one of "
+        f"{exactly(RIGID)} N/m as a motor that has the load's mass",
+        f"stable to {values_text(found, 6)} N/m, apart by {rounded(apart, 1)}; rigid {rounded(rigid, 6)} of "
+        f"{rounded(whole, 6)} N/m, off by {rounded(off, 1)}",
+        apart <= AGREEMENT and off <= AGREEMENT,
+        "motor, torque loop and load from event to event; a sum of two masses",
+        tolerance=f"{exactly(AGREEMENT)} of each limit",
+        used=share_used((apart, AGREEMENT), (off, AGREEMENT)),
+    )
 
 
 def stiff_held_puck(quick: bool) -> CaseResult:

@@ -17,9 +17,7 @@ from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim.mechanics import plant as sim_plant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.oracles.bristles import stretches
-from haptic_fieldbus.study.oracles.held import sampled_positions
-from haptic_fieldbus.study.oracles.polynomials import jury_limit
+from haptic_fieldbus.study.oracles.contact import jury_limit, sampled_positions, stretches
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Loss factor p of the impact [s/m], and the mass that hits [kg]."""

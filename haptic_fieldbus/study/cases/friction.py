@@ -13,12 +13,10 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.chatter import chatter_speed
 from haptic_fieldbus.margins.cycles import edge_chatter
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.numerics.batch import Running
-from haptic_fieldbus.numerics.loops import Array, Loops, loops
+from haptic_fieldbus.numerics.batch import Array, Loops, Running, loops
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure.problems import spring
-from haptic_fieldbus.study.oracles.counts import Pressed, relay_speed
-from haptic_fieldbus.study.oracles.polynomials import jury_limit, largest
+from haptic_fieldbus.study.oracles.contact import Pressed, jury_limit, largest, relay_speed
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)

@@ -24,8 +24,8 @@ from haptic_fieldbus.scenes.texture import Texture
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
-from haptic_fieldbus.study.oracles.leaks import held_work, triangle
+from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
+from haptic_fieldbus.study.oracles.energies import held_work, triangle
 
 WAY, DEEP = 4, 400
 """Counts that the handle moves in a period, and periods of the way in."""

@@ -6,7 +6,7 @@ from functools import reduce
 
 import numpy as np
 
-from haptic_fieldbus.margins.patterns import gaps, pattern_bound, pattern_limit
+from haptic_fieldbus.margins.linear import gaps, pattern_bound, pattern_limit
 from haptic_fieldbus.margins.plant import Plant, sample
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import estimators, integrators
@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import CaseResult, refused, share_used
 from haptic_fieldbus.study.measure.problems import spring
-from haptic_fieldbus.study.oracles.held import moved_by_force
+from haptic_fieldbus.study.oracles.contact import moved_by_force
 
 PERIOD, STEP = 1e-3, 1e-5
 """Period [s] and encoder count [m]."""

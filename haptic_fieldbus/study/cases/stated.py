@@ -6,19 +6,17 @@ from itertools import product
 
 import numpy as np
 
-from haptic_fieldbus.assessing.error_sums import ErrorSums
+from haptic_fieldbus.assessing.torque_error import ErrorSums
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.places import Places
-from haptic_fieldbus.margins.ranges import Ranges
-from haptic_fieldbus.margins.terrain import EVERYWHERE
+from haptic_fieldbus.margins.places import EVERYWHERE, Places
+from haptic_fieldbus.margins.plant import Ranges
 from haptic_fieldbus.margins.verdict import verdict_at_places
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.estimators import bind
-from haptic_fieldbus.numerics.exact import foh
-from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.scenes.local import Interval
+from haptic_fieldbus.numerics.linear import foh
+from haptic_fieldbus.scenes.element import Element, Interval
 from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text

@@ -1,20 +1,87 @@
 """Section on the cost of each optional part, and on missed periods."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple
 
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, SKY
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
-from haptic_fieldbus.study.measure.deadlines import SCENE, RateDeadlines, deadlines
-from haptic_fieldbus.study.measure.optional_parts import OptionalPart, parts
-from haptic_fieldbus.study.page import left_out
-from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Card, Cell, Entry, Section, number_text, paragraph, picture, table
-from haptic_fieldbus.study.page.style import dress, figure, svg
+from haptic_fieldbus.study.measure.timing import SCENE, Cost, OptionalPart, RateDeadlines, deadlines, parts
+from haptic_fieldbus.study.page.html import (
+    Card,
+    Cell,
+    Context,
+    Entry,
+    Section,
+    dress,
+    figure,
+    folded,
+    number_text,
+    paragraph,
+    picture,
+    svg,
+    table,
+)
+
+# What each scene leaves out: a line a scene on the first screen, and all of them with their reasons further down.
+
+LEFT_OUT = """What a scene does not need is not imported, mapped, decoded, estimated or stepped. The time
+is that of computing a whole period, the median of 25 repeats in which the scenes take turns, and the middle half of
+the repeats. The image is what is read and written in a period, all axes together."""
+
+
+def lines(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+    """Return a table with a line for each scene; `costs` are those of a whole period, by scene."""
+    rows = [[scene, ", ".join(names(plan)) or "nothing", _micros(costs[scene])] for scene, plan in plans.items()]
+    return table(("scene", "leaves out", "µs a period"), rows, text_columns=2)
+
+
+def names(plan: Plan) -> list[str]:
+    """Return the parts that the plan does without; an estimator goes with its velocity."""
+    return list(dict.fromkeys(left.what for left in plan.left_out))
+
+
+def reasons(plans: Mapping[str, Plan]) -> str:
+    """Return a folded table of everything that each scene leaves out, with the reasons and the modules it imports."""
+    rows = [
+        [scene, "; ".join(f"{left.what}: {left.why}" for left in plan.left_out) or "nothing",
+         ", ".join(module.removeprefix("haptic_fieldbus.") for module in plan.modules), f"{_octets(plan)}"]
+        for scene, plan in plans.items()
+    ]  # fmt: skip
+    headings = ("scene", "leaves out, and why", "imports, of the optional modules", "octets of the image")
+    told = table(headings, rows, text_columns=3)
+    return folded("Why, scene by scene", told)
+
+
+def scenes_part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+    """Return the part of a section on all scenes."""
+    return f"<h3>What each scene leaves out</h3>{paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}"
+
+
+def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+    """Return what is done with parts that are left out, and the times of the cheapest and the dearest scene."""
+    least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
+    return (
+        f"What is not asked for is not imported, mapped, decoded or stepped: computing a period of "
+        f"<code>{least}</code> takes {rounded(1e-3 * costs[least].ns, 2)} µs, of <code>{most}</code> "
+        f"({len(plans[most].axes)} axes) {rounded(1e-3 * costs[most].ns, 2)} µs."
+    )
+
+
+def _octets(plan: Plan) -> int:
+    """Return the number of octets of the mapped signals of all axes, in and out."""
+    return sum(axis.inputs[1] + axis.outputs[1] for axis in plan.image.axes)
+
+
+def _micros(cost: Cost) -> str:
+    """Return the median and the middle half of the passes [µs]."""
+    low, _, high = (rounded(1e-3 * ns) for ns in cost.quartiles)
+    return f"{rounded(1e-3 * cost.ns)} ({low} to {high})"
+
 
 QUICK, FULL = 20_000, 1_000_000
 """Periods that are timed one by one."""
@@ -49,7 +116,7 @@ def cost_section(context: Context) -> Section:
     costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
     body = [
-        left_out.scenes_part(plans, costs),
+        scenes_part(plans, costs),
         "<h3>Each part by itself</h3>",
         paragraph(EXPLAINED),
         picture("cost", document, CAPTION),
@@ -62,10 +129,10 @@ def cost_section(context: Context) -> Section:
         "cost",
         "What each scene leaves out, and what each part costs",
         "".join(body),
-        (left_out.scenes_finding(few, costs), _finding(found, late)),
+        (scenes_finding(few, costs), _finding(found, late)),
         {"cost": document},
         asdict(late),
-        Card("What does each scene leave out?", left_out.lines(few, costs) + MORE.format(len(plans))),
+        Card("What does each scene leave out?", lines(few, costs) + MORE.format(len(plans))),
     )
 
 

@@ -11,11 +11,26 @@ from matplotlib.figure import Figure
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.drawing import FELT, GREY, INK
-from haptic_fieldbus.study.measure import growth
-from haptic_fieldbus.study.measure.growth import Growth
-from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Card, Cell, Section, paragraph, picture, table
-from haptic_fieldbus.study.page.style import CARD, card_panel, dress, figure, legend, line, look_of, note, svg
+from haptic_fieldbus.study.measure import loops
+from haptic_fieldbus.study.measure.loops import Growth
+from haptic_fieldbus.study.page.html import (
+    CARD,
+    Card,
+    Cell,
+    Context,
+    Section,
+    card_panel,
+    dress,
+    figure,
+    legend,
+    line,
+    look_of,
+    note,
+    paragraph,
+    picture,
+    svg,
+    table,
+)
 
 QUICK, FULL = 10**5, 10**7
 """Steps of each run."""
@@ -37,11 +52,11 @@ def growth_section(context: Context) -> Section:
     total = QUICK if context.quick else FULL
     told = f"{rounded(total)} steps of "
     found = [
-        growth.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
+        loops.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
     ]
     document = svg(draw(found))
     caption = (
-        f"{rounded(total)} steps are {rounded(total * growth.PERIOD)} s of simulated time. What exceeds the frame is "
+        f"{rounded(total)} steps are {rounded(total * loops.PERIOD)} s of simulated time. What exceeds the frame is "
         "drawn at its edge; × marks where numbers stopped being finite."
     )
     body = [paragraph(EXPLAINED), picture("growth", document, caption), growth_table(found)]

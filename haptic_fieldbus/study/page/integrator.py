@@ -10,12 +10,24 @@ from matplotlib.figure import Figure
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.drawing import GREY, INK
-from haptic_fieldbus.study.measure import in_the_loop
+from haptic_fieldbus.study.measure import loops
 from haptic_fieldbus.study.measure.bench import Bench
-from haptic_fieldbus.study.measure.in_the_loop import HANDLES, LoopGrowth, flicked_free
-from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
-from haptic_fieldbus.study.page.style import dress, figure, legend, line, svg
+from haptic_fieldbus.study.measure.loops import HANDLES, LoopGrowth, flicked_free
+from haptic_fieldbus.study.page.html import (
+    Cell,
+    Context,
+    Entry,
+    Section,
+    dress,
+    figure,
+    legend,
+    line,
+    number_text,
+    paragraph,
+    picture,
+    svg,
+    table,
+)
 
 QUICK, FULL = 40, 160
 """Number of stiffnesses tried."""
@@ -39,7 +51,7 @@ def integrator_section(context: Context) -> Section:
     """Measure the growth rates of all methods and return their section."""
     points = QUICK if context.quick else FULL
     methods = context.with_progress(METHODS, lambda method: f"loop with {method}")
-    found = [in_the_loop.loop_growth(context.bench, method, points) for method in methods]
+    found = [loops.loop_growth(context.bench, method, points) for method in methods]
     stiffness = SHARE * _limit(found, "exact-foh")
     rates, swing = svg(draw(found)), svg(draw_flicked(context.bench, stiffness))
     caption = (

@@ -3,17 +3,59 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
-from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.drawing import GREEN, VERMILION
-from haptic_fieldbus.study.measure.friction_plane import plane
-from haptic_fieldbus.study.measure.region import Region, region
-from haptic_fieldbus.study.page import friction_plane
-from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Entry, Section, paragraph, picture, table
-from haptic_fieldbus.study.page.style import dress, side_by_side, svg
+from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.report.drawing import GREEN, INK, VERMILION
+from haptic_fieldbus.study.measure.region import LARGEST, Ending, Plane, Region, border, plane, region
+from haptic_fieldbus.study.page.html import Context, Entry, Section, dress, paragraph, picture, side_by_side, svg, table
+
+# Part of the region section on friction and encoder: the endings of motions of one size.
+
+STARTS = (5.0, 20.0, 100.0)
+"""Distances from rest at which motions begin, one for each panel [encoder counts]."""
+COLOURS = {
+    Ending.RESTS: ("#d3ebe0", "comes to rest"),
+    Ending.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
+    Ending.GROWS: ("#f8dcc4", "grows"),
+}
+PLANE_EXPLAINED = """<b>Friction and encoder.</b> Over β = b/(K·T) and σ = fc/(K·D), D one encoder count, the regions of
+Diolaiti et al. are the quadrants at ½: passive, locally stable (small motions stick, large ones grow), limit cycle and
+unstable. They are for motions of any size. Here handles are pressed against a wall and let go a given number of counts
+away, friction and rounding exact. A motion of size A grows only where sampling gives more in a swing than friction
+takes, K·T/2 − b &gt; 4·fc/(π·ω·A): the larger it is, the nearer its border is to β = ½."""
+
+
+def part(planes: Sequence[Plane]) -> tuple[str, str]:
+    """Return the part as HTML, and the SVG document of its figure."""
+    document = svg(side_by_side(planes, _plane_panel, 4.2, ncols=5))
+    share = min(plane.agreement for plane in planes)
+    told = "all handles" if share == 1.0 else f"{percent(share, 3)} of the handles"
+    caption = (
+        f"{len(planes[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
+        f"describing functions for motions of that size; {told} more than 5 % of the plane away from it end so."
+    )
+    return paragraph(PLANE_EXPLAINED) + picture("friction-plane", document, caption), document
+
+
+def _plane_panel(panel: Axes, plane: Plane) -> None:
+    """Draw the measured endings, the predicted border and the quadrants."""
+    colours = ListedColormap([COLOURS[outcome][0] for outcome in Ending])
+    panel.pcolormesh(plane.axis, plane.axis, plane.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
+                     rasterized=True)  # fmt: skip
+    for colour, label in COLOURS.values():  # empty areas, for the legend
+        panel.fill_between([], [], color=colour, label=label)
+    beta = np.linspace(0.0, 0.5, 50)
+    panel.plot(beta, border(plane.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
+    panel.axvline(0.5, color=INK, linewidth=1.0, linestyle="--", label="quadrants")
+    panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
+    panel.set_xlim(0.0, LARGEST)
+    panel.set_ylim(0.0, LARGEST)
+    dress(panel, f"let go {exactly(plane.start)} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
+    panel.grid(visible=False)
+
 
 QUICK, FULL = (32, 3000), (120, 20_000)
 """Points of each axis of a K–B region, and periods of each run."""
@@ -46,7 +88,7 @@ def region_section(context: Context) -> Section:
              for title, of, damping in context.with_progress(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
     context.progress("region, friction and encoder", 0.9)
     size = QUICK_PLANE if context.quick else FULL_PLANE
-    sticking, plane_document = friction_plane.part([plane(start, *size) for start in friction_plane.STARTS])
+    sticking, plane_document = part([plane(start, *size) for start in STARTS])
     agreed = min(each.agreement for each in found)
     told = "every loop" if agreed == 1.0 else f"{percent(agreed, 4)} of the loops"
     document = svg(side_by_side(found, _panel, 4.4, ncols=4))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.buses.canopen.adapter import adapter_checks, shown_by_ip
+from haptic_fieldbus.buses.canopen.opening import adapter_checks, shown_by_ip
 from haptic_fieldbus.buses.found import Check
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 

@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen.error_frames import CLASS_WORDS, STATE_WORDS, TOLD, ErrorFrames
+from haptic_fieldbus.buses.canopen.errors import CLASS_WORDS, STATE_WORDS, TOLD, ErrorFrames
 from tests.buses.canopen.benches import Bench
 
 ERROR = 0x2000_0000

@@ -11,7 +11,7 @@ from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, Forei
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.image import AXIS_HEADER
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
+from haptic_fieldbus.protocols.canopen.bus import cob_id_words
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.wall import Wall

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptic_fieldbus.buses.canopen.looking import Looking
+from haptic_fieldbus.buses.canopen.access import Looking
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile

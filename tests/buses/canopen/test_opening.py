@@ -11,12 +11,12 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from haptic_fieldbus.buses.canopen.access import opened
-from haptic_fieldbus.buses.canopen.adapter import SERIAL
 from haptic_fieldbus.buses.canopen.opening import (
     ADVICE,
     LEAKING,
     MULTICAST_ALL,
     OF_A_PACKAGE,
+    SERIAL,
     hears_its_group_alone,
     open_can,
 )

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen.expedited import request
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.buses.canopen.node import request
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.planning.plan import Plan

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptic_fieldbus.buses.canopen.round_trip import round_trip_checks, round_trips
+from haptic_fieldbus.buses.canopen.access import round_trip_checks, round_trips
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
 
 

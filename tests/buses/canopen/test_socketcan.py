@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.buses.canopen.frames import EXTENDED_FLAG, REMOTE_FLAG
-from haptic_fieldbus.buses.canopen.ports import OURS
-from haptic_fieldbus.buses.canopen.socketcan import SocketCanPort
+from haptic_fieldbus.buses.canopen.wire import OURS, SocketCanPort
 from haptic_fieldbus.clock import MonotonicClock
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="SocketCAN is a part of Linux")

@@ -3,14 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
+from haptic_fieldbus.buses.modbus.access import open_line
 from haptic_fieldbus.buses.modbus.master import ModbusBus
-from haptic_fieldbus.buses.modbus.opening import open_line
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.rig import Limits, Rig, default_axis
-from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.compile import compile_plan, on_bus
 from haptic_fieldbus.planning.image import AXIS_HEADER, lay_out_image
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.verdicts import on_bus
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, parse_bus
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.access import ACCESS
-from haptic_fieldbus.buses.modbus.adapter import adapter_checks
+from haptic_fieldbus.buses.modbus.access import ACCESS, adapter_checks
 from haptic_fieldbus.drive.rig import RigAxis, default_axis
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.foreign import foreign_write
+from haptic_fieldbus.buses.modbus.exchange import foreign_write
 from tests.buses.modbus.servers import crc
 
 OURS = {1, 2}

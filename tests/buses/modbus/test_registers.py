@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.registers import from_words, to_words
+from haptic_fieldbus.buses.modbus.unit import from_words, to_words
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.protocols.modbus.profile import Register, WordOrder
 

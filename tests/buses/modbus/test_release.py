@@ -9,7 +9,7 @@ from threading import Event
 
 import pytest
 
-from haptic_fieldbus.buses.modbus import tcp
+from haptic_fieldbus.buses.modbus import transport
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
@@ -166,7 +166,7 @@ def test_a_server_with_nagles_algorithm_confirms_that_it_is_off(
 ) -> None:
     """Zero torque follows a request whose answer is late; its own is then held back until that one is acknowledged."""
     if not quickack:
-        monkeypatch.setattr(tcp, "QUICKACK", None)
+        monkeypatch.setattr(transport, "QUICKACK", None)
     server = opened.enter_context(tcp_server(Drive(), nagle=True))
     bench = opened.enter_context(Bench(plan_of(server.name, way=way, rate=4.0))).open().enable()
     for _ in range(50):  # the kernel acknowledges at once until it takes the connection for a dialogue

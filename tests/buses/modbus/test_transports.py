@@ -12,10 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.opening import open_line
-from haptic_fieldbus.buses.modbus.serial_port import SerialTransport
-from haptic_fieldbus.buses.modbus.tcp import DELAYED_ACK, TcpTransport
-from haptic_fieldbus.buses.modbus.transport import Transport
+from haptic_fieldbus.buses.modbus.access import open_line
+from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK, SerialTransport, TcpTransport, Transport
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection

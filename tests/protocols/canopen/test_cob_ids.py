@@ -4,8 +4,7 @@ import pytest
 
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
-from haptic_fieldbus.protocols.canopen.bus import CanSection
-from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
+from haptic_fieldbus.protocols.canopen.bus import CanSection, cob_id_words
 from tests.builders import WALL, can_traffic, plan_of, rig_of
 
 

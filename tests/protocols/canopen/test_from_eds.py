@@ -10,9 +10,9 @@ from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCo
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
 from haptic_fieldbus.errors import EdsError
+from haptic_fieldbus.protocols.canopen.eds_values import data_type
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.builders import canopen
 from tests.eds.peculiar import FORCE, SHEETS

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.drive.cia402 import IdentitySection
-from haptic_fieldbus.protocols.canopen.matching import Sureness, fitting
+from haptic_fieldbus.protocols.canopen.fitting import Sureness, fitting
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.errors import PlanError
-from haptic_fieldbus.protocols.canopen.periods import period_objects
+from haptic_fieldbus.protocols.canopen.beside import period_objects
 from haptic_fieldbus.protocols.canopen.profile import SyncSection
 from tests.builders import PROFILE, plan_of
 

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.errors import PlanError, RigError, UsageError
-from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load, select
-from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section, parse_bus

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.rig import Rig, RotaryMechanism, default_axis
-from haptic_fieldbus.drive.units import FULL_SCALE, steps_per_revolution, torque_step
+from haptic_fieldbus.drive.rig import FULL_SCALE, Rig, RotaryMechanism, default_axis, steps_per_revolution, torque_step
 from haptic_fieldbus.errors import PlanError, ProfileError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder

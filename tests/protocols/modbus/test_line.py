@@ -11,8 +11,15 @@ from pymodbus.framer.socket import FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu import register_message as pdus
 
-from haptic_fieldbus.protocols.modbus.line import LineTimes, answer_octets, request_octets, serial_line, tcp_line
-from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
+from haptic_fieldbus.protocols.modbus.register_traffic import (
+    Block,
+    LineTimes,
+    RegisterRequest,
+    answer_octets,
+    request_octets,
+    serial_line,
+    tcp_line,
+)
 
 FOUR, TWO, ONE = Block(0x100, 4, (), ()), Block(0x200, 2, (), ()), Block(0x200, 1, (), ())
 # Function, number of registers and octets of the PDU: address 2, quantity 2, count of octets 1, value 2 a register.

@@ -8,10 +8,9 @@ import pytest
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.planning.plan_json import plan_json
-from haptic_fieldbus.planning.scales import position_steps
-from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
+from haptic_fieldbus.planning.explain import explain, plan_json
+from haptic_fieldbus.planning.limits import position_steps
+from haptic_fieldbus.protocols.canopen.traffic import PdoTraffic
 from haptic_fieldbus.protocols.modbus.profile import Register
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction

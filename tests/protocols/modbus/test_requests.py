@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.errors import ImageTooLargeError
 from haptic_fieldbus.protocols.modbus.profile import ModbusMotion, ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.requests import blocks
+from haptic_fieldbus.protocols.modbus.register_traffic import blocks
 from haptic_fieldbus.signals import Signal
 from tests.protocols.modbus.lines import GENERIC, with_line
 

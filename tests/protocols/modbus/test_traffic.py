@@ -14,9 +14,9 @@ from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.plan_json import plan_json
-from haptic_fieldbus.planning.ways import way_limits
+from haptic_fieldbus.planning.refusal import way_limits
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register, WrittenRegister

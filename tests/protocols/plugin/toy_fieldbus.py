@@ -18,13 +18,11 @@ from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
-from haptic_fieldbus.drive.rig import BusSection, RigAxis
-from haptic_fieldbus.drive.units import steps_per_revolution
+from haptic_fieldbus.drive.rig import BusSection, RigAxis, steps_per_revolution
 from haptic_fieldbus.errors import BusError, BusOverloadError, UsageError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
+from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, AxisTraffic, BusTraffic, Delay, Json
 from haptic_fieldbus.signals import LinkFlag, Signal
 from haptic_fieldbus.sim.drive.settings import DriveSettings, build_plant

@@ -1,6 +1,6 @@
 """A bristle that takes all that it is given; its slope is twice its stiffness just after a reversal, and then less."""
 
-from haptic_fieldbus.numerics.bristle import SAMPLED_EXCESS
+from haptic_fieldbus.numerics.relaxation import SAMPLED_EXCESS
 from haptic_fieldbus.scenes.dahl import Dahl
 from tests.scenes.sheet import Sheet, passing, resting, spring_leak
 

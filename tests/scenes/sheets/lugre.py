@@ -7,7 +7,7 @@ dashpot is σ1·(1 + fs/fc) steep at most, and through g, whose steepest fall is
 
 import math
 
-from haptic_fieldbus.numerics.bristle import SAMPLED_EXCESS
+from haptic_fieldbus.numerics.relaxation import SAMPLED_EXCESS
 from haptic_fieldbus.scenes.lugre import LuGre
 from tests.scenes.sheet import Motion, Sheet, damper_leak, passing, resting, spring_leak
 

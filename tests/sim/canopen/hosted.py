@@ -7,11 +7,10 @@ import can
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.hosting import Host
-from haptic_fieldbus.sim.canopen.outlet import Outlet
-from haptic_fieldbus.sim.channel import NamedDrive, slot_of
+from haptic_fieldbus.sim.canopen.hosting import Host, Outlet
 from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
 
 MS = 1_000_000
 READ_IDENTITY = bytes.fromhex("40 18 10 01 00 00 00 00")

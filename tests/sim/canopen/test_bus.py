@@ -8,8 +8,7 @@ from haptic_fieldbus.clock import MonotonicClock, VirtualClock
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim.canopen import bus as module
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, embedded_bus, publish
-from haptic_fieldbus.sim.canopen.pace import LONGEST_WAIT_NS
-from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.canopen.world import LONGEST_WAIT_NS, World
 from haptic_fieldbus.sim.slot import Slot
 from tests.sim.bench import NODE, axis, profile
 

@@ -16,11 +16,10 @@ from haptic_fieldbus.drive.rig import shipped_mechanism
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.hosting import host
-from haptic_fieldbus.sim.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.faults import Emergency
 from haptic_fieldbus.sim.hand import HANDS, grip
-from haptic_fieldbus.sim.host_request import HostRequest, resolve
-from haptic_fieldbus.sim.mechanics import flow
+from haptic_fieldbus.sim.host_request import HostRequest, NamedDrive, resolve, slot_of
+from haptic_fieldbus.sim.mechanics import motion
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.slot import Slot
@@ -131,7 +130,7 @@ class TestWhatIsBuiltBeforeReady:
         hosted = Hosted(5, hand="release")
         hosted.serve()
         computed: list[object] = []
-        monkeypatch.setattr(flow, "expm", computed.append)
+        monkeypatch.setattr(motion, "expm", computed.append)
         seen = enabled(hosted)
         for number in range(3000):
             hosted.send(0x80, b"")

@@ -10,7 +10,7 @@ import pytest
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
-from haptic_fieldbus.sim.canopen.outlet import RETRIED_EVERY_NS, Outlet
+from haptic_fieldbus.sim.canopen.hosting import RETRIED_EVERY_NS, Outlet
 from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 

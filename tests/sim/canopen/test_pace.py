@@ -14,9 +14,8 @@ import pytest
 from haptic_fieldbus.clock import MonotonicClock, VirtualClock
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.pace import RECEIVE_ROOM, TRANSMIT_ROOM, PacedByClock, Stepped
-from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.canopen.link import Frame
+from haptic_fieldbus.sim.canopen.world import RECEIVE_ROOM, TRANSMIT_ROOM, PacedByClock, Stepped, World
 from haptic_fieldbus.sim.faults import DriveFault
 from tests.sim.bench import NODE, axis, profile
 

@@ -10,6 +10,7 @@ import pytest
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, WrittenObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import Eds, EdsType
+from haptic_fieldbus.protocols.canopen.eds_check import Comparison
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import (
     CanopenProfile,
@@ -18,8 +19,7 @@ from haptic_fieldbus.protocols.canopen.profile import (
     ShownObject,
     SimulatedObject,
 )
-from haptic_fieldbus.protocols.canopen.vendor.check import Comparison
-from haptic_fieldbus.protocols.folders import profile_file
+from haptic_fieldbus.protocols.catalogue import profile_file
 from haptic_fieldbus.sim.canopen.proof import proof_of
 from tests.builders import canopen, shipped
 from tests.eds.peculiar import DRIVES

@@ -7,7 +7,7 @@ import pytest
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.canopen.link.frame import INTERMISSION_BITS, Frame, wire_bits
+from haptic_fieldbus.sim.canopen.link import INTERMISSION_BITS, Frame, wire_bits
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS
 from tests.sim.bench import MS, NODE, axis, profile

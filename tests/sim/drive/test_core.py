@@ -13,7 +13,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive import settings as settings_module
-from haptic_fieldbus.sim.drive.brake import LONGEST_NS
+from haptic_fieldbus.sim.drive.core import LONGEST_NS
 from haptic_fieldbus.sim.drive.settings import DriveSettings, known_mechanics
 from haptic_fieldbus.sim.hand import HANDS
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory

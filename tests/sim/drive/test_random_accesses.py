@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from haptic_fieldbus.sim.drive.object_table import Defaults, rows
+from haptic_fieldbus.sim.drive.objects import Defaults, rows
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import MS, NODE, DriveBench
 from tests.sim.drive.sentences import STATES

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant, stiffness_limit
-from haptic_fieldbus.margins.ranges import ASSUMED_BANDWIDTH, DAMPING_SHARES
+from haptic_fieldbus.margins.plant import ASSUMED_BANDWIDTH, DAMPING_SHARES
 from haptic_fieldbus.margins.schedules import Instants, Ticks, free_ticks, schedule_limit
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes, Servo

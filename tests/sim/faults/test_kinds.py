@@ -12,7 +12,7 @@ import pytest
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS, Hand, hand_named
 from haptic_fieldbus.sim.host import HostClock, truth_of

@@ -8,7 +8,7 @@ import numpy as np
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import Grip
 from haptic_fieldbus.sim.mechanics.body import Body
-from haptic_fieldbus.sim.mechanics.load import Load
+from haptic_fieldbus.sim.mechanics.loaded_plant import Load
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
 CELL_NS = float(1 << 20)

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import Grip
-from haptic_fieldbus.sim.mechanics.load import Load
+from haptic_fieldbus.sim.mechanics.loaded_plant import Load
 
 Function = Callable[[float, Matrix], float]
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.mechanics import flow as module
-from haptic_fieldbus.sim.mechanics.flow import Flow
+from haptic_fieldbus.sim.mechanics import motion as module
+from haptic_fieldbus.sim.mechanics.motion import Flow
 from tests.cases import every
 
 OSCILLATOR = np.array([[0.0, 1.0], [-1.0e6, -20.0]])

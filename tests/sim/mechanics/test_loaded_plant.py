@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
-from haptic_fieldbus.drive.rig import RotaryMechanism
+from haptic_fieldbus.drive.rig import Cogging, CompliantCoupling, Mechanics, RotaryMechanism, Stribeck, Weight
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive.settings import DriveSettings, build_plant
 from haptic_fieldbus.sim.hand import Grip, Piece
 from haptic_fieldbus.sim.mechanics import loaded_plant as module
-from haptic_fieldbus.sim.mechanics.load import LOAD_SPEED, TWIST, Load
-from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
+from haptic_fieldbus.sim.mechanics.loaded_plant import LOAD_SPEED, TWIST, Load, LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import ANGLE, HAND_SPEED, SPEED, Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory

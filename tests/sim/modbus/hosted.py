@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from queue import Queue
 from threading import Event, Thread
 
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve
 from haptic_fieldbus.sim.slot import Slot

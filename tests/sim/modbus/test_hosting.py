@@ -15,7 +15,7 @@ import pytest
 import serial
 
 from haptic_fieldbus.errors import BusError, PlanError
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim import faults
 from tests.sim.modbus.hosted import address_of, device_of, hosted
 from tests.sim.modbus.test_line import READ, crc, rtu, tcp

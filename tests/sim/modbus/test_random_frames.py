@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from haptic_fieldbus.sim.modbus.desk import Desk
+from haptic_fieldbus.sim.modbus.station import Desk
 from tests.sim.modbus.test_line import READ, crc, rtu, tcp
 from tests.sim.modbus.units import NUMBER, NoLine, slot
 

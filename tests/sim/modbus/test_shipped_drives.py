@@ -10,8 +10,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.drive.rig import default_axis
-from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.protocols.folders import profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive.power import State

@@ -7,8 +7,8 @@ from typing import Any
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.protocols.modbus.line import serial_line, tcp_line
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
+from haptic_fieldbus.protocols.modbus.register_traffic import serial_line, tcp_line
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State

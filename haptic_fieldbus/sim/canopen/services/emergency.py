@@ -13,7 +13,7 @@ from functools import partial
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.services.alarms import Alarms
+from haptic_fieldbus.sim.canopen.services.basics import Alarms
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused, one_of
 
 HISTORY = 8

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.canopen.services.cob_id import ID, INVALID, NO_RTR, refuse_move
+from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, refuse_move
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused, one_of
 
 MS = 1_000_000

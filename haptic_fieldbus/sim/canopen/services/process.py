@@ -7,17 +7,162 @@ parameter changes: an RPDO gets the receiver that its parameters need, and no mo
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.services.alarms import Alarms, Handler
-from haptic_fieldbus.sim.canopen.services.deadline import Deadlines
-from haptic_fieldbus.sim.canopen.services.emergency import PDO_TOO_LONG, PDO_TOO_SHORT, SYNC_LENGTH, Emergencies
+from haptic_fieldbus.sim.canopen.link import Frame
+from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handler, is_restricted
+from haptic_fieldbus.sim.canopen.services.emergency import (
+    PDO_TOO_LONG,
+    PDO_TOO_SHORT,
+    RPDO_TIMEOUT,
+    SYNC_LENGTH,
+    Emergencies,
+)
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
-from haptic_fieldbus.sim.canopen.services.sync import SyncObjects
-from haptic_fieldbus.sim.drive.dictionary import Dictionary
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Refused
+
+# Deadlines of RPDOs: their event timers (1400h:05).
+#
+# Theory (CiA 301, 7.5.2.35): the first reception in *operational* arms the deadline, each further one postpones it.
+# When it passes, an emergency 8250h is sent, whose error ends with the next reception. Writing the event timer or the
+# identifier disarms the deadline. The standard leaves further reactions to the application: this drive treats a missed
+# deadline as a lost link (6007h).
+#
+# A reception only notes its time; the alarm is postponed when it rings. So a period costs one assignment.
+
+
+class Deadline:
+    """The deadline of one RPDO."""
+
+    def __init__(self, rpdo: Rpdo, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int, int], None]) -> None:
+        self.alarm: Alarm = alarms.new(self._rings)
+        self._rpdo = rpdo
+        self._emergencies = emergencies
+        self._lost = lost
+        self._parameters = (rpdo.can_id, rpdo.deadline_ns)
+        self._last_ns = 0
+        self._armed = False
+
+    def heard(self, t_ns: int) -> None:
+        """Note a reception of the RPDO."""
+        self._last_ns = t_ns
+        if not self._armed:
+            self._armed = True
+            self.alarm.at(t_ns + self._rpdo.deadline_ns)
+            self._emergencies.clear(RPDO_TIMEOUT, self._rpdo)
+
+    def disarm(self) -> None:
+        """Disarm until the next reception; an error that was raised ends."""
+        self._armed = False
+        self.alarm.off()
+        self._emergencies.clear(RPDO_TIMEOUT, self._rpdo)
+
+    def check(self) -> None:
+        """Disarm when the parameters have changed."""
+        parameters = (self._rpdo.can_id, self._rpdo.deadline_ns)
+        if parameters != self._parameters:
+            self._parameters = parameters
+            self.disarm()
+
+    def _rings(self, t_ns: int) -> None:
+        # The alarm still has the time of an earlier reception: postpone it.
+        due_ns = self._last_ns + self._rpdo.deadline_ns
+        if due_ns > t_ns:
+            self.alarm.at(due_ns)
+            return
+        self._armed = False
+        self._emergencies.raise_error(RPDO_TIMEOUT, self._rpdo)
+        self._lost(RPDO_TIMEOUT, t_ns)
+
+
+class Deadlines:
+    """The deadlines of all RPDOs that have one."""
+
+    def __init__(self, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int, int], None]) -> None:
+        self._alarms = alarms
+        self._emergencies = emergencies
+        self._lost = lost
+        self._all: dict[Rpdo, Deadline] = {}
+
+    def watch(self, rpdos: Iterable[Rpdo]) -> None:
+        """Take over the parameters of the RPDOs that are received; disarm the deadlines of all others."""
+        received = set(rpdos)
+        for rpdo, deadline in self._all.items():
+            if rpdo in received:
+                deadline.check()
+            else:
+                deadline.disarm()
+
+    def heard(self, rpdo: Rpdo, receive: Handler) -> Handler:
+        """Return a receiver that notes the reception and then calls `receive`."""
+        deadline = self._all.get(rpdo)
+        if deadline is None:
+            deadline = self._all[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, self._lost)
+        heard = deadline.heard
+
+        def timed(data: bytes, t_ns: int) -> None:
+            heard(t_ns)
+            receive(data, t_ns)
+
+        return timed
+
+    def stop(self) -> None:
+        """Disarm all deadlines, on leaving *operational*."""
+        for deadline in self._all.values():
+            deadline.disarm()
+
+
+# SYNC as a simulated node consumes it: 1005h, 1006h, 1007h, 1019h.
+#
+# Reference: CiA 301 4.2, 7.2.5 and 7.5.2.6 to 7.5.2.8, 7.5.2.22. The node does not produce SYNC. The SYNC counter
+# (1019h) cannot be changed while the period 1006h is not 0. A synchronous RPDO that comes later than 1007h after SYNC
+# is dropped.
+
+SYNC_ID = 0x80
+# 1019h: 0 for no counter, else its highest value; 1 is reserved.
+_COUNTERS = (0, *range(2, 241))
+
+
+class SyncObjects:
+    """The objects of SYNC and their meaning; `changed` is called when one of them was written."""
+
+    def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
+        add = dictionary.add
+        self._cob_id = add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=_accept_identifier))
+        self._period = add(Entry(0x1006, 0, DataType.UINT32, 0, Access.RW))
+        self._window = add(Entry(0x1007, 0, DataType.UINT32, 0, Access.RW))
+        self._overflow = add(Entry(0x1019, 0, DataType.UINT8, 0, Access.RW, accept=self._accept_overflow))
+        for entry in (self._cob_id, self._window, self._overflow):
+            entry.changed = changed
+
+    @property
+    def can_id(self) -> int:
+        return self._cob_id.value & ID
+
+    @property
+    def counted(self) -> bool:
+        """Return whether SYNC messages carry a counter."""
+        return self._overflow.value != 0
+
+    @property
+    def window_ns(self) -> int:
+        """Return the synchronous window; 0: until the next SYNC."""
+        return self._window.value * 1000
+
+    def _accept_overflow(self, value: int) -> None:
+        if self._period.value:
+            raise Refused(AbortCode.DEVICE_STATE)
+        if value not in _COUNTERS:
+            raise Refused(AbortCode.INVALID_VALUE)
+
+
+def _accept_identifier(value: int) -> None:
+    """Refuse the production of SYNC (bit 30), 29-bit identifiers and restricted ones."""
+    if value & ~ID or is_restricted(value):
+        raise Refused(AbortCode.INVALID_VALUE)
 
 
 class Application(Protocol):

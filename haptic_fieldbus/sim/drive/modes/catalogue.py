@@ -7,16 +7,17 @@ from haptic_fieldbus.sim.drive.modes.mode import Mode
 from haptic_fieldbus.sim.drive.modes.position import CyclicPosition, ProfilePosition
 from haptic_fieldbus.sim.drive.modes.torque import CyclicTorque, OwnTorque, ProfileTorque
 from haptic_fieldbus.sim.drive.modes.velocity import CyclicVelocity, ProfileVelocity
-from haptic_fieldbus.sim.drive.object_table import (
+from haptic_fieldbus.sim.drive.objects import (
     CYCLIC_POSITION,
     CYCLIC_TORQUE,
     CYCLIC_VELOCITY,
     HOMING,
+    NO_MODE,
     PROFILE_POSITION,
     PROFILE_TORQUE,
     PROFILE_VELOCITY,
+    Objects,
 )
-from haptic_fieldbus.sim.drive.objects import NO_MODE, Objects
 from haptic_fieldbus.sim.drive.stage import Stage
 
 

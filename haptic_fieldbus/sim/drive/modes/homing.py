@@ -9,8 +9,7 @@ used. While enabled, the mode holds the motor at rest by the speed loop.
 
 from haptic_fieldbus.sim.drive.modes.mode import BIT_12, INTERNAL_LIMIT, NEW_SET_POINT, TARGET_REACHED, Mode
 from haptic_fieldbus.sim.drive.modes.ramps import to_velocity
-from haptic_fieldbus.sim.drive.object_table import CURRENT_POSITION
-from haptic_fieldbus.sim.drive.objects import Objects
+from haptic_fieldbus.sim.drive.objects import CURRENT_POSITION, Objects
 from haptic_fieldbus.sim.drive.stage import Stage
 
 ATTAINED = BIT_12

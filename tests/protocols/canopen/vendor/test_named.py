@@ -6,10 +6,9 @@ import pytest
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import EdsType
+from haptic_fieldbus.protocols.canopen.eds_check import named_objects, shown_findings
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CommissioningSection, ShownObject
-from haptic_fieldbus.protocols.canopen.vendor.named import named_objects
-from haptic_fieldbus.protocols.canopen.vendor.shown import shown_findings
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.builders import VELOCITY_ONLY, canopen
 from tests.eds.sheets import changed, generic, own, without

@@ -5,7 +5,7 @@ import math
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.sim.canopen.link.frame import INTERMISSION_BITS, Frame, arbitration_key, wire_bits
+from haptic_fieldbus.sim.canopen.link import INTERMISSION_BITS, Frame, arbitration_key, wire_bits
 from tests.sim.canopen.link.can_bits import arbitration_bits, encoded
 
 

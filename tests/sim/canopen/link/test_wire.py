@@ -3,8 +3,7 @@
 import pytest
 
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.link.frame import Frame, wire_bits
-from haptic_fieldbus.sim.canopen.link.wire import Port, Wire
+from haptic_fieldbus.sim.canopen.link import Frame, Port, Wire, wire_bits
 
 MBIT = 1_000_000
 A, B = Frame(0x100, b"\x55\x55"), Frame(0x200, b"\x55")

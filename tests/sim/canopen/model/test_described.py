@@ -7,8 +7,8 @@ import pytest
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import SimulatedObject, SimulationSection
-from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.model.described import entries_of
+from haptic_fieldbus.sim.canopen.link import Frame
+from haptic_fieldbus.sim.canopen.model import entries_of
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
 from tests.sim.bench import NODE, DriveBench, Refusal, profile
 

@@ -11,7 +11,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulationSection
 from haptic_fieldbus.protocols.catalogue import profile_folder
-from haptic_fieldbus.sim.canopen.model.quirks import QUIRKS, Quirk
+from haptic_fieldbus.sim.canopen.slave import QUIRKS, Quirk
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, profile
 

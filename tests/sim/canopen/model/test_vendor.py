@@ -14,10 +14,10 @@ from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset, eds_text
 from haptic_fieldbus.errors import BusConfigurationError, PlanError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.eds_values import data_type
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
-from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.model.vendor import BENCH_VALUES
+from haptic_fieldbus.sim.canopen.model import BENCH_VALUES
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Entry, Refused
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.eds.peculiar import DRIVES, FORCE

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.services.alarms import Alarms
+from haptic_fieldbus.sim.canopen.services.basics import Alarms
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 20) | st.none()), max_size=40))

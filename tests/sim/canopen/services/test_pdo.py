@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
+from haptic_fieldbus.sim.canopen.services.basics import INVALID
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable, Refused
 from tests.sim.bench import MS, DriveBench, Refusal, profile

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.canopen.services.memory import add_user_data_memory
-from haptic_fieldbus.sim.canopen.services.sdo.block import crc
-from haptic_fieldbus.sim.canopen.services.sdo.server import SdoServer
+from haptic_fieldbus.sim.canopen.services.communication import add_user_data_memory
+from haptic_fieldbus.sim.canopen.services.sdo import SdoServer, crc
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry
 
 INDEX = 0x5FF0

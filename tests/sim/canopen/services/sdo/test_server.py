@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.canopen.services.sdo.server import SdoServer
+from haptic_fieldbus.sim.canopen.services.sdo import SdoServer
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry
 
 TEXT = b"maxon EPOS4 seen from afar"

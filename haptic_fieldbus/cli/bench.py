@@ -1,0 +1,273 @@
+"""Commands that look at a bench without torque: `doctor`, `scan`, `watch`."""
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
+
+import typer
+
+from haptic_fieldbus.cli.options import (
+    BENCH,
+    DRIVE,
+    RENDERING,
+    JsonOption,
+    ProfilesOption,
+    frequency,
+    note_assumed_bitrate,
+    option,
+    options_of,
+    refuse_beside_rig,
+    seconds,
+)
+from haptic_fieldbus.cli.screen import KEY_WIDTH, console, json_text, print_json, show, show_table
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import in_unit, rounded
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.api.bench import BenchRequest
+    from haptic_fieldbus.buses.found import FoundNode, Scan
+    from haptic_fieldbus.running.watching import View
+
+
+# Command `scan`: the nodes of a bus, by reading alone.
+
+NOBODY_ANSWERS = (
+    "no node answered: check that the drives have power, the wiring and both 120 Ω terminators, and the bit rate; "
+    "doctor tells what the adapter says"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusOptions:
+    """Options of a command that needs a bus alone."""
+
+    bus: Annotated[
+        str | None,
+        option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
+    ] = None
+    rig: Annotated[Path | None, option("FILE", "Rig file, whose buses are looked at.", BENCH)] = None
+    profiles: ProfilesOption = None
+    as_json: JsonOption = False
+
+    def bench(self) -> "BenchRequest":
+        """Return the bench that the options name."""
+        from haptic_fieldbus.api.bench import BenchRequest
+
+        fields = BenchRequest.__dataclass_fields__
+        names: dict[str, Any] = {
+            name: value for name, value in vars(self).items() if name in fields and value is not None
+        }
+        return BenchRequest(**names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanOptions(BusOptions):
+    """Options of `scan`."""
+
+    asked: Annotated[
+        str | None,
+        option("IDS", "Nodes to ask, as in 1-8 or 1,3.", BENCH, "--node", default="all on CAN, 1 on Modbus"),
+    ] = None
+
+    def nodes(self) -> list[int]:
+        """Return the numbers that are asked; raises UsageError for a text that is none."""
+        ranges = [part.partition("-") for part in (self.asked or "").split(",") if part]
+        try:
+            return [node for first, _, last in ranges for node in range(int(first), int(last or first) + 1)]
+        except ValueError:
+            raise UsageError(f"--node {self.asked}: expected numbers, as in 1-8 or 1,3") from None
+
+
+@options_of(ScanOptions)
+def scan(options: ScanOptions) -> None:
+    """List the nodes of a bus: who they are, their state, the profile that fits. Nothing is written to them."""
+    from haptic_fieldbus.api.bench import scans
+
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    found = list(scans(options.bench(), options.nodes()))
+    if options.as_json:
+        nodes = [{**node.to_json(), "bus": each.bus} for each in found for node in each.nodes]  # type: ignore[dict-item]
+        buses = [{"bus": each.bus, "listened": each.listened, "masters": each.masters or None} for each in found]
+        print_json({"nodes": nodes, "buses": buses})  # type: ignore[dict-item]
+        return
+    for each in found:
+        _tell_of(each)
+
+
+def _tell_of(found: "Scan") -> None:
+    show([("bus", found.listened)])
+    if found.masters:
+        show([("listened", found.masters)])
+    if not found.nodes:
+        show([("none", NOBODY_ANSWERS)])
+        return
+    show_table(
+        ("node", "vendor", "product", "revision", "serial", "name", "NMT", "state", "profile"),
+        (list(_cells(node)) for node in found.nodes),
+    )
+    show((f"node {node.node}", node.sure) for node in found.nodes if node.sure is not None)
+
+
+def _cells(node: "FoundNode") -> Iterator[str]:
+    yield str(node.node)
+    for number in (node.vendor_id, node.product_code, node.revision, node.serial):
+        yield "" if number is None else f"{number:08X}h"
+    for text in (node.name, node.nmt_state, node.power_state, node.profile):
+        yield text or ""
+
+
+# Command `doctor`: is this computer, its adapter and its bus fit for a loop?
+
+WORDS = {True: "ok", False: "not ok", None: "-"}
+FAILED = ("adapter", "round_trip")
+"""Checks of which a failed one is a bus that failed; all others are advice."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveOptions(BusOptions):
+    """Options of a command that looks at drives without a scene."""
+
+    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
+    node: Annotated[int | None, option("ID", "Node-ID of the drive.", BENCH, default=DEFAULT_NODE)] = None
+
+    def bench(self) -> "BenchRequest":
+        """Return the bench that the options name; raises UsageError when `--rig` meets `--drive` or `--node`."""
+        refuse_beside_rig(self.rig, self.drive, self.node)
+        return super().bench()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions(DriveOptions):
+    """Options of `doctor`."""
+
+    rate: Annotated[
+        float, option("HZ", "Rate of the loop that is to run.", RENDERING, default=DEFAULT_RATE, parser=frequency)
+    ] = DEFAULT_RATE
+
+
+@options_of(DoctorOptions)
+def doctor(options: DoctorOptions) -> None:
+    """Check adapter, bus and computer before a drive is used, and say what to do about each fault."""
+    from haptic_fieldbus.api.bench import examined
+
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    checks = examined(options.bench())
+    if options.as_json:
+        print_json({"checks": [check.to_json() for check in checks]})
+    else:
+        for check in checks:
+            show([(WORDS[check.ok], f"{check.name.replace('_', ' ')}: {check.measured}")])
+            if check.advice:
+                show([("", check.advice)])
+    if any(check.ok is False and check.name in FAILED for check in checks):
+        raise typer.Exit(1)
+
+
+# Command `watch`: a live look at drives, without torque.
+
+LOOK_EVERY = 0.1
+"""Time between two looks [s]; on a terminal each is shown."""
+LOOKS_PER_LINE = 10
+"""Looks for each line in a pipe or a file: a line a second."""
+Shown = Callable[[Mapping[str, "View"]], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchOptions(DriveOptions):
+    """Options of `watch`."""
+
+    duration: Annotated[
+        float | None, option("S", "Time to watch; until Ctrl-C unless given.", RENDERING, parser=seconds)
+    ] = None
+
+
+@options_of(WatchOptions)
+def watch(options: WatchOptions) -> None:
+    """Show position, velocity, torque and state of drives while nothing is enabled; Ctrl-C ends it."""
+    duration = math.inf if options.duration is None else options.duration
+    if not duration > 0.0:
+        raise UsageError(f"--duration {options.duration}: expected seconds, more than 0")
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    look(options.bench(), duration, sys.stdout, as_json=options.as_json)
+
+
+def look(bench: "BenchRequest", duration: float, stream: TextIO, *, as_json: bool = False) -> None:
+    """Show the axes of a bench for `duration` [s]; raises BusError or DocumentError."""
+    from haptic_fieldbus.api.bench import watched
+    from haptic_fieldbus.clock import MonotonicClock
+    from haptic_fieldbus.running.watching import watch_axes
+
+    live = stream.isatty() and not as_json
+    lines = _print_json_line if as_json else partial(_print_lines, stream=stream)
+    with watched(bench) as (axes, onlookers), _live(stream) if live else nullcontext(lines) as tell:
+        told: set[str] = set()
+        show([("bus", onlooker.listened) for onlooker in onlookers], sys.stderr)
+        for number, views in enumerate(watch_axes(axes, onlookers, MonotonicClock(), LOOK_EVERY, duration)):
+            news = {onlooker.masters for onlooker in onlookers} - told - {""}
+            show([("listening", sentence) for sentence in news], sys.stderr)
+            told |= news
+            if live or number % LOOKS_PER_LINE == 0:
+                tell(views)
+
+
+@contextmanager
+def _live(stream: TextIO) -> Iterator[Shown]:
+    """Yield a function that shows the axes in place, on a terminal."""
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(console=console(stream), auto_refresh=False) as screen:
+        yield lambda views: screen.update(Text("\n".join(_named_lines(views))), refresh=True)
+
+
+def _named_lines(views: Mapping[str, "View"]) -> Iterator[str]:
+    for name, view in views.items():
+        yield from (f"{name:{KEY_WIDTH}}{line}" for line in lines_of(view))
+
+
+def _print_json_line(views: Mapping[str, "View"]) -> None:
+    print(json_text({"axes": {name: view.to_json() for name, view in views.items()}}), flush=True)
+
+
+def _print_lines(views: Mapping[str, "View"], stream: TextIO) -> None:
+    for name, view in views.items():
+        show((("" if number else name, line) for number, line in enumerate(lines_of(view))), stream)
+    stream.flush()
+
+
+def lines_of(view: "View") -> Iterator[str]:
+    """Yield the lines of one axis: its values, and a note where there is something to be told."""
+    parts = [f"node {view.node}", view.state or "state unknown"]
+    if view.statusword is not None:
+        parts[1] += f" ({view.statusword:04X}h)"
+    if view.error_code is not None:
+        parts.append(f"error code {view.error_code:04X}h")
+    parts += [*_motion(view), *_ages(view)]
+    yield " · ".join(parts)
+    if view.note is not None:
+        yield view.note
+
+
+def _motion(view: "View") -> Iterator[str]:
+    if view.position_counts is not None:
+        counts = f"{view.position_counts} counts"
+        yield counts if view.position is None else f"{in_unit(view.position, view.unit or '')} ({counts})"
+    if view.velocity is not None:
+        yield in_unit(view.velocity, f"{view.unit}/s")
+    if view.torque_actual is not None:
+        yield in_unit(view.torque_actual, "N·m")
+    elif view.torque_actual_raw is not None:
+        yield f"torque {view.torque_actual_raw} (steps of the drive)"
+
+
+def _ages(view: "View") -> Iterator[str]:
+    if view.age_s is not None:
+        yield f"{rounded(1e3 * view.age_s)} ms old"
+    if view.nmt_state is not None and view.life_age_s is not None:
+        yield f"{view.nmt_state}, heartbeat {rounded(1e3 * view.life_age_s)} ms ago"

@@ -1,0 +1,227 @@
+"""Commands that need no drive: `plan`, `stability`, `response`, `estimate`."""
+
+import sys
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptic_fieldbus.cli.options import (
+    RENDERING,
+    BenchOptions,
+    JsonOption,
+    PlotOption,
+    SceneOptions,
+    check_plot,
+    draw,
+    note_assumed_bitrate,
+    number,
+    option,
+    options_of,
+    seconds,
+)
+from haptic_fieldbus.cli.screen import KEY_WIDTH, plain, print_json, show
+from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly, rounded
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.api.model import EnvironmentModel
+    from haptic_fieldbus.api.open_loop import Response
+    from haptic_fieldbus.planning.request import Rendering
+    from haptic_fieldbus.protocols.traffic import Json
+
+
+# Command `stability`: the stability limits of a scene, computed before anything moves.
+
+DEVICE_PANEL = "Device, instead of a bench (SI, in the scene's workspace; what is not given is 0)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityOptions(BenchOptions):
+    """Further options of `stability`."""
+
+    mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)] = None
+    damping: Annotated[float | None, option("N·S/M", "Viscous damping.", DEVICE_PANEL, parser=number)] = None
+    coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE_PANEL, parser=number)] = None
+    resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE_PANEL, parser=number)] = None
+    delay: Annotated[
+        float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE_PANEL, parser=seconds)
+    ] = None
+    plot: PlotOption = None
+
+
+@options_of(StabilityOptions)
+def stability(options: StabilityOptions) -> None:
+    """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
+    from haptic_fieldbus.api.judging import Inquiry, judge_scene
+    from haptic_fieldbus.report.analysis_words import notes, stability_lines
+
+    inquiry = options.given(Inquiry)
+    check_plot(options.plot)
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    judgement = judge_scene(inquiry)
+    if options.plot is not None:
+        from haptic_fieldbus.report.analysis_plots import plot_region
+
+        draw(options.plot, lambda path: plot_region(judgement, path))
+    show(notes(judgement), sys.stderr)
+    if options.as_json:
+        found = {key: plain(value) for key, value in judgement.stability.to_json().items()}
+        ways: list[Json] = [way.to_json() for way in judgement.ways]
+        print_json({**found, "assumed": list(judgement.assumed), "ways": ways})
+        return
+    show(stability_lines(judgement))
+    if options.plot is not None:
+        show([("plot", str(options.plot))])
+
+
+# Command `response`: the force of a scene for a prescribed motion, without a drive.
+
+MOTION_DURATION = f"{exactly(DEFAULT_MOTION_DURATION)}, or that of the file"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseOptions(SceneOptions):
+    """Further options of `response`."""
+
+    input: Annotated[str, option("MOTION", "Of the puck: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION)] = (
+        DEFAULT_MOTION
+    )
+    amplitude: Annotated[
+        float,
+        option(
+            "M",
+            "Of the motion; a ramp reaches it after one second, a file is multiplied.",
+            default=DEFAULT_AMPLITUDE,
+            parser=number,
+        ),
+    ] = DEFAULT_AMPLITUDE
+    duration: Annotated[
+        float | None, option("S", "Of the motion.", RENDERING, default=MOTION_DURATION, parser=seconds)
+    ] = None
+    model: Annotated[
+        bool,
+        option(None, "Tell A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"),
+    ] = False
+    plot: PlotOption = None
+
+
+@options_of(ResponseOptions)
+def response(options: ResponseOptions) -> None:
+    """Simulate the open loop: compute the force of SCENE for a prescribed motion of the puck, by any integrator."""
+    check_plot(options.plot)
+    from haptic_fieldbus import api
+    from haptic_fieldbus.api.open_loop import OpenLoop
+    from haptic_fieldbus.report.analysis_words import response_lines
+
+    asked = options.given(OpenLoop)
+    found = api.response.of(asked)
+    title = f"{options.scene}, {options.input}"
+    model = _model(asked) if options.model else None
+    if options.plot is not None:
+        _draw(options.plot, found, model, title)
+    if found.diverged:
+        show([("diverged", f"a number was no longer finite after {len(found.time)} samples")], sys.stderr)
+    if found.alias is not None:
+        text = f"{options.input} is not below half the rate: its samples are those of {rounded(found.alias)} Hz"
+        show([("warning", text)], sys.stderr)
+    if options.as_json:
+        told = found.to_json() if model is None else {**found.to_json(), "model": model.to_json()}
+        print_json({key: plain(value) for key, value in told.items()})
+        return
+    show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
+    if model is not None:
+        from haptic_fieldbus.report.analysis_words import model_lines
+
+        show(model_lines(model))
+    if options.plot is not None:
+        show([("plot", str(options.plot))])
+
+
+def _model(asked: "Rendering") -> "EnvironmentModel":
+    from haptic_fieldbus.api.model import model_of
+
+    return model_of(asked)
+
+
+def _draw(path: Path, found: "Response", model: "EnvironmentModel | None", title: str) -> None:
+    """Draw the poles of the model, or the response when there is no model; raises UsageError for no poles."""
+    if model is not None:
+        if not model.integrated.order:
+            raise UsageError("--plot: no method integrates anything in this scene, so that there are no poles to draw")
+        from haptic_fieldbus.report.analysis_plots import plot_model
+
+        draw(path, lambda file: plot_model(model, title, file))
+        return
+    from haptic_fieldbus.report.analysis_plots import plot_response
+
+    draw(path, lambda file: plot_response(found, title, file))
+
+
+# Command `estimate`: a velocity estimator, a filter or an integration on a recorded signal.
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions:
+    """Options of `estimate`."""
+
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="CSV with the columns time and position, or time and velocity; SI.")
+    ]
+    estimator: Annotated[
+        str | None,
+        option(
+            "NAME",
+            "Velocity estimator, with its parameters; of velocities it is a filter, and trapezoidal integrates them. "
+            r"\[default: backward-difference of positions, trapezoidal of velocities]",
+        ),
+    ] = None
+    resolution: Annotated[
+        float | None,
+        option("STEP", r"One step of the signal. \[default: the least difference of two values]", parser=number),
+    ] = None
+    plot: PlotOption = None
+    as_json: JsonOption = False
+
+
+@options_of(EstimateOptions)
+def estimate(options: EstimateOptions) -> None:
+    """Estimate velocity or position from the signal in FILE, and tell noise, delay and drift of the estimator."""
+    check_plot(options.plot)
+    from haptic_fieldbus.api.estimation import SignalRequest, estimate_from
+    from haptic_fieldbus.report.analysis_words import estimate_lines
+
+    names = (field.name for field in fields(SignalRequest))
+    found = estimate_from(SignalRequest(**{name: getattr(options, name) for name in names}))
+    if options.plot is not None:
+        from haptic_fieldbus.report.analysis_plots import plot_estimate
+
+        draw(options.plot, lambda path: plot_estimate(found, options.file.name, path))
+    if options.as_json:
+        print_json({key: plain(value) for key, value in found.to_json().items()})
+        return
+    show(estimate_lines(found, options.file.name))
+    if options.plot is not None:
+        show([("plot", str(options.plot))])
+
+
+# Command `plan`: compile a scene for a bench and explain the plan; no bus is opened.
+
+
+@options_of(BenchOptions)
+def plan(options: BenchOptions) -> None:
+    """Compile SCENE for a drive and explain the plan: the steps of each period, and all that is left out."""
+    from haptic_fieldbus import api
+    from haptic_fieldbus.planning.explain import explain, plan_json
+    from haptic_fieldbus.planning.request import Task
+
+    task = options.given(Task)
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    compiled = api.plan.of(task)
+    if options.as_json:
+        print_json(plan_json(compiled))
+    else:
+        # `explain` writes the same column of keys; taken apart, the keys become bold and long lines are wrapped.
+        show((line[:KEY_WIDTH].strip(), line[KEY_WIDTH:]) for line in explain(compiled).splitlines())

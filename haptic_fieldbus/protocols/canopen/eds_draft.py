@@ -1,0 +1,124 @@
+"""The TOML of a profile that is made from an EDS: a beginning, which says of each value where it comes from."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from enum import Enum
+
+from haptic_fieldbus.documents.edits import quoted
+from haptic_fieldbus.drive.profile import ASSUMED
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.canopen.eds_sources import LEFT_OUT
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+
+SECTIONS = ("drive", "identity", "torque", "position", "velocity", "pdo", "sync", "link_loss", "timing")
+HEXADECIMAL = ("object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes",
+               "maps")  # fmt: skip
+"""Keys whose numbers are written as in vendors' manuals."""
+USABLE = "drive.usable"
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """A value that no EDS can know, as it is written, and the reason for it."""
+
+    key: str
+    value: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Draft:
+    """The text of a profile, and what has to be found out before it moves a motor."""
+
+    text: str
+    assumed: tuple[Assumed, ...]
+    known: int
+    """Number of values with a source other than an assumption."""
+
+
+def draft_of(profile: EdsProfile, file: str) -> Draft:
+    """Return the draft of a profile; `file` is the name of the vendor's file."""
+    written = {section: _section(profile, section) for section in SECTIONS}
+    values = {f"{section}.{key}": text for section, items in written.items() for key, text in items.items()}
+    sources = {key: text for key, text in profile.sources.items() if _is_told(key, text, values)}
+    assumed = tuple(Assumed(key, _value(profile, key), text) for key, text in sources.items() if ASSUMED in text)
+    lines = [
+        *_head(profile, file, assumed),
+        "schema = 1",
+        "",
+        *(line for section, items in written.items() if items for line in _table(section, items)),
+        "[sources]",
+        *(f"{quoted(key)} = {quoted(source)}" for key, source in sources.items()),
+        "",
+    ]
+    left_out = sum(text.startswith(LEFT_OUT) for text in sources.values())
+    return Draft("\n".join(lines), assumed, len(sources) - len(assumed) - left_out)
+
+
+def _is_told(key: str, source: str, values: dict[str, str]) -> bool:
+    """Return whether a source belongs into the file: that of a value, or the reason for one that is not there."""
+    return source.startswith(LEFT_OUT) or key == USABLE or ".".join(key.split(".")[:2]) in values
+
+
+def _section(profile: EdsProfile, section: str) -> dict[str, str]:
+    """Return the values of a section as TOML, by key: those with a source, and those other than the usual."""
+    table = getattr(profile, section)
+    found: dict[str, str] = {}
+    for field in fields(table) if table is not None else ():
+        value, key = getattr(table, field.name), f"{section}.{field.name}"
+        told = any(name == key or name.startswith(f"{key}.") for name in profile.sources)
+        if value not in (None, ()) and (told or value != _usual(field)):
+            found[field.name] = _toml(field.name, value)
+    return found
+
+
+def _usual(field: Field[object]) -> object:
+    """Return the default of a field; none equals any value for a field without one."""
+    return field.default if field.default is not MISSING else MISSING
+
+
+def _toml(key: str, value: object) -> str:
+    """Return a value as TOML; sub-index 0 and an empty unit are left out, as most objects have no other."""
+    if is_dataclass(value):
+        members = {name: each for name, each in vars(value).items() if each not in ("", None)}
+        items = {name: each for name, each in members.items() if (name, each) != ("subindex", 0)}
+        return f"{{ {', '.join(f'{name} = {_toml(name, each)}' for name, each in items.items())} }}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(_toml(key, each) for each in value)}]"
+    if isinstance(value, Enum):
+        return quoted(str(value.value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int):
+        return f"0x{value:04X}" if key in HEXADECIMAL else str(value)
+    return exactly(value) if isinstance(value, float) else quoted(str(value))
+
+
+def _value(profile: EdsProfile, key: str) -> str:
+    """Return the value at a key such as `torque.target.unit`, as it is written."""
+    value: object = profile
+    for name in key.split("."):
+        value = getattr(value, name)
+    return _toml(key.rpartition(".")[2], value)
+
+
+def _table(section: str, items: dict[str, str]) -> Iterator[str]:
+    yield f"[{section}]"
+    yield from (f"{key} = {text}" for key, text in items.items())
+    yield ""
+
+
+def _head(profile: EdsProfile, file: str, assumed: tuple[Assumed, ...]) -> Iterator[str]:
+    """Yield the comment at the top: what the drive is, and what is still to be found out."""
+    yield _comment(f"{profile.title} on CANopen, drafted from {file}. Never tried on hardware.")
+    yield "#"
+    if not profile.drive.usable:
+        yield _comment(f"Not usable for force: {profile.sources[USABLE]}.")
+        yield "#"
+    yield _comment("No EDS can know the following; ask the vendor's manual, or measure on the bench:")
+    yield from (_comment(f"- {each.key} = {each.value}") for each in assumed)
+
+
+def _comment(text: str) -> str:
+    return "# " + re.sub(r"[\x00-\x1f\x7f]", " ", text)

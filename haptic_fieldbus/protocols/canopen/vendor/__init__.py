@@ -1,1 +1,0 @@
-"""What the EDS of a vendor says of a drive, in the terms of a profile."""

@@ -1,0 +1,329 @@
+"""Stability limits, models, responses and estimates in words, as lines of a key and a text."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.api.estimation import INTEGRATION, Estimation
+from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
+from haptic_fieldbus.api.model import EnvironmentModel, LinearModel, Poles
+from haptic_fieldbus.api.open_loop import Response
+from haptic_fieldbus.margins import Plant, Stability, Verdict
+from haptic_fieldbus.margins.bodies import HungBody
+from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
+from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.numerics.transfer import difference_equation, fraction
+from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
+from haptic_fieldbus.report.words import Line, parameter_units
+from haptic_fieldbus.signals import Workspace
+
+# Open-loop response in words, as lines of a key and a text.
+
+ROUNDING = 1e-12
+
+
+def response_lines(response: Response, title: str) -> list[Line]:
+    """Return lines on the input, the range of each quantity, the growth of the method, and the verdict."""
+    space = response.workspace
+    lines = [("response", title), ("result", _extremes("position", response.position, space.length_unit))]
+    lines += [("", _extremes("force", response.force, space.effort_unit))]
+    lines += [("", _extremes(f"virtual {name}", values, "")) for name, values in response.states.items()]
+    if response.spectral_radius is not None:
+        radius = f"{response.method}: spectral radius {rounded(response.spectral_radius, 9)} a step"
+        lines.append(("method", f"{radius}, {_growth_words(response.spectral_radius)}"))
+    ended = f"{len(response.time)} samples" + (", then no finite number" if response.diverged else "")
+    return [*lines, ("verdict", f"{'diverged' if response.diverged else 'finite'}: {ended}")]
+
+
+def _extremes(name: str, values: NDArray[np.float64], unit: str) -> str:
+    if not len(values):
+        return f"{name}: none"
+    low, high = float(np.min(values)), float(np.max(values))
+    # An end that is far below the other is rounding.
+    low, high = (0.0 if abs(end) < ROUNDING * max(-low, high) else end for end in (low, high))
+    return f"{name} {rounded(low)} to {rounded(high)} {unit}".rstrip()
+
+
+def _growth_words(radius: float) -> str:
+    """Return how a free motion evolves when each step multiplies it by the spectral radius."""
+    # Methods that conserve energy have a radius of 1 up to rounding in the eigenvalues.
+    if abs(radius - 1.0) <= 1e-9:
+        return "a free motion neither grows nor decays"
+    return "a free motion grows" if radius > 1.0 else "a free motion decays"
+
+
+# The linear model of an environment in words, as lines of a key and a text.
+
+DIGITS = 9
+"""Digits of matrices, poles and growth: what a step of 1 ms does is in the fourth and beyond."""
+LETTERS = {"position": "x", "velocity": "v"}
+
+
+def model_lines(model: EnvironmentModel) -> list[Line]:
+    """Return lines on the continuous and the discrete system, and on the growth of each method."""
+    order = model.continuous.space.order
+    states = f"{order} virtual states z" if order else "no virtual states"
+    inputs = "position x and velocity v of the puck"
+    lines = [("model", f"axis {model.axis}: {states}, inputs {inputs}, output F on it; SI")]
+    lines += _lines("continuous", "dz/dt = A z + B (x, v), F = C z + D (x, v)", model.continuous, "s")
+    lines += [("", _natural(pole)) for pole in model.continuous.poles.tolist() if pole.imag > 0.0]
+    ways = [f"virtual states by {model.method}"] if model.integrated.order else []
+    if order > model.integrated.order:
+        ways.append("the memory of an element by its own exact step")
+    if model.continuous.space.uses_velocity:
+        ways.append(f"velocity by {model.estimator}")
+    by = f", {', '.join(ways)}" if ways else ""
+    lines += _lines("discrete", f"x[n] to F[n] at {in_unit(model.period, 's')}{by}", model.discrete, "z")
+    (function,) = model.discrete.transfer_functions.values()
+    lines.append(("", difference_equation(function, "x", "F")))
+    if model.integrated.order:
+        growth = ", ".join(f"{method} {_growth(value)}" for method, value in model.growth.items())
+        lines.append(("growth", f"of a free motion in a step, its spectral radius: {growth}"))
+    return lines
+
+
+def _natural(pole: complex) -> str:
+    """Return the natural frequency of a pair of conjugate poles."""
+    frequency = abs(pole) / (2.0 * math.pi)
+    turns = f"{rounded(abs(pole))} rad/s, {rounded(frequency)} Hz, a period of {rounded(1.0 / frequency)} s"
+    return f"natural frequency {turns}, damping ratio {rounded(-pole.real / abs(pole))}"
+
+
+def _growth(value: float | None) -> str:
+    return "no step" if value is None else rounded(value, DIGITS)
+
+
+def _lines(key: str, title: str, model: LinearModel, variable: str) -> list[Line]:
+    space = model.space
+    named = [("A", space.a), ("B", space.b), ("C", space.c), ("D", space.d)] if space.order else [("D", space.d)]
+    lines = [(key, title), *(("", f"{name} {matrix_text(matrix)}") for name, matrix in named)]
+    if space.order:
+        lines.append(("", f"poles {poles_text(model.poles)}"))
+    for name, function in model.transfer_functions.items():
+        lines.append(("", f"F/{LETTERS[name]} = {fraction(function, variable)}"))
+    return lines
+
+
+def matrix_text(matrix: Matrix) -> str:
+    """Return a matrix by its rows."""
+    rows = (", ".join(rounded(value, DIGITS) for value in row) for row in matrix.tolist())
+    return f"[{', '.join(f'[{row}]' for row in rows)}]"
+
+
+def poles_text(poles: Poles) -> str:
+    """Return poles, a pair of conjugates as one, each with its modulus."""
+    upper = [pole for pole in poles.tolist() if pole.imag >= 0.0]
+    return ", ".join(f"{_complex(pole)} (modulus {rounded(abs(pole), DIGITS)})" for pole in upper)
+
+
+def _complex(pole: complex) -> str:
+    # A part that is far below the other is rounding.
+    real, imaginary = (0.0 if abs(part) < 1e-12 * abs(pole) else part for part in (pole.real, pole.imag))
+    if not imaginary:
+        return rounded(real, DIGITS)
+    start = f"{rounded(real, DIGITS)} " if real else ""
+    return f"{start}± {rounded(imaginary, DIGITS)}j"
+
+
+# An estimate from a signal in words, as lines of a key and a text.
+
+UNEVEN = 0.01
+"""Deviation of the times between two rows from which they are called uneven, as a share."""
+
+
+def estimate_lines(found: Estimation, file: str) -> list[Line]:
+    """Return lines on the signal, the estimate, and noise, delay and drift of the estimator."""
+    signal, estimate = found.signal, found.estimate
+    duration = float(signal.times[-1] - signal.times[0])
+    sampled = f"{len(signal.times)} rows, {rounded(duration)} s at {rounded(1.0 / found.period, 6)} Hz"
+    uneven = f", up to {percent(found.unevenness)} of a period early or late" if found.unevenness > UNEVEN else ""
+    return [
+        ("signal", f"{file}: {_range(signal.quantity, signal.values)}, in steps of {rounded(found.resolution)}"),
+        ("", f"{sampled}{uneven}"),
+        ("estimator", found.estimator),
+        ("result", _range(estimate.quantity, estimate.values)),
+        ("noise", _noise(found)),
+        ("delay", _delay(found)),
+        ("drift", _drift(found, duration)),
+    ]
+
+
+def _range(name: str, values: NDArray[np.float64]) -> str:
+    return f"{name} {rounded(float(np.min(values)))} to {rounded(float(np.max(values)))}"
+
+
+def _noise(found: Estimation) -> str:
+    gain = found.estimate.noise_gain
+    if gain is None:
+        return "no figure: the estimator is not linear, and what it does to noise depends on the motion"
+    amplified = f"white noise of 1 in {found.signal.quantity} is {rounded(gain)} in {found.estimate.quantity}"
+    return f"gain {rounded(gain)}: {amplified}" + (" at the end" if found.estimator == INTEGRATION else "")
+
+
+def _delay(found: Estimation) -> str:
+    delay = found.estimate.delay
+    if delay is None:
+        return "no figure: it depends on the motion"
+    if not delay:
+        return "none of slow changes"
+    return f"{in_unit(delay, 's')}, {rounded(delay / found.period)} periods: a slow change of velocity is seen so late"
+
+
+def _drift(found: Estimation, duration: float) -> str:
+    drift = found.estimate.drift
+    if drift is None:
+        return "none: what happened is forgotten"
+    if not drift:
+        return "none of readings without steps; an offset in velocity adds up all the same"
+    wrong = f"of readings rounded to their step, each wrong by up to {rounded(0.5 * found.resolution)}"
+    return (
+        f"up to {rounded(drift)} in {rounded(duration)} s {wrong}; rounded down they fall short by so much on average"
+    )
+
+
+# Stability limits of a loop in words, as lines of a key and a text.
+
+# A passive hand is one that gives off no more energy than it took up.
+MEANING = {
+    Verdict.PASSIVE: "no hand that is passive itself can make it unstable",
+    Verdict.STABLE: "a small motion dies wherever {held} can hold the handle; some hand could make it grow",
+    Verdict.LIMIT_CYCLE: "it moves to and fro over the edge of an encoder count for ever",
+    Verdict.UNSTABLE: "it grows until something saturates",
+}
+
+
+def stability_lines(judgement: Judgement) -> list[Line]:
+    """Return lines on scene, device, delay, limits with full and reduced friction, and the verdict."""
+    stability, unit = judgement.stability, parameter_units(judgement.workspace)["stiffness"]
+    return [
+        ("scene", f"{judgement.scene.name}: {_asked(stability, unit, judgement.workspace)}{_axis(judgement)}"),
+        *_devices(judgement),
+        *(("" if number else "ways", way.text()) for number, way in enumerate(judgement.ways)),
+        *(("assumed", text) for text in judgement.assumed),
+        *_keyed("limits", _limits(judgement, unit)),
+        ("radius", f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"),
+        *_keyed("place", place_texts(stability, judgement.workspace)),
+        ("verdict", f"{stability.verdict.value}: {_meaning(stability, judgement.workspace)}{_margin(stability)}"),
+    ]
+
+
+def _keyed(key: str, texts: Iterator[str]) -> Iterator[Line]:
+    """Yield a line for each text, with the key on the first one only."""
+    return ((key if number == 0 else "", text) for number, text in enumerate(texts))
+
+
+def _devices(judgement: Judgement) -> Iterator[Line]:
+    """Yield a line for the device of each axis judged, and one for the delays and the period."""
+    spaces = {axis.name: axis.workspace for axis in judgement.scene.axes}
+    members, delays = judgement.group.members, []
+    for member in members:
+        name = f"{member.name}: " if len(members) > 1 else ""
+        yield "device", f"{name}{_device(member.plant, spaces[member.name])}"
+        for body in member.bodies:
+            yield "", f"{name}{_load(body, spaces[member.name])}"
+        delays.append(f"{name.replace(':', '')}{rounded(1e3 * member.delay)} ms")
+    period = rounded(1e3 * judgement.stability.period_s)
+    yield "delay", f"{', '.join(delays)} from sampling to acting, period {period} ms"
+
+
+def notes(judgement: Judgement) -> list[Line]:
+    """Return the reasons for limits of 0, and the substitute of a nonlinear estimator; no lines when none applies."""
+    plant, found = judgement.stability.plant, []
+    if judgement.stability.stiffness_limit.quantisation == 0.0:
+        step = in_unit(plant.resolution, judgement.workspace.length_unit)
+        found.append(("note", f"quantisation 0: {_step(plant)} of {step} and no Coulomb friction to bridge it"))
+    if plant.tachometer:
+        found.append(("note", "passive 0: between two readings of velocity some hand can always gain energy"))
+    if judgement.linear_estimator is not None:
+        found.append(
+            ("note", f"{judgement.estimator} is not linear; judged with {judgement.linear_estimator} in its place")
+        )
+    return found
+
+
+def _asked(stability: Stability, unit: str, workspace: Workspace) -> str:
+    """Return the stiffness and damping of the scene."""
+    parts = [] if stability.stiffness is None else [f"stiffness {rounded_limit(stability.stiffness)} {unit}"]
+    if stability.damping:
+        parts.append(f"damping {exactly(stability.damping)} {parameter_units(workspace)['damping']}")
+    return ", ".join(parts) or "no stiffness"
+
+
+def _axis(judgement: Judgement) -> str:
+    """Return which axes were judged; empty when the scene has only one."""
+    if judgement.group.couplings:
+        return f" · coupling {', '.join(member.name for member in judgement.group.members)}"
+    return f" · axis {judgement.axis} has the smallest margin" if len(judgement.scene.axes) > 1 else ""
+
+
+def _device(plant: Plant, workspace: Workspace) -> str:
+    """Return the parameters of a device that are not 0."""
+    units = parameter_units(workspace)
+    parts = [
+        f"mass {rounded(plant.mass)} {units['mass']}",
+        f"damping {rounded(plant.damping)} {units['damping']}",
+        f"Coulomb friction {in_unit(plant.coulomb, workspace.effort_unit)}",
+        f"{_step(plant).partition(' ')[2]} {in_unit(plant.resolution, workspace.length_unit)}",  # without the article
+        f"torque loop {rounded(1e3 * plant.torque_lag)} ms",
+    ]
+    values = (plant.mass, plant.damping, plant.coulomb, plant.resolution, plant.torque_lag)
+    return ", ".join(part for part, value in zip(parts, values, strict=True) if value)
+
+
+def _load(body: HungBody, workspace: Workspace) -> str:
+    """Return a load behind a compliant transmission."""
+    units = parameter_units(workspace)
+    link = f"{rounded(body.stiffness)} {units['stiffness']} and {rounded(body.damping)} {units['damping']}"
+    return f"behind it, by {link}: mass {rounded(body.mass)} {units['mass']}"
+
+
+def _step(plant: Plant) -> str:
+    """Return the name of one step of the measured position."""
+    return "a step by the tachometer" if plant.tachometer else "an encoder step"
+
+
+def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
+    """Yield the stiffness limits, last with the share `UNCERTAIN` of the friction."""
+    limit = judgement.stability.stiffness_limit
+    if limit.stable is None:
+        yield "none: no element has a stiffness to vary"
+        return
+    yield f"stable {_up_to(limit.stable, unit)}"
+    hand = "whatever hand holds it" if limit.passive else "as nothing proves it for every hand"
+    yield f"passive {_up_to(limit.passive, unit)}, {hand}"
+    if limit.quantisation is not None:
+        between = "steps" if judgement.stability.plant.tachometer else "counts"
+        yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
+    least = judgement.stability.cautious
+    if least is not None:
+        yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(least, judgement.workspace)}"
+        if least.obstacle is not None:
+            yield obstacle_text(least.obstacle, judgement.workspace)
+    # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
+    less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
+    limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
+    yield f"with {exactly(UNCERTAIN)} of the friction: {limits}"
+
+
+def _meaning(stability: Stability, workspace: Workspace) -> str:
+    """Return what the verdict says, with the force up to which places were judged."""
+    is_limited = math.isfinite(stability.effort)
+    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if is_limited else "a hand"
+    return MEANING[stability.verdict].format(held=held)
+
+
+def _up_to(value: float | None, unit: str) -> str:
+    if value is None:
+        return "to an unknown stiffness"
+    if value <= 0.0:
+        return "at no stiffness"
+    return "with no limit" if math.isinf(value) else f"to {rounded_limit(value)} {unit}"
+
+
+def _margin(stability: Stability) -> str:
+    """Return the margin; empty when there is none to tell."""
+    if stability.margin is None or math.isinf(stability.margin):
+        return ""
+    return f" · margin {rounded(stability.margin)}"

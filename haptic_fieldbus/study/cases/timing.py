@@ -1,0 +1,348 @@
+"""Cases of time: gaps in the feedback, instants that differ from period to period, requests on Modbus."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from haptic_fieldbus.assessing.loop_report import Record
+from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.cycle.cycle import Cycle, columns
+from haptic_fieldbus.drive.rig import Limits, Rig, default_axis
+from haptic_fieldbus.margins import Plant, stiffness_limit
+from haptic_fieldbus.margins.linear import gaps, pattern_growth, pattern_limit
+from haptic_fieldbus.margins.plant import sample
+from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_limit
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.modbus.bus import SIM_TCP, SIMULATION_CHANNEL, ModbusSection
+from haptic_fieldbus.protocols.modbus.profile import modbus_profile
+from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag, Workspace
+from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.modbus.line import SIMULATION
+from haptic_fieldbus.sim.slot import Slot
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
+from haptic_fieldbus.study.measure import region
+from haptic_fieldbus.study.oracles import events
+from haptic_fieldbus.study.oracles.contact import growth_of_turn, largest, schur_cohn_limit
+
+# Cases of instants that differ from period to period: samples that are lost in a pattern, and a drive's own ticks.
+
+PERIOD = 1e-3
+DEVICE, VIRTUAL = Plant(0.1, 2.0, torque_lag=0.16e-3), 0.5
+"""Device, and the damper of a wall by backward difference [N·s/m]."""
+MOTOR = events.motor(0.1, 2.0, 0.16e-3)
+"""The same device."""
+AGREEMENT = 1e-6
+"""Permitted relative difference of limits."""
+
+
+def _wall(stiffness: float) -> StateSpace:
+    return region.wall(stiffness, VIRTUAL, PERIOD, "backward-difference")
+
+
+def _growth_by_hand(stiffness: float, turn: float, shots: Sequence[events.Shot]) -> float:
+    """Return the growth over a whole turn."""
+    return growth_of_turn(MOTOR, turn, shots, stiffness, VIRTUAL, PERIOD)
+
+
+def _limit_by_hand(turn: float, shots: Sequence[events.Shot]) -> float:
+    return largest(lambda stiffness: _growth_by_hand(stiffness, turn, shots) <= 1.0, 1.0, 1.4, 1e-9)
+
+
+LATE = 0.3e-3
+"""Time from a sample to its force [s]."""
+LOST = ((1, 2), (1, 1, 3), (5, 1, 1))
+"""Patterns, by the numbers of periods for which each force is held."""
+
+
+def _shots(lengths: Sequence[int]) -> tuple[float, list[events.Shot]]:
+    received = [place == 0 for length in lengths for place in range(length)]
+    shots = [
+        events.Shot(number * PERIOD, (number * PERIOD + LATE,), has_come) for number, has_come in enumerate(received)
+    ]
+    return len(received) * PERIOD, shots
+
+
+def missed_frames_pattern(quick: bool) -> CaseResult:
+    """Check limit and growth of a late, lagging loop that loses samples in a pattern and holds its last force.
+
+    The damper keeps the last position that came, and divides the way from it by one period.
+    """
+    found = [pattern_limit(DEVICE, PERIOD, LATE, _wall, gaps(lengths)) for lengths in LOST]
+    by_hand = [_limit_by_hand(*_shots(lengths)) for lengths in LOST]
+    whole = stiffness_limit(DEVICE, PERIOD, LATE, _wall)
+    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
+    device, over = sample(DEVICE, PERIOD, LATE), 1.5 * by_hand[0]
+    grown = pattern_growth(device, _wall(over), gaps(LOST[0])) ** sum(LOST[0])
+    expected = _growth_by_hand(over, *_shots(LOST[0]))
+    off = abs(grown / expected - 1.0)
+    return CaseResult(
+        f"one of three lost {rounded(by_hand[0], 6)} N/m, two of five {rounded(by_hand[1], 6)} N/m, four of seven "
+        f"{rounded(by_hand[2], 6)} N/m; over three periods ×{rounded(expected, 6)} at 1.5 times the first",
+        f"{values_text(found, 6)} N/m of {rounded(whole, 6)} without losses, apart by {rounded(apart, 1)}; "
+        f"×{rounded(grown, 6)}, off by {rounded(off, 1)}",
+        apart <= AGREEMENT and off <= AGREEMENT and max(found) < whole and expected > 1.01,
+        "each pattern from event to event, with the force before given again for a lost sample",
+        tolerance=f"{exactly(AGREEMENT)} of limits and growth",
+        used=share_used((apart, AGREEMENT), (off, AGREEMENT)),
+    )
+
+
+TICK, ARRIVAL, AGE = 0.4e-3, 0.25e-3, 0.05e-3
+"""Control ticks of a drive, way of a set-point to it, and age of a position at its tick [s]."""
+LATENESS = (0.0, 0.15e-3)
+"""How late each SYNC of two comes [s]; two periods are five ticks."""
+PHASES = (0.0, 0.1e-3, 0.3e-3)
+
+
+def _ticked(phase: float) -> tuple[float, list[events.Shot]]:
+    """Return a turn of two periods, its ticks found by going through them."""
+    ticks = [phase + number * TICK for number in range(-10, 20)]
+    shots = []
+    for number, late in enumerate(LATENESS):
+        sync = number * PERIOD + late
+        measured = max(tick for tick in ticks if tick <= sync + 1e-9) - AGE
+        shots.append(events.Shot(measured, (min(tick for tick in ticks if tick >= sync + ARRIVAL - 1e-9),)))
+    return len(LATENESS) * PERIOD, shots
+
+
+def tick_phase(quick: bool) -> CaseResult:
+    """Check the limit of a drive whose ticks are not locked to SYNC, by phase, and that the longest delay bounds it."""
+    found, by_hand = [], []
+    for phase in PHASES:
+        pattern = free_ticks(Ticks(TICK, phase), PERIOD, ARRIVAL, LATENESS, AGE)
+        found.append(schedule_limit(DEVICE, PERIOD, pattern, _wall))
+        by_hand.append(_limit_by_hand(*_ticked(phase)))
+    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
+    longest = AGE + TICK + ARRIVAL + TICK + max(LATENESS)
+    least = stiffness_limit(DEVICE, PERIOD, longest, _wall)
+    return CaseResult(
+        f"phases of 0, 0.1, 0.3 ms: {values_text(by_hand, 6)} N/m",
+        f"{values_text(found, 6)} N/m, apart by {rounded(apart, 1)}; with the longest delay, {rounded(1e3 * longest)} "
+        f"ms, in each period {rounded(least, 6)} N/m",
+        apart <= AGREEMENT and least < min(found) < 0.99 * max(found),
+        "each pattern from event to event, its ticks gone through one after another",
+        tolerance=f"{exactly(AGREEMENT)} of each limit",
+        used=share_used((apart, AGREEMENT)),
+    )
+
+
+# Case of a request that writes before it reads: on Modbus its torque acts one whole period late.
+
+DRIVE = "generic_cia402_modbus"
+NETWORK = 0.5e-3
+"""Time that a request and its answer take in the network [s]."""
+FASTEST = 1e8
+"""Bandwidth of a torque loop without lag [Hz], which the oracle does not know."""
+
+
+def modbus_one_period(quick: bool) -> CaseResult:
+    """Check that by function 23 each torque acts a period after its sample, and that the limit is that of such a delay.
+
+    The limit is compared with a polynomial in 60 digits; the instants at which torque changed in the simulated drive
+    with those of the samples that it was computed from.
+    """
+    plan = _plan()
+    plant = plan.axes[0].plant
+    limit = plan.stability.stiffness_limit.stable if plan.stability is not None else None
+    if plant is None or limit is None:
+        raise ValueError("the shipped bench on Modbus has a limit of stability")
+    exact = schur_cohn_limit(Plant(plant.mass, plant.damping), PERIOD, 1.0)
+    late = _late(plan, 800 if quick else 3000)
+    worst = max(abs(each - PERIOD) for each in late)
+    return CaseResult(
+        f"limit {exact:.3f} N/m; each of at least 50 changes of torque {exactly(1e3 * PERIOD)} ms after its sample",
+        f"limit off by {rounded(abs(limit / exact - 1.0), 1)} (1e-5 allowed); {len(late)} changes, off by at most "
+        f"{rounded(1e9 * worst, 2)} ns (2 allowed)",
+        abs(limit / exact - 1.0) <= 1e-5 and len(late) >= 50 and worst <= 2e-9,
+        "polynomial of a loop with one period of delay, by Schur and Cohn; instants at the drive, which knows no plan",
+        tolerance="1e-5 of the limit; 2 ns",
+        used=share_used((limit / exact - 1.0, 1e-5), (worst, 2e-9)),
+    )
+
+
+def _plan() -> Plan:
+    """Return a wall on the shipped bench, over a network in which two requests do not fit into a period.
+
+    The drive has no lag of its own.
+    """
+    profile = modbus_profile(load_profile(DRIVE))
+    profile = replace(profile, timing=replace(profile.timing, torque_bandwidth=FASTEST, control_period=0.0))
+    wall = Wall("handle", stiffness=300.0, position=0.005)
+    scene = Scene("case", "a case of the report", (SceneAxis("handle", Workspace.LINEAR),), (wall,))
+    axis = default_axis(Workspace.LINEAR, bus="line", node=1, profile=DRIVE)
+    rig = Rig({"line": ModbusSection(SIM_TCP, SIMULATION_CHANNEL, round_trip=NETWORK)}, {"handle": axis})
+    return compile_plan(scene, rig, {DRIVE: profile}, 1.0 / PERIOD)
+
+
+def _late(plan: Plan, cycles: int) -> list[float]:
+    """Return how long after its sample each new torque acted in the drive [s]."""
+    axis, clock = plan.axes[0], VirtualClock()
+    hand = hand_named("push")
+    slot = Slot(axis.node, axis.profile, axis.rig, None if hand is None else hand.after(axis.limits.fade_in))
+    bus, line = SIMULATION.simulate(plan.rig.bus["line"], "", [slot], clock, 0, None)
+    record = Record(columns(plan), cycles + 1000)
+    try:
+        bus.open(plan)
+        run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, record=record)
+        if line is None:
+            return [math.inf]
+        times, torques = line.trajectory(axis.node).targets()
+    finally:
+        bus.close()
+    acted = {round(1e6 * float(torque)): int(at) for at, torque in zip(times[::-1], torques[::-1], strict=True)}
+    unit = axis.effort_unit * axis.rig.mechanism.ratio
+    found: dict[int, int] = {}
+    for at, target in zip(record.column("t_ns"), record.column("handle.target torque"), strict=True):
+        found.setdefault(round(1e6 * float(target) * unit), int(at))
+    return [1e-9 * (acted[torque] - at) for torque, at in found.items() if torque and torque in acted]
+
+
+# Cases of gaps in the feedback: how the force fades and comes back, and how many gaps a loop bears.
+
+WAY, FADE = 20, 10
+"""Counts that the hand moves in a period, and periods of a whole fade."""
+STIFFNESS, EFFORT = 10.0 * UNIT / (WAY * COUNT), 400.0 * UNIT
+"""Wall [N/m] and effort limit [N], of whole steps of torque, so that none is rounded."""
+SLEW = EFFORT / 5.0
+"""Largest change of the force in a period [N]: from 0 to the limit in 5 ms."""
+SOON = 15
+"""Longest gap [periods] after which the wall goes on from where it was; after a longer one its force has a cap."""
+PRESSED, DEEPER = 30, 10
+"""Periods of pressing before the gap, and after it."""
+EXACT = 1e-9
+"""Permitted difference of forces and works, relative to the effort limit and to the energy of the wall."""
+
+
+def _forces(gap: int) -> tuple[list[float], list[float]]:
+    """Return what the loop commands and what is expected [N], with a gap of so many periods in the feedback.
+
+    The hand presses on during the gap, and after it for a while. Then it goes out of the wall, and in again. After a
+    trip the command is 0.
+    """
+    cycle = Feeder(plan_of(Wall("handle", STIFFNESS), limits=Limits(effort=EFFORT)))
+    turn = PRESSED + gap + DEEPER
+    places = [WAY * number for number in range(1, turn + 1)]
+    places += [*places[-2::-1], 0, -WAY, *(WAY * number for number in range(PRESSED))]
+    lost = range(PRESSED, PRESSED + gap)
+    found, seen = [], (0, 0)
+    for number in range(FADED_IN + len(places)):
+        at = number - FADED_IN
+        is_lost = at in lost
+        if not is_lost:
+            seen = places[at] if at >= 0 else 0, number * PERIOD_NS
+        feed(cycle, seen[0], LinkFlag.STALE if is_lost else 0, seen[1])
+        if at >= 0:
+            found.append(cycle.value("command"))
+    return found, _expected(places, gap)
+
+
+def _expected(places: Sequence[int], gap: int) -> list[float]:
+    """Return the force by hand [N], segment after segment."""
+    asked = [-STIFFNESS * COUNT * max(place, 0) for place in places]
+    kept = asked[PRESSED - 1]
+    faded = [kept * max(0.0, 1.0 - max(0, missing - 1) / FADE) for missing in range(1, gap + 1)]
+    left = next(number for number in range(PRESSED + gap, len(places)) if not asked[number])
+    # Back in contact it rises as fast as it may. After a short gap the wall waits until the force is that of before
+    # within a step of the drive, and goes on from there. After a long one the force stays there until less is asked
+    # for. A gap of one period is none: every force is held for a period.
+    cap, pauses = kept if gap > SOON else -EFFORT, 1 < gap <= SOON
+    risen = [faded[-1] - SLEW * number for number in range(1, left - PRESSED - gap + 1)]
+    waits = next(number for number, force in enumerate(risen) if force <= kept + UNIT) if pauses else 0
+    beside = places[PRESSED + gap + waits] - places[PRESSED - 1] if pauses else 0
+    wanted = [kept] * waits
+    wanted += [-STIFFNESS * COUNT * max(place - beside, 0) for place in places[PRESSED + gap + waits : left]]
+    back = [max(cap, *each) for each in zip(risen, wanted, strict=True)]
+    return [*asked[:PRESSED], *faded, *back, *asked[left:]]
+
+
+def _given(forces: Sequence[float], gap: int) -> float:
+    """Return the work of the force on the hand from the first contact until contact is left [J]."""
+    inwards = PRESSED + gap + DEEPER - 1
+    ways = [WAY * COUNT] * inwards + [-WAY * COUNT] * (inwards + 1)
+    return sum(force * way for force, way in zip(forces, ways, strict=False))
+
+
+def fade_return(quick: bool) -> CaseResult:
+    """Check that a force fades in a gap and comes back at its slew, and that the wall goes on, or is capped.
+
+    The hand presses on in the gap, after it for a while, and goes out. What it gets back beyond what it gave is the
+    leak of held forces and what faded; a force that returned in full would give it more.
+    """
+    gaps = (1, 4, 15, 20) if quick else range(1, 21)
+    off, works, by_hand = 0.0, [], []
+    for gap in gaps:
+        found, wanted = _forces(gap)
+        off = max(off, *(abs(one - other) for one, other in zip(found, wanted, strict=True)))
+        works.append(_given(found, gap))
+        by_hand.append(_given(wanted, gap))
+    apart = max(abs(one - other) for one, other in zip(works, by_hand, strict=True))
+    stored = 0.5 * STIFFNESS * (WAY * COUNT * PRESSED) ** 2
+    return CaseResult(
+        f"pressing to {rounded(STIFFNESS * WAY * COUNT * PRESSED, 4)} N, gaps of {', '.join(map(str, gaps))} periods: "
+        f"held, fading over {FADE}, back by at most {rounded(SLEW, 3)} N a period to that force; after {SOON} at most "
+        "the wall goes on from there, after more it stays there; the hand gets "
+        f"{values_text([1e3 * each for each in by_hand], 3)} mJ",
+        f"off by at most {rounded(off, 1)} N; the hand gets "
+        f"{values_text([1e3 * each for each in works], 3)} mJ, off by {rounded(1e3 * apart, 1)} mJ",
+        off <= EXACT * EFFORT and apart <= EXACT * stored,
+        "the force by hand, segment after segment, and its work",
+        tolerance=f"{exactly(EXACT)} of {rounded(EFFORT, 3)} N and of {rounded(1e3 * stored, 3)} mJ",
+        used=share_used((off, EXACT * EFFORT), (apart, EXACT * stored)),
+    )
+
+
+LENGTH, EACH = 10, 51
+"""Periods from sample to sample in a gap, and periods from gap to gap: less than a fifth of the samples is missing."""
+SPANS = (1.5, 40.0)
+"""Limits of stiffness over the stiffness of two walls."""
+
+
+def _given_up(stiffness: float) -> str | None:
+    """Return the kind of the trip of a loop with such gaps while the handle rests in the wall; None without a trip."""
+    cycle = Feeder(plan_of(Wall("handle", stiffness)))
+    for number in range(FADED_IN + 1200):
+        at = max(number - FADED_IN, 0)
+        within = at % EACH
+        lost = 0 < within < LENGTH
+        feed(cycle, WAY, LinkFlag.STALE if lost else 0, (number - (within if lost else 0)) * PERIOD_NS)
+        if cycle.tripped is not None:
+            return cycle.tripped.value
+    return None
+
+
+def gaps_given_up(quick: bool) -> CaseResult:
+    """Check that a loop is given up whose gaps make it grow, though few samples are missing, and another is not.
+
+    A gap counts by the square of its length, since its force is that much older.
+    """
+    axis = plan_of(Wall("handle", STIFFNESS)).axes[0]
+    if axis.plant is None or axis.stability is None:
+        raise ValueError("the bench of the cases is known")
+    limit = axis.stability.stiffness_limit.stable or 0.0
+    body = events.motor(axis.plant.mass, axis.plant.damping, axis.plant.torque_lag)
+    period = PERIOD_NS * 1e-9
+    shots = [
+        events.Shot(number * period, (number * period + axis.delay.transport,), not 0 < number < LENGTH)
+        for number in range(EACH)
+    ]
+    grown = [growth_of_turn(body, EACH * period, shots, limit / span, 0.0, period) for span in SPANS]
+    found = [_given_up(limit / span) for span in SPANS]
+    stretch = (LENGTH**2 + EACH - LENGTH) / EACH
+    is_right = grown[0] > 1.0 > grown[1] and found[0] is not None and found[1] is None
+    return CaseResult(
+        f"{LENGTH - 1} of {EACH} samples lost, stretch {rounded(stretch, 3)}: at 1/{exactly(SPANS[0])} of the limit a "
+        f"knock is multiplied by {rounded(grown[0], 4)} from gap to gap, and the loop is given up; at "
+        f"1/{exactly(SPANS[1])} by {rounded(grown[1], 4)}",
+        f"{found[0] or 'no trip'}; {found[1] or 'no trip'}",
+        is_right,
+        "device and torque loop from event to event, over a gap and the samples up to the next one",
+        tolerance="exact",
+    )
