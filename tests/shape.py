@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1] / "haptic_fieldbus"
-KINDS = ("scenes", "numerics/integrators", "numerics/estimators", "drive/modes")
+KINDS = ("scenes", "numerics/integrators", "numerics/estimators", "sim/drive/modes")
 """Folders in which each kind is a file of its own."""
 SMALL, LARGE = 40, 600
 """Code lines of a small file, and lines of one that is too large."""

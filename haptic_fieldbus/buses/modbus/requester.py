@@ -4,8 +4,8 @@ A request whose answer stays away is *outstanding*: its answer may still come. W
 
 - On TCP the answer carries a transaction id, and nothing else gets through before it. Set-points would only queue up,
   to be obeyed one after another when they are old; and a server with Nagle's algorithm would hold the answer to a
-  second request back until we acknowledge the first (`transport`). So nothing is sent meanwhile, except on the way to zero
-  torque. After some periods the question counts as lost.
+  second request back until we acknowledge the first (`transport`). So nothing is sent meanwhile, except on the way to
+  zero torque. After some periods the question counts as lost.
 - On RTU the late answer to a request looks like the answer to the next one of the same function. The next request is
   therefore one of another function, or none: see `master`.
 
