@@ -458,9 +458,11 @@ def test_a_drive_that_has_the_low_word_first_is_read_so_and_its_torn_positions_a
     profile = replace(PROFILE, line=replace(PROFILE.line, word_order="low first"))
     registers = server.drive.registers
     registers[RATED], registers[RATED + 1] = registers[RATED + 1], 0
+    # Small steps: a torn value is one that is 65536 counts beside where the last motion leads in the time that passed.
+    registers[POSITION], registers[POSITION + 1] = 64_900, 0
     bench = opened.enter_context(Bench(plan_of(server.name, profile))).open().enable()
-    for counts in (30_000, 65_000, 65_000):
-        registers[POSITION], registers[POSITION + 1] = counts & 0xFFFF, counts >> 16
+    for counts in (64_950, 65_000, 65_000):
+        registers[POSITION] = counts
         assert bench.read()[5] == counts
     registers[POSITION + 1] = 1
     assert bench.read()[2] & STALE
