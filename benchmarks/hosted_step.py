@@ -15,7 +15,7 @@ import numpy as np
 
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.hosting import Host, Outlet
+from haptic_fieldbus.sim.canopen.hosting import Host, HostPort
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
 
@@ -36,7 +36,7 @@ class Bench:
         self.sent = 0
         clock = MonotonicClock()
         self.nodes = range(5, 5 + drives)
-        self.host = Host(Outlet(self.theirs, clock, "virtual:step", print), clock)
+        self.host = Host(HostPort(self.theirs, clock, "virtual:step", print), clock)
         for node in self.nodes:
             self.host.add(
                 slot_of(NamedDrive("generic_cia402", node), "", Workspace.LINEAR, hand_named(hand), booted=False)

@@ -9,7 +9,7 @@ from typing import ClassVar, get_args, get_type_hints
 
 from key_tables import default, meanings, of_a_file, value
 
-from haptic_fieldbus.drive.plausible import OF_HANDLE, RANGES, Usual
+from haptic_fieldbus.drive.plausible import OF_HANDLE, RANGES, Typical
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 
@@ -128,7 +128,7 @@ def _ranges() -> Iterator[str]:
     """Yield the section of the values that benches have."""
     yield RANGES_HEAD
     yield "| key | values | because of | unit that is asked for |\n|---|---|---|---|"
-    rows: list[tuple[str, Usual]] = list(RANGES.items())
+    rows: list[tuple[str, Typical]] = list(RANGES.items())
     for space, ranges in OF_HANDLE.items():
         rows += [(f"{key}, {space.value}", each) for key, each in ranges.items()]
     for key, each in rows:
@@ -136,7 +136,7 @@ def _ranges() -> Iterator[str]:
     yield ""
 
 
-def _asked(each: Usual) -> str:
+def _asked(each: Typical) -> str:
     return ", ".join(unit for _, unit in each.slips)
 
 

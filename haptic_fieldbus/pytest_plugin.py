@@ -108,7 +108,7 @@ def _planner(request: pytest.FixtureRequest) -> "Callable[..., FaultPlan]":
     from haptic_fieldbus.testing import plan_faults
 
     if _is_on_modbus(request):
-        from haptic_fieldbus.sim.modbus.rack import KINDS
+        from haptic_fieldbus.sim.modbus.drives import KINDS
 
         plan_faults = partial(plan_faults, possible=KINDS)
     return partial(plan_faults, seed=request.config.getoption("--fault-plan-seed"), folder=request.path.parent)

@@ -33,7 +33,7 @@ def _line(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
     return Guard(f"haptic_fieldbus/buses/modbus/{file}.py", text, instead, named)
 
 
-PROVING = "tests/running/test_proving.py"
+PROVING = "tests/running/test_guard_proof.py"
 SAFETY, ECHO, PLACE = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py", "tests/cycle/test_place.py"
 STILL = "tests/cycle/test_standstill.py"
 SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watch.py", "tests/cycle/test_tied_axes.py"
@@ -603,13 +603,13 @@ GUARDS = {
         ("tests/buses/canopen/test_release.py::test_a_drive_in_a_state_that_nobody_knows_is_not_off",),
     ),
     "zero torque while a guard is proved": Guard(
-        "haptic_fieldbus/running/proving.py",
+        "haptic_fieldbus/running/guard_proof.py",
         "self._image.outputs[0], controlword, 0)",
         "self._image.outputs[0], controlword, 5)",
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
     ),
     "somebody else while a guard is proved": Guard(
-        "haptic_fieldbus/running/proving.py",
+        "haptic_fieldbus/running/guard_proof.py",
         "self._check(looked.axis, feedback, WHILE_ALONE)",
         "pass",
         (f"{PROVING}::TestWhileADriveIsLeftAlone::test_somebody_else_who_feeds_its_guard_ends_the_run",),

@@ -227,7 +227,7 @@ THINGS: Mapping[str, NewThing] = {
         (
             "tests/cli/test_profiles.py",
             "tests/drive/test_profile_files.py",
-            "tests/sim/canopen/test_sheet.py",
+            "tests/sim/canopen/test_simulated_eds.py",
             "tests/sim/drive/test_core.py",
             "tests/test_schemas.py",
         ),
@@ -241,8 +241,8 @@ THINGS: Mapping[str, NewThing] = {
         (
             "tests/cli/test_scenes.py",
             "tests/golden/test_left_out.py",
-            "tests/scenes/test_changed.py",
-            "tests/scenes/test_checked.py",
+            "tests/scenes/test_parameter_changes.py",
+            "tests/scenes/test_element_checks.py",
             "tests/test_schemas.py",
         ),
     ),
@@ -269,7 +269,7 @@ THINGS: Mapping[str, NewThing] = {
             *PAGES,
         ),
         (
-            "tests/scenes/test_checked.py",
+            "tests/scenes/test_element_checks.py",
             "tests/scenes/test_element_contract.py",
             "tests/scenes/test_scene_files.py",
         ),
@@ -306,7 +306,7 @@ THINGS: Mapping[str, NewThing] = {
             "tests/numerics/test_response.py",
             "tests/numerics/test_stepping.py",
             "tests/numerics/test_transfer.py",
-            "tests/scenes/test_checked.py",
+            "tests/scenes/test_element_checks.py",
             "tests/system/test_numerics_in_the_loop.py",
         ),
     ),

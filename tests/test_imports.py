@@ -49,15 +49,15 @@ DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
         "cli.options": "documents.quantities planning.request protocols.registry signals",
-        "cli.bench": "api.bench clock running.watching",
-        "cli.planning": "api.estimation report.analysis_words report.analysis_plots api planning.explain"
-        " planning.request api.model api.open_loop api.judging",
-        "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue sim.canopen.sheet documents"
-        " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.proof",
+        "cli.bench": "api.bench clock running.watch",
+        "cli.planning": "api.estimation report.analysis_texts report.analysis_plots api planning.explain"
+        " planning.request api.model api.open_loop api.stability_limits",
+        "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue sim.canopen.simulated_eds documents"
+        " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
         "cli.report": "api study.make_report study.measure.bench",
-        "cli.run": "api assessing.loop_report planning.request report.plot report.words sim.faults sim.faults.drawing",
+        "cli.run": "api assessing.loop_report planning.request report.plot report.texts sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
@@ -65,11 +65,11 @@ DOES_WITHOUT = {
         "running.ending": "assessing.result",
     },
     "import haptic_fieldbus.pytest_plugin": {
-        "pytest_plugin": "sim.modbus.rack testing testing.modbus",
+        "pytest_plugin": "sim.modbus.drives testing testing.modbus",
     },
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
-        "api": "api.sites running.changes running.session",
-        "api.judging": "numerics.estimators",
+        "api": "api.site running.changes running.session",
+        "api.stability_limits": "numerics.estimators",
         "api.open_loop": "documents.samples numerics.estimators numerics.integrators numerics.integrators.trajectory",
         "cycle.axis": "cycle.tachometer",
         "cycle.sensing": "numerics.estimators",
@@ -78,15 +78,15 @@ DOES_WITHOUT = {
         "margins.closed_loop": "margins.bodies",
         "margins.group": "margins.coupled",
         "margins.passivity": "numerics.estimators",
-        "margins.resting": "margins.own_laws",
+        "margins.resting_points": "margins.own_laws",
         "numerics.coupled": "numerics.estimators",
         "numerics.sampled": "numerics.estimators numerics.integrators",
         "planning.compile": "numerics.estimators",
         "planning.plan": "planning.coupled_plan",
         "planning.limits": "margins.bodies",
-        "planning.selection": "numerics.estimators numerics.integrators scenes.changed",
+        "planning.selection": "numerics.estimators numerics.integrators scenes.parameter_changes",
         "protocols.canopen.protocol": "eds protocols.canopen.from_eds",
-        "scenes.checked": "numerics.integrators",
+        "scenes.element_checks": "numerics.integrators",
         "scenes.files": "scenes.own",
         "scenes.registry": "scenes.own",
     },
@@ -96,11 +96,11 @@ DOES_WITHOUT = {
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "api": "sim.faults.drawing",
-        "api.sites": "sim.faults.drawing",
-        "assessing.axis_assessment": "assessing.ties",
+        "api.site": "sim.faults.drawing",
+        "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
         "buses.canopen.access": "buses.canopen.fitting",
-        "running.session": "running.direction running.proving running.rights",
+        "running.session": "running.direction running.guard_proof running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },
 }

@@ -17,7 +17,7 @@ from types import ModuleType
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
+from haptic_fieldbus.api.site import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
 from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.api.arguments import arguments_of
-from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.api.open_loop import response as response
+from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
 from haptic_fieldbus.assessing.result import Result, known_before
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import PlanError
@@ -114,7 +114,7 @@ def run(trial: Trial) -> Result:
     if trial.hand is None:
         hand = hand_named(selection.plan.scene.hand or DEFAULT_HAND)
     faults = faults_for(trial.faults, trial.duration, selection.plan)
-    from haptic_fieldbus.api.sites import Conditions, site_of
+    from haptic_fieldbus.api.site import Conditions, site_of
     from haptic_fieldbus.running.session import Request, render
 
     return render(
@@ -144,7 +144,7 @@ def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, pla
     seed = seed_of(str(source))
     if seed is None:
         return load_faults(source)
-    from haptic_fieldbus.api.sites import kinds_on
+    from haptic_fieldbus.api.site import kinds_on
 
     return drawn(seed, duration, kinds_on(plan))
 
@@ -160,11 +160,11 @@ def _selected(trial: Trial) -> Selection:
     if not trial.force:
         check_known(loaded)
     elif not loaded.bus.simulated:
-        from haptic_fieldbus.api.sites import ask_rated_torques
+        from haptic_fieldbus.api.site import ask_rated_torques
 
         loaded = replace(loaded, rig=ask_rated_torques(loaded.rig))
     if not loaded.bus.simulated:
-        from haptic_fieldbus.api.sites import fit_profiles
+        from haptic_fieldbus.api.site import fit_profiles
 
         rig, profiles = fit_profiles(loaded.rig)
         loaded = replace(loaded, rig=rig, profiles=profiles)

@@ -5,9 +5,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptic_fieldbus.api.sites import access_of
-from haptic_fieldbus.buses.access import Onlooker
-from haptic_fieldbus.buses.found import Check, Scan
+from haptic_fieldbus.api.site import access_of
+from haptic_fieldbus.buses.access import Observer
+from haptic_fieldbus.buses.scan_result import Check, Scan
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.errors import UsageError
@@ -16,7 +16,7 @@ from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.running.rights import examine
-from haptic_fieldbus.running.watching import Watched
+from haptic_fieldbus.running.watch import Watched
 
 ANY_SCENE = "wall"
 """The scene whose one axis the shipped bench gets; nothing of it is rendered."""
@@ -36,14 +36,14 @@ class BenchRequest:
 
 
 @dataclass(frozen=True)
-class Placed:
+class BenchLayout:
     """The buses of a bench, the axes on each, and whether a rig or the simulation describes them."""
 
     buses: Mapping[str, tuple[BusSection, Mapping[str, RigAxis]]]
     known: bool
 
 
-def placed_on(bench: BenchRequest) -> Placed:
+def placed_on(bench: BenchRequest) -> BenchLayout:
     """Load a bench; raises DocumentError or UsageError."""
     check_request(bus=bench.bus or DEFAULT_BUS, node=bench.node, rate=bench.rate)
     task = Task(ANY_SCENE, bench.rig, drive=bench.drive, bus=bench.bus, node=bench.node, profiles=bench.profiles)
@@ -53,7 +53,7 @@ def placed_on(bench: BenchRequest) -> Placed:
         name: (loaded.rig.bus[name], {axis: each for axis, each in axes.items() if each.bus == name})
         for name in dict.fromkeys(each.bus for each in axes.values())
     }
-    return Placed(buses, bench.rig is not None or loaded.bus.simulated)
+    return BenchLayout(buses, bench.rig is not None or loaded.bus.simulated)
 
 
 def scans(bench: BenchRequest, nodes: Sequence[int] = ()) -> Iterator[Scan]:
@@ -81,7 +81,7 @@ def examined(bench: BenchRequest) -> list[Check]:
 
 
 @contextmanager
-def watched(bench: BenchRequest) -> Iterator[tuple[dict[str, Watched], list[Onlooker]]]:
+def watched(bench: BenchRequest) -> Iterator[tuple[dict[str, Watched], list[Observer]]]:
     """Open the buses to watch the drives; raises DocumentError, UsageError or BusError."""
     placed = placed_on(bench)
     axes: dict[str, Watched] = {}

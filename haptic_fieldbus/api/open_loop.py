@@ -200,7 +200,7 @@ def rendered_axis(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...
 
 
 @dataclass(frozen=True)
-class Grounded:
+class GroundedCoupling:
     """A coupling as felt on one of its axes while the other stands still at 0."""
 
     axis: str
@@ -227,8 +227,8 @@ class Grounded:
         return StateSpace(space.a, space.b[:, own], space.c[place : place + 1], space.d[place : place + 1, own])
 
 
-def _grounded(scene: Scene, axis: str) -> Iterator[Grounded]:
-    return (Grounded(axis, coupling) for coupling in scene.couplings if axis in coupling.axes)
+def _grounded(scene: Scene, axis: str) -> Iterator[GroundedCoupling]:
+    return (GroundedCoupling(axis, coupling) for coupling in scene.couplings if axis in coupling.axes)
 
 
 class _Answers:

@@ -12,9 +12,9 @@ from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.planning.selection import Loaded, compiled, load
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.protocol import BusName
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.host_request import rig_of
-from haptic_fieldbus.sim.slot import Slot
 
 
 @contextmanager
@@ -35,7 +35,7 @@ def rehearsal(trial: Trial) -> Iterator[Rig]:
         yield rig_of(BusName(section.channel, section), slots, tuple(loaded.rig.axis))
 
 
-def _slots(loaded: Loaded, trial: Trial) -> list[Slot]:
+def _slots(loaded: Loaded, trial: Trial) -> list[DriveOnBus]:
     """Return the drives, each with the hand of the trial where the scene holds its axis; it waits for the force."""
     scene = loaded.settled.scene
     hand = hand_named(trial.hand or scene.hand or DEFAULT_HAND)
@@ -46,5 +46,5 @@ def _slots(loaded: Loaded, trial: Trial) -> list[Slot]:
             raise UsageError(f"{axis.profile} speaks {profile.drive.protocol}, and a rehearsal is on CANopen")
         holding = hand.after(trial.fade_in) if hand is not None and scene.holds(name) else None
         # The power of a real drive has to be cut by somebody: that is not taken for granted here.
-        slots.append(Slot(axis.node, profile, replace(axis, emergency_stop=None), holding, led=hand is not None))
+        slots.append(DriveOnBus(axis.node, profile, replace(axis, emergency_stop=None), holding, led=hand is not None))
     return slots

@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.element import Eventful
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.assessing.ties import Tie
+    from haptic_fieldbus.assessing.coupling_error import Tie
 
 
 # Traces of a run, gathered part by part; those of a long run are thinned as they come.
@@ -277,7 +277,7 @@ class AxisAssessment:
 
     def _ties(self, part: Part) -> "list[Tie]":
         """Return the couplings of an axis, each with the recording and true motion of the axis at its other end."""
-        from haptic_fieldbus.assessing.ties import Tie
+        from haptic_fieldbus.assessing.coupling_error import Tie
 
         others = {each.name: each for each in self._run.selection.plan.axes}
         found = []

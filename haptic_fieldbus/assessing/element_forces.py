@@ -115,7 +115,7 @@ Key = tuple[Hashable, ...]
 
 
 @dataclass
-class Carried:
+class PartState:
     """Laws with their memory, virtual states, and the forces of the part before."""
 
     laws: dict[Key, Any] = field(default_factory=dict)
@@ -185,7 +185,7 @@ def exact_forces(
     samples_ns: Times,
     truth: Inputs,
     real: Mapping[str, Inputs],
-    carried: Carried,
+    carried: PartState,
     period: float,
 ) -> ElementForces:
     """Return the forces of a linear element with virtual states, exact between the nodes.
@@ -205,7 +205,7 @@ def exact_forces(
 
 
 def stepped_forces(
-    span: Span[Element], overlap: int, way: Inputs, real: Mapping[str, Inputs], carried: Carried, period: float
+    span: Span[Element], overlap: int, way: Inputs, real: Mapping[str, Inputs], carried: PartState, period: float
 ) -> ElementForces:
     """Return the forces of an element whose law is called in turn.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning.live_changes import Applied
+    from haptic_fieldbus.planning.live_changes import RampingChange
 
 
 # Record of a run: rows of numbers in a preallocated ring buffer.
@@ -97,7 +97,7 @@ class LoopReport:
     """True when every drive confirmed at the end that its motor is off."""
     foreign_load: Mapping[str, float] = field(default_factory=dict)
     """By axis, the share of its bus that frames of other devices took."""
-    changes: "list[Applied]" = field(default_factory=list)
+    changes: "list[RampingChange]" = field(default_factory=list)
     # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
     """One row of `SAMPLES` for each period in operation enabled; of a very long run, for the last ones."""

@@ -20,7 +20,7 @@ from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, rippl
 from haptic_fieldbus.assessing.torque_error import ErrorFigures
 from haptic_fieldbus.assessing.travel import Travels
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.safety import GapTally
+from haptic_fieldbus.cycle.safety import GapCounts
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -236,7 +236,7 @@ def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
     )
 
 
-def _shifted(axis: AxisPlan, gaps: GapTally, share: float) -> str:
+def _shifted(axis: AxisPlan, gaps: GapCounts, share: float) -> str:
     return (
         f"axis {axis.name}: after {_times(gaps.short, 'short gap')} in the feedback the scene stood up to "
         f"{in_unit(gaps.farthest, axis.workspace.length_unit)} beside its place, in {100 * share:.0f} % of the "

@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.element_forces import (
     POINTS_PER_PERIOD,
-    Carried,
     Handover,
+    PartState,
     Span,
     begins,
     exact_forces,
@@ -65,7 +65,7 @@ from haptic_fieldbus.scenes.element import DynamicElement, Element
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.assessing.ties import Tie
+    from haptic_fieldbus.assessing.coupling_error import Tie
 
 
 # What of an error is delay alone: a force of the right shape that comes late.
@@ -257,7 +257,7 @@ class Splitter:
         self._spacing_ns = round(period * 1e9 / POINTS_PER_PERIOD)
         self._half_step = 0.5 * step * (1.0 + 1e-9)
         self._lateness = Lateness(period, *late)
-        self._sums, self._carried, self._delay = ErrorSums(), Carried(), CommandDelay()
+        self._sums, self._carried, self._delay = ErrorSums(), PartState(), CommandDelay()
         self._node_ns: int | None = None
 
     @property

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from haptic_fieldbus.buses.bus import Bus
-from haptic_fieldbus.buses.found import Check, Glimpse, Scan
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import UsageError
 
 
-class Onlooker(Protocol):
+class Observer(Protocol):
     """Somebody who reads from drives and writes nothing; it listens only as soon as somebody else commands them."""
 
     @property
@@ -24,7 +24,7 @@ class Onlooker(Protocol):
     def masters(self) -> str:
         """Sentence about somebody else who commands, because of whom nothing is asked; empty while there is none."""
 
-    def look(self) -> Mapping[str, Glimpse]:
+    def look(self) -> Mapping[str, DriveReading]:
         """Return what each drive says now, by the name of its axis; raises BusError only when the bus is dead."""
 
 
@@ -70,7 +70,7 @@ class BusAccess(Protocol):
         """
         raise UsageError(f"{section.protocol} buses cannot be scanned")
 
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Onlooker]:
+    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Observer]:
         """Open a bus to look at the drives of these axes; raises UsageError or BusError."""
         raise UsageError(f"drives on {section.protocol} buses cannot be watched")
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 from haptic_fieldbus.documents.edits import remove_file, write_file
-from haptic_fieldbus.documents.octets import read_octets
+from haptic_fieldbus.documents.safe_read import read_octets
 from haptic_fieldbus.drive.objects import DataType, Identity, digest_of
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError
@@ -56,29 +56,29 @@ def check_rating(
         )
 
 
-class Typed(Protocol):
+class DriveValue(Protocol):
     """A value of a drive: an object or a register."""
 
     @property
     def type(self) -> DataType: ...
 
 
-Entry = TypeVar("Entry", bound=Typed)
+Entry = TypeVar("Entry", bound=DriveValue)
 """An object or a register that holds a limit; its text is its name."""
 
 
-Asked = TypeVar("Asked", contravariant=True)
+ServerRequest = TypeVar("ServerRequest", contravariant=True)
 
 
-class LimitedDrive(Protocol[Asked]):
+class LimitedDrive(Protocol[ServerRequest]):
     """The drive behind the limits; its methods raise BusError."""
 
     @property
     def label(self) -> str: ...
 
-    def read(self, entry: Asked, /) -> int: ...
+    def read(self, entry: ServerRequest, /) -> int: ...
 
-    def write(self, entry: Asked, value: int, /) -> None:
+    def write(self, entry: ServerRequest, value: int, /) -> None:
         """Write and read back; raises BusConfigurationError when the drive refuses."""
 
 
@@ -97,7 +97,7 @@ class TorqueLimits(Generic[Entry]):
     """Effort at the handle of one step [N or N·m]."""
     place: str
     """Bus and number of the drive."""
-    notes: "Notes | None" = None
+    notes: "RestoreFile | None" = None
     before: dict[Entry, int] = field(default_factory=dict)
     """The value of each limit that is to be changed, before any run of ours changed it."""
     left: dict[Entry, int] = field(default_factory=dict)
@@ -120,7 +120,7 @@ class TorqueLimits(Generic[Entry]):
         that this is to be changed, or when an entry cannot hold the limit of the axis.
         """
         name = drive.file_name(self.place)
-        self.notes = Notes(name) if self.noted and name is not None else None
+        self.notes = RestoreFile(name) if self.noted and name is not None else None
         noted = self._read_notes()
         for entry in self.entries:
             held = read(entry)
@@ -181,7 +181,7 @@ class TorqueLimits(Generic[Entry]):
                     del self.before[entry]
                 self.warn(f"{error}: the drive keeps its own limit, and only the loop holds that of the axis")
 
-    def _note(self, notes: "Notes") -> None:
+    def _note(self, notes: "RestoreFile") -> None:
         """Write down both what is there and what comes, as this run may be killed before it writes to the drive."""
         try:
             notes.write(
@@ -242,7 +242,7 @@ _LARGEST = 10_000
 """Octets of a note."""
 
 
-class Notes:
+class RestoreFile:
     """The file that says what was changed in one drive: for each entry the values that we set, and the drive's own."""
 
     def __init__(self, drive: str) -> None:

@@ -8,7 +8,7 @@ import os
 import stat
 from pathlib import Path
 
-from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.scan_result import Check
 
 SYS = Path("/sys")
 LONGEST_LATENCY = 1

@@ -42,11 +42,11 @@ def vcan(
     They are those of this machine if it has them or lets this user make them; else those of a guest kernel (User-Mode
     Linux), which needs no rights and sees the same files, read-only but for --out.
     """
-    from haptic_fieldbus.vcan.runner import Errand, run
+    from haptic_fieldbus.vcan.runner import GuestTask, run
 
     if not time_limit > 0.0:
         raise UsageError(f"--time-limit {time_limit:g}: expected more than 0 s")
-    errand = Errand(command, interface or [DEFAULT_VCAN], out or (), time_limit, guest)
+    errand = GuestTask(command, interface or [DEFAULT_VCAN], out or (), time_limit, guest)
     try:
         status = run(errand, lambda text: show([("vcan", text)], sys.stderr))
     except VcanError as error:

@@ -31,8 +31,8 @@ from haptic_fieldbus.numerals import in_unit, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest
-    from haptic_fieldbus.buses.found import FoundNode, Scan
-    from haptic_fieldbus.running.watching import View
+    from haptic_fieldbus.buses.scan_result import FoundNode, Scan
+    from haptic_fieldbus.running.watch import View
 
 
 # Command `scan`: the nodes of a bus, by reading alone.
@@ -201,7 +201,7 @@ def look(bench: "BenchRequest", duration: float, stream: TextIO, *, as_json: boo
     """Show the axes of a bench for `duration` [s]; raises BusError or DocumentError."""
     from haptic_fieldbus.api.bench import watched
     from haptic_fieldbus.clock import MonotonicClock
-    from haptic_fieldbus.running.watching import watch_axes
+    from haptic_fieldbus.running.watch import watch_axes
 
     live = stream.isatty() and not as_json
     lines = _print_json_line if as_json else partial(_print_lines, stream=stream)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 Options = TypeVar("Options")
-Asked = TypeVar("Asked", bound="Rendering")
+ServerRequest = TypeVar("ServerRequest", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 BUSES = (
@@ -118,7 +118,7 @@ class SceneOptions:
     estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
     as_json: JsonOption = False
 
-    def given(self, kind: type[Asked]) -> Asked:
+    def given(self, kind: type[ServerRequest]) -> ServerRequest:
         """Return `asked` made from the options; options that were not given keep its defaults.
 
         Raises UsageError when a `--set` is malformed.
@@ -155,7 +155,7 @@ class BenchOptions(SceneOptions):
     ] = None
     profiles: ProfilesOption = None
 
-    def given(self, kind: type[Asked]) -> Asked:
+    def given(self, kind: type[ServerRequest]) -> ServerRequest:
         """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
         refuse_beside_rig(self.rig, self.drive, self.node)
         from haptic_fieldbus.planning.request import parse_axes

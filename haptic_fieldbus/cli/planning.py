@@ -55,8 +55,8 @@ class StabilityOptions(BenchOptions):
 @options_of(StabilityOptions)
 def stability(options: StabilityOptions) -> None:
     """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
-    from haptic_fieldbus.api.judging import Inquiry, judge_scene
-    from haptic_fieldbus.report.analysis_words import notes, stability_lines
+    from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+    from haptic_fieldbus.report.analysis_texts import notes, stability_lines
 
     inquiry = options.given(Inquiry)
     check_plot(options.plot)
@@ -114,7 +114,7 @@ def response(options: ResponseOptions) -> None:
     check_plot(options.plot)
     from haptic_fieldbus import api
     from haptic_fieldbus.api.open_loop import OpenLoop
-    from haptic_fieldbus.report.analysis_words import response_lines
+    from haptic_fieldbus.report.analysis_texts import response_lines
 
     asked = options.given(OpenLoop)
     found = api.response.of(asked)
@@ -133,7 +133,7 @@ def response(options: ResponseOptions) -> None:
         return
     show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
     if model is not None:
-        from haptic_fieldbus.report.analysis_words import model_lines
+        from haptic_fieldbus.report.analysis_texts import model_lines
 
         show(model_lines(model))
     if options.plot is not None:
@@ -191,7 +191,7 @@ def estimate(options: EstimateOptions) -> None:
     """Estimate velocity or position from the signal in FILE, and tell noise, delay and drift of the estimator."""
     check_plot(options.plot)
     from haptic_fieldbus.api.estimation import SignalRequest, estimate_from
-    from haptic_fieldbus.report.analysis_words import estimate_lines
+    from haptic_fieldbus.report.analysis_texts import estimate_lines
 
     names = (field.name for field in fields(SignalRequest))
     found = estimate_from(SignalRequest(**{name: getattr(options, name) for name in names}))

@@ -47,7 +47,7 @@ def check_against(name: str, eds: Path, profiles: str | None, as_json: bool) -> 
     from haptic_fieldbus.eds import load_eds
     from haptic_fieldbus.protocols.canopen.profile import canopen_profile
     from haptic_fieldbus.protocols.catalogue import load_profile
-    from haptic_fieldbus.sim.canopen.proof import proof_of
+    from haptic_fieldbus.sim.canopen.eds_proof import proof_of
 
     found = proof_of(canopen_profile(load_profile(name, profiles)), load_eds(eds))
     if as_json:
@@ -275,7 +275,7 @@ def new_profile(
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
     """Write the EDS of the profile's simulated drive; raises UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
-    from haptic_fieldbus.sim.canopen.sheet import sheet
+    from haptic_fieldbus.sim.canopen.simulated_eds import sheet
 
     now = datetime.now().astimezone()
     made = {

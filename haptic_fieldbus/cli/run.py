@@ -25,7 +25,7 @@ from haptic_fieldbus.cli.options import (
     seconds,
 )
 from haptic_fieldbus.cli.output import never_wait
-from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
+from haptic_fieldbus.cli.screen import ProgressBar, bar, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly
@@ -157,12 +157,12 @@ def _tell_question(text: str) -> bool:
 
 
 def _announcer(
-    options: RunOptions, progress: Bar | None, changes: Sequence[tuple[float, dict[str, str]]]
+    options: RunOptions, progress: ProgressBar | None, changes: Sequence[tuple[float, dict[str, str]]]
 ) -> Callable[["Plan"], None]:
     """Return a function that prints the plan that is about to run."""
 
     def announce(plan: "Plan") -> None:
-        from haptic_fieldbus.report.words import announcement
+        from haptic_fieldbus.report.texts import announcement
 
         # On a real bus the bar is not drawn: drawing takes time of a period, in which the drive waits.
         if progress is not None and not plan.simulated:
@@ -223,7 +223,7 @@ def _tell(result: "Result", as_json: bool) -> None:
     if as_json:
         print_json(result.to_json())
     else:
-        from haptic_fieldbus.report.words import outcome
+        from haptic_fieldbus.report.texts import outcome
 
         show(outcome(result))
     sys.stdout.flush()

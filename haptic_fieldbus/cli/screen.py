@@ -77,7 +77,7 @@ def json_text(value: "Mapping[str, Json]", indent: int | None = None) -> str:
     return json.dumps(value, ensure_ascii=not unicode, indent=indent, allow_nan=False)
 
 
-class Bar:
+class ProgressBar:
     """Progress bar on standard error, drawn in the thread that reports progress: no thread disturbs the loop."""
 
     def __init__(self, duration: float) -> None:
@@ -118,9 +118,9 @@ class Bar:
             self._progress.stop()
 
 
-def bar(duration: float) -> Bar | None:
+def bar(duration: float) -> ProgressBar | None:
     """Return a bar for a loop of this duration [s]; None when standard error is no terminal."""
-    return Bar(duration) if sys.stderr.isatty() else None
+    return ProgressBar(duration) if sys.stderr.isatty() else None
 
 
 def plain(value: object) -> "Json":

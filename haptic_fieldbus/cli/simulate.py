@@ -26,7 +26,7 @@ from haptic_fieldbus.errors import UsageError
 if TYPE_CHECKING:
     from haptic_fieldbus.drive.rig import Rig
     from haptic_fieldbus.protocols.protocol import BusName
-    from haptic_fieldbus.sim.slot import Slot
+    from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 
 HEADING = """The bench of the drives that `haptic-fieldbus simulate` hosts, for `haptic-fieldbus run SCENE --rig FILE`.
@@ -129,7 +129,7 @@ class _Teller:
     as_json: bool
     bus: str = ""
 
-    def tell(self, slot: "Slot") -> None:
+    def tell(self, slot: "DriveOnBus") -> None:
         if self.as_json:
             print(json_text({"drive": slot.axis.profile, "node": slot.node, "bus": self.bus}))
         else:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from haptic_fieldbus.cycle.axis_checks import AGE_NS, FLAGS, STATUSWORD, T_NS, AxisWatch, CycleContext, in_time
 from haptic_fieldbus.cycle.echo import bind_echo, bind_other_masters
 from haptic_fieldbus.cycle.gaps import LawPlace
 from haptic_fieldbus.cycle.laws import (
@@ -28,7 +29,6 @@ from haptic_fieldbus.cycle.laws import (
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
 from haptic_fieldbus.cycle.sign import Sign, bind_sign_watch
-from haptic_fieldbus.cycle.watch import AGE_NS, FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import STILL, encoder_probe
@@ -54,7 +54,14 @@ class AxisCycle:
     """One axis of a running plan; `output` is the output image, shared by all axes."""
 
     def __init__(
-        self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float, *, controlled: bool
+        self,
+        owner: CycleContext,
+        axis: AxisPlan,
+        image: AxisImage,
+        output: bytearray,
+        period: float,
+        *,
+        controlled: bool,
     ) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
         self.forgive: Callable[[float], None] = lambda energy: None

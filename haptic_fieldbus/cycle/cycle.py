@@ -13,7 +13,7 @@ from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.laws import PairField, blended_pair
-from haptic_fieldbus.cycle.safety import GapTally, Trip, TripKind
+from haptic_fieldbus.cycle.safety import GapCounts, Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -167,7 +167,7 @@ class Cycle:
         """Return the largest force beyond the effort limit that the scene asked for [N or N·m]; 0 without any."""
         return self._axes[axis].permission.asked
 
-    def gaps(self, axis: str) -> GapTally:
+    def gaps(self, axis: str) -> GapCounts:
         """Return what gaps in the feedback cost this axis."""
         return self._axes[axis].permission.gaps
 

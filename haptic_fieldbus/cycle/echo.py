@@ -32,10 +32,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import islice
 
+from haptic_fieldbus.cycle.axis_checks import STATUSWORD, T_NS, TripOff
 from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sensing import Feedback, PeriodStep
-from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS, TripOff
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import (
@@ -80,7 +80,7 @@ def bind_echo(
     tolerance = ECHO_STEPS * max(1.0, shown / axis.effort_unit)
     if lags:
         tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
-    doubt = Doubt(axis, state, period, tolerance, trip, forgive)
+    doubt = EchoMismatch(axis, state, period, tolerance, trip, forgive)
     bind = _bind_asked if echo is Signal.TARGET_ASKED else _bind_actual if lags else _bind_demand
     return bind(axis, state, period, place, doubt, feedback, render)
 
@@ -147,7 +147,13 @@ class OtherMaster:
 
 
 def _bind_demand(
-    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
+    axis: AxisPlan,
+    state: AxisState,
+    period: float,
+    place: int,
+    doubt: "EchoMismatch",
+    feedback: Feedback,
+    render: PeriodStep,
 ) -> PeriodStep:
     """Compare with the target that must be in force by now, or with the nearer one of two where it may be either."""
     sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.demand_unit, axis), doubt.tolerance
@@ -173,7 +179,13 @@ def _bind_demand(
 
 
 def _bind_asked(
-    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
+    axis: AxisPlan,
+    state: AxisState,
+    period: float,
+    place: int,
+    doubt: "EchoMismatch",
+    feedback: Feedback,
+    render: PeriodStep,
 ) -> PeriodStep:
     """Compare an answer with the targets that were in force between question and answer."""
     sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
@@ -205,7 +217,13 @@ def _bind_asked(
 
 
 def _bind_actual(
-    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
+    axis: AxisPlan,
+    state: AxisState,
+    period: float,
+    place: int,
+    doubt: "EchoMismatch",
+    feedback: Feedback,
+    render: PeriodStep,
 ) -> PeriodStep:
     """Compare with the target that must be in force by now, after the lag of the torque loop."""
     sign, tolerance, lag = (
@@ -244,7 +262,7 @@ def _ratio(unit: float, axis: AxisPlan) -> float:
     return 1 if abs(ratio - 1.0) < 1e-9 else ratio
 
 
-class Doubt:
+class EchoMismatch:
     """The doubt whether set-points act, and its way to a trip; values in steps of target torque."""
 
     def __init__(

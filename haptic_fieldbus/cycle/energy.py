@@ -109,7 +109,7 @@ class EnergyTrip(Protocol):
 
 
 @dataclass(slots=True)
-class Tally:
+class EnergyRecord:
     """What a ledger has seen; energies in J."""
 
     limit: float
@@ -180,7 +180,7 @@ class Ledger:
     ) -> None:
         self.ports, self.period = tuple(ports), period
         self.axes = tuple(port.axis for port in ports)
-        self.tally = Tally(self.axes[0].limits.energy, self.axes[0].limits.forgiven)
+        self.tally = EnergyRecord(self.axes[0].limits.energy, self.axes[0].limits.forgiven)
         self._trip = trip
         self._ramp, self._done = 0, 0
         self._origin, self._clipped = 0.0, 0

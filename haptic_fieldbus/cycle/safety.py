@@ -95,7 +95,7 @@ class Trip:
 
 
 @dataclass(slots=True)
-class GapTally:
+class GapCounts:
     """What gaps in the feedback cost one axis."""
 
     long: int = 0
@@ -149,7 +149,7 @@ class Permission:
     """How far the scene stands beside its place after short gaps [m or rad]."""
     beside: bool = False
     """Whether the place of the scene is to be looked after: `blind`, or a `shift`."""
-    gaps: GapTally = field(default_factory=GapTally)
+    gaps: GapCounts = field(default_factory=GapCounts)
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
     after_doubt: bool = False

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
+from haptic_fieldbus.cycle.axis_checks import STATUSWORD, T_NS
 from haptic_fieldbus.cycle.laws import AxisState, Sensed
-from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.signals import Signal

@@ -17,10 +17,10 @@ from collections import deque
 from collections.abc import Callable
 from operator import mul
 
+from haptic_fieldbus.cycle.axis_checks import TripOff
 from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.sensing import PeriodStep
-from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.sign_probe import (
     ATTEMPTS,

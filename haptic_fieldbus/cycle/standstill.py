@@ -9,10 +9,10 @@ a pair the counts either moved, and stand still again for a while before the nex
 
 import math
 
+from haptic_fieldbus.cycle.axis_checks import T_NS, TripOff
 from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.sensing import Feedback
-from haptic_fieldbus.cycle.watch import T_NS, TripOff
 from haptic_fieldbus.planning.encoder_probe import PAIRS, EncoderProbe
 
 LEAST_LEFT = 0.5

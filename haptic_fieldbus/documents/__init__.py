@@ -8,7 +8,7 @@ positions only when there is a fault.
 from haptic_fieldbus.documents.document import Document, check_kind, knows, read_document, schema_of, table_of
 from haptic_fieldbus.documents.expected import KeyPath
 from haptic_fieldbus.documents.names import beside, file_names, file_of, is_eds, is_path, nearest, suggestion
-from haptic_fieldbus.documents.octets import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
+from haptic_fieldbus.documents.safe_read import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
 
 __all__ = [
     "EDS_SIZE",

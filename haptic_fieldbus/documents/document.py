@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from haptic_fieldbus.documents.expected import Expectation, KeyPath, Schema, child
 from haptic_fieldbus.documents.names import suggestion
-from haptic_fieldbus.documents.octets import TOML_SIZE, fault_of_data, fault_of_text, read_octets
+from haptic_fieldbus.documents.safe_read import TOML_SIZE, fault_of_data, fault_of_text, read_octets
 from haptic_fieldbus.errors import DocumentError, Fault
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from haptic_fieldbus.documents.octets import TOML_SIZE, fault_of_text, read_octets
+from haptic_fieldbus.documents.safe_read import TOML_SIZE, fault_of_text, read_octets
 
 # Replacement of a file as a whole: whoever reads it, at whatever time, finds the old content or the new one.
 #

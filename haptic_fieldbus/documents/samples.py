@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.documents.octets import TABLE_SIZE, read_octets
+from haptic_fieldbus.documents.safe_read import TABLE_SIZE, read_octets
 from haptic_fieldbus.errors import DocumentError, Fault
 from haptic_fieldbus.numerals import exactly
 

@@ -32,7 +32,7 @@ it accepts two periods more, the delay of a set-point (two periods at most), and
 
 
 @dataclass(frozen=True)
-class Usual:
+class Typical:
     """Smallest and largest value of a key, their unit, and why; a list has all its members within it."""
 
     low: float
@@ -52,38 +52,40 @@ class Usual:
         return f"from {exactly(self.low)} to {exactly(self.high)} {self.unit}".rstrip()
 
 
-RANGES: dict[Ranged, Usual] = {
-    "rated_torque": Usual(1e-5, 50.0, "N·m", "motors of 0.11 mN·m to 15.8 N·m, steering wheels up to 30 N·m", TORQUES),
-    "torque_constant": Usual(1e-4, 10.0, "N·m/A", "motors of 0.92 mN·m/A to 0.6 N·m/A, direct drives a few N·m/A", (
+RANGES: dict[Ranged, Typical] = {
+    "rated_torque": Typical(
+        1e-5, 50.0, "N·m", "motors of 0.11 mN·m to 15.8 N·m, steering wheels up to 30 N·m", TORQUES),
+    "torque_constant": Typical(1e-4, 10.0, "N·m/A", "motors of 0.92 mN·m/A to 0.6 N·m/A, direct drives a few N·m/A", (
         (1e-3, "mN·m/A"), (1e-6, "µN·m/A"))),
-    "rated_current": Usual(0.01, 300.0, "A", "motors of 0.2 A to 28.6 A", AMPERES),
-    "peak_current": Usual(0.05, 1000.0, "A", "three to five times the rated current", AMPERES),
-    "inertia": Usual(1e-9, 1.0, "kg·m²", "rotors of 3e-9 kg·m² to 1.23e-3 kg·m², steering wheels up to 0.1 kg·m²", (
+    "rated_current": Typical(0.01, 300.0, "A", "motors of 0.2 A to 28.6 A", AMPERES),
+    "peak_current": Typical(0.05, 1000.0, "A", "three to five times the rated current", AMPERES),
+    "inertia": Typical(1e-9, 1.0, "kg·m²", "rotors of 3e-9 kg·m² to 1.23e-3 kg·m², steering wheels up to 0.1 kg·m²", (
         (1e-7, "g·cm²"), (1e-4, "kg·cm²"), (1e-6, "kg·mm²"))),
-    "viscous_damping": Usual(0.0, 5.0, "N·m·s/rad", "rated torque of the largest motor at 3 rad/s", (
+    "viscous_damping": Typical(0.0, 5.0, "N·m·s/rad", "rated torque of the largest motor at 3 rad/s", (
         (1e-3, "mN·m·s/rad"), (1e-6, "µN·m·s/rad"))),
-    "coulomb_friction": Usual(0.0, 10.0, "N·m", "two thirds of the rated torque of the largest motor", TORQUES),
-    "encoder_counts_per_revolution": Usual(6, 2**28, "", "Hall sensors of one pole pair to encoders of 28 bits", (
+    "coulomb_friction": Typical(0.0, 10.0, "N·m", "two thirds of the rated torque of the largest motor", TORQUES),
+    "encoder_counts_per_revolution": Typical(6, 2**28, "", "Hall sensors of one pole pair to encoders of 28 bits", (
         (4.0, "lines of four counts each"),)),
-    "mechanism.metres_per_revolution": Usual(1e-4, 3.0, "m", "a screw of 0.1 mm to a drum of 1 m", (
+    "mechanism.metres_per_revolution": Typical(1e-4, 3.0, "m", "a screw of 0.1 mm to a drum of 1 m", (
         (1e-3, "mm"), (1e-2, "cm"))),
-    "mechanism.gear_ratio": Usual(0.01, 1000.0, "", "a hand cannot turn the motor through a larger gear"),
+    "mechanism.gear_ratio": Typical(0.01, 1000.0, "", "a hand cannot turn the motor through a larger gear"),
 }  # fmt: skip
 """Range of each key of the motor and its mechanism."""
-OF_HANDLE: dict[Workspace, dict[Ranged, Usual]] = {
+OF_HANDLE: dict[Workspace, dict[Ranged, Typical]] = {
     Workspace.LINEAR: {
-        "limits.effort": Usual(1e-3, 2000.0, "N", "four times what a hand pushes in a blow", ((1e-3, "mN"),)),
-        "limits.speed": Usual(1e-3, 200.0, "m/s", "several times as fast as a hand throws", ((1e-3, "mm/s"),)),
-        "limits.position": Usual(-5.0, 5.0, "m", "further than an arm reaches", ((1e-3, "mm"), (1e-2, "cm"))),
-        "limits.acceleration": Usual(0.1, 1e6, "m/s²", "a blow on the lightest handle", ((1e-3, "mm/s²"),)),
-        "limits.power": Usual(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
+        "limits.effort": Typical(1e-3, 2000.0, "N", "four times what a hand pushes in a blow", ((1e-3, "mN"),)),
+        "limits.speed": Typical(1e-3, 200.0, "m/s", "several times as fast as a hand throws", ((1e-3, "mm/s"),)),
+        "limits.position": Typical(-5.0, 5.0, "m", "further than an arm reaches", ((1e-3, "mm"), (1e-2, "cm"))),
+        "limits.acceleration": Typical(0.1, 1e6, "m/s²", "a blow on the lightest handle", ((1e-3, "mm/s²"),)),
+        "limits.power": Typical(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
     },
     Workspace.ROTARY: {
-        "limits.effort": Usual(1e-5, 200.0, "N·m", "eight times what a hand turns in a blow", TORQUES),
-        "limits.speed": Usual(0.01, 2e4, "rad/s", "the fastest motors", ()),
-        "limits.position": Usual(-70.0, 70.0, "rad", "eleven turns to each side", ((0.017453292519943295, "degrees"),)),
-        "limits.acceleration": Usual(1.0, 1e9, "rad/s²", "rated torque on the lightest rotor", ()),
-        "limits.power": Usual(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
+        "limits.effort": Typical(1e-5, 200.0, "N·m", "eight times what a hand turns in a blow", TORQUES),
+        "limits.speed": Typical(0.01, 2e4, "rad/s", "the fastest motors", ()),
+        "limits.position": Typical(
+            -70.0, 70.0, "rad", "eleven turns to each side", ((0.017453292519943295, "degrees"),)),
+        "limits.acceleration": Typical(1.0, 1e9, "rad/s²", "rated torque on the lightest rotor", ()),
+        "limits.power": Typical(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
     },
 }  # fmt: skip
 """Range of each limit, by the workspace of the handle."""
@@ -132,7 +134,7 @@ def _constant(ratio: float) -> str:
     return "; is this in mN·m/A?" if 1.0 / LARGEST_RATIO <= 1e-3 * ratio <= LARGEST_RATIO else ""
 
 
-def _slip(each: Usual, value: float) -> str:
+def _slip(each: Typical, value: float) -> str:
     """Return the question whether another unit was meant, where the value would be plausible in it."""
     meant = next(((size * value, unit) for size, unit in each.slips if each.has(size * value)), None)
     return "" if meant is None else f"; is this in {meant[1]}? It would be {rounded(meant[0])} {each.unit}"

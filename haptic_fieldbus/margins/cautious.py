@@ -139,7 +139,7 @@ class Cautious:
     """Element that leaves no stiffness to the one that varies; None where some is left, or nothing else has any."""
 
 
-class Varied(Protocol):
+class VariedLoop(Protocol):
     """A loop with other values of its axes."""
 
     def rough_limit(self) -> float:
@@ -183,7 +183,7 @@ def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
     return tuple(_at(plant, ranges, 0, 0, 0, 0, 0) for plant, ranges in axes)
 
 
-def least(found: Iterator[tuple[tuple[Values, ...], Varied]]) -> tuple[float, tuple[Values, ...]]:
+def least(found: Iterator[tuple[tuple[Values, ...], VariedLoop]]) -> tuple[float, tuple[Values, ...]]:
     """Return the smallest limit of these loops, and the values at which it is."""
     limit, at = math.inf, tuple[Values, ...]()
     for values, loop in found:

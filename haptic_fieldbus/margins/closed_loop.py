@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
 from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
-from haptic_fieldbus.margins.places import Places, RestingPlace
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
+from haptic_fieldbus.margins.stiffness_map import Places, RestingPlace
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis, linearised
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.passivity import MOST_WEIGHTS, searched, spread_of
-from haptic_fieldbus.margins.places import Places
+from haptic_fieldbus.margins.stiffness_map import Places
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel

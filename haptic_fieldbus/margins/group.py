@@ -14,9 +14,9 @@ from haptic_fieldbus.margins import cautious, closed_loop
 from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Suggestion, Values, suggest
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, Kind, OneAxis
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.places import EVERYWHERE, OwnLaw
 from haptic_fieldbus.margins.plant import Plant, Ranges, exactly_timed, weakened
-from haptic_fieldbus.margins.resting import Axle
+from haptic_fieldbus.margins.resting_points import AxisElements
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, OwnLaw
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval
@@ -272,13 +272,13 @@ class Group:
         )
 
     @cached_property
-    def _axle(self) -> Axle:
+    def _axle(self) -> AxisElements:
         """The elements of the single axis."""
         (alone,) = self.members
         return self._axle_of(alone)
 
-    def _axle_of(self, member: Member) -> Axle:
-        return Axle(member.elements, self.period, member.method, member.estimator, member.effort, member.travel)
+    def _axle_of(self, member: Member) -> AxisElements:
+        return AxisElements(member.elements, self.period, member.method, member.estimator, member.effort, member.travel)
 
     def environment(self, **changes: float) -> StateSpace:
         """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""

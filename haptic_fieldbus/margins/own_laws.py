@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.margins.places import OwnLaw
+from haptic_fieldbus.margins.stiffness_map import OwnLaw
 from haptic_fieldbus.scenes.element import Interval, Local, Phased, is_dynamic, is_sampled, is_shipped, is_varying
 from haptic_fieldbus.signals import Signal
 

@@ -34,8 +34,8 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.places import OwnLaw, Places, RestingPlace
 from haptic_fieldbus.margins.plant import Plant, quantisation_limit
+from haptic_fieldbus.margins.stiffness_map import OwnLaw, Places, RestingPlace
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics import sampled
 

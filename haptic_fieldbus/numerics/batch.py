@@ -250,7 +250,7 @@ BLOCK = 2048
 
 
 @dataclass(frozen=True, eq=False)
-class Finished:
+class FinalState:
     """State of N loops at the end of a run; arrays (N,), and `peaks` (parts, N): greatest |position| in each part."""
 
     position: Array
@@ -267,10 +267,10 @@ class Finished:
         return found
 
 
-def run(given: Loops, steps: int, parts: int = 10) -> Finished:
+def run(given: Loops, steps: int, parts: int = 10) -> FinalState:
     """Run all loops for `steps` periods, in `parts` parts of about equal length."""
     total = len(given)
-    result = Finished(np.empty(total), np.empty(total), np.zeros((parts, total)), np.empty(total, dtype=np.bool_))
+    result = FinalState(np.empty(total), np.empty(total), np.zeros((parts, total)), np.empty(total, dtype=np.bool_))
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable loop may overflow: `diverged` reports it
         for rows in _blocks(given):
             block = Running(given.part(rows))

@@ -15,8 +15,8 @@ from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
-from haptic_fieldbus.margins.places import EVERYWHERE
 from haptic_fieldbus.margins.plant import ASSUMED_BANDWIDTH, COUPLING_SHARES, SOURCED_BANDWIDTH, Range, Ranges
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis

@@ -53,7 +53,7 @@ EXCESS_RATIO = 6.0
 
 
 @dataclass(frozen=True)
-class HeldBy:
+class HandOnHandle:
     """A hand as it acts on the handle: [N/m or N·m/rad], [N·s/m or N·m·s/rad], [kg or kg·m²]."""
 
     stiffness: float
@@ -61,7 +61,7 @@ class HeldBy:
     mass: float
 
 
-HAND = {Workspace.LINEAR: HeldBy(1000.0, 10.0, 0.02), Workspace.ROTARY: HeldBy(2.5, 0.025, 5e-5)}
+HAND = {Workspace.LINEAR: HandOnHandle(1000.0, 10.0, 0.02), Workspace.ROTARY: HandOnHandle(2.5, 0.025, 5e-5)}
 """The stiffest hand against which a pair must move the counts. Chosen here: three times the stiffness of the simulated
 hands, and the mass of the fingers; on a handle that turns, at a lever of 50 mm."""
 
@@ -140,7 +140,7 @@ def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
     return probe
 
 
-def travel(plant: Plant, hand: HeldBy, time: float) -> float:
+def travel(plant: Plant, hand: HandOnHandle, time: float) -> float:
     """Return how far one newton beyond friction moves a handle with a hand on it from rest within `time` [s].
 
     [m/N or rad/(N·m)]; up to the first turn, from where friction holds the handle.

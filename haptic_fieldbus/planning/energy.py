@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_fieldbus.margins.group import connected
-from haptic_fieldbus.margins.places import EVERYWHERE, terrain
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, terrain
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE

@@ -1,6 +1,6 @@
 """The guard of each drive: the watch by which it takes the torque away itself when nothing comes from us any more.
 
-A guard is asked of the drive when it is configured. Whether it acts is proved by a run (`running.proving`), which
+A guard is asked of the drive when it is configured. Whether it acts is proved by a run (`running.guard_proof`), which
 leaves the drive alone at zero torque and measures; the outcome stands in the rig file (`Proved`). A drive without a
 guard, or whose guard did not act when it was tried, may give no more torque than a hand can be left alone with, and
 only where a person can cut its power.

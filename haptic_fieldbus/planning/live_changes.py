@@ -45,7 +45,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Applied:
+class RampingChange:
     """A change whose ramp has begun."""
 
     change: Change

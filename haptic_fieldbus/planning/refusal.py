@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.group import Group
-from haptic_fieldbus.margins.places import OwnLaw
+from haptic_fieldbus.margins.stiffness_map import OwnLaw
 from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, in_unit, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.compile import on_bus, with_verdicts
 from haptic_fieldbus.planning.plan import BusPlan, Plan
@@ -19,7 +19,7 @@ from haptic_fieldbus.signals import Signal, Workspace
 
 
 @dataclass(frozen=True)
-class WayLimit:
+class ExchangeLimit:
     """The limit of stability that the weakest axis of a plan has by one way of exchange."""
 
     bus: str
@@ -52,12 +52,12 @@ class WayLimit:
         }
 
 
-def way_limits(plan: Plan) -> tuple[WayLimit, ...]:
+def way_limits(plan: Plan) -> tuple[ExchangeLimit, ...]:
     """Return the limits of each bus with several ways, the chosen way first; empty where each bus has one way."""
     return tuple(limit for bus in plan.buses for limit in _of_bus(plan, bus))
 
 
-def _of_bus(plan: Plan, bus: BusPlan) -> Iterator[WayLimit]:
+def _of_bus(plan: Plan, bus: BusPlan) -> Iterator[ExchangeLimit]:
     others = bus.traffic.others()
     if others:
         yield _limit(plan, bus, bus.traffic)
@@ -72,12 +72,12 @@ def _by(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> Plan:
     return replace(plan, rate=traffic.rate, axes=with_verdicts(axes, period))
 
 
-def _limit(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> WayLimit:
+def _limit(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> ExchangeLimit:
     weakest, found = plan.weakest, plan.stability
     limit = None if found is None else found.stiffness_limit.stable
     unit = "" if weakest is None else f"{weakest.workspace.effort_unit}/{weakest.workspace.length_unit}"
     delay = max(axis.delay.total for axis in plan.axes if axis.name in bus.axes)
-    return WayLimit(bus.name, traffic.exchange, traffic.rate, delay, limit, unit, traffic is bus.traffic)
+    return ExchangeLimit(bus.name, traffic.exchange, traffic.rate, delay, limit, unit, traffic is bus.traffic)
 
 
 def check_stable(plan: Plan, *, running: bool = False) -> None:

@@ -20,8 +20,8 @@ from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_ri
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
-from haptic_fieldbus.scenes.checked import check_elements, check_kinds
 from haptic_fieldbus.scenes.element import Graded
+from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
@@ -96,7 +96,7 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> S
     if not values:
         return scene
     # Imported here, because a scene that is named or keeps its values does without it.
-    from haptic_fieldbus.scenes.changed import changed
+    from haptic_fieldbus.scenes.parameter_changes import changed
 
     return changed(scene, values)
 
@@ -286,7 +286,7 @@ def _renamed(scene: Scene, task: Task) -> Scene:
     if not task.axes:
         return scene
     # Imported here, because a scene whose axes keep their names does without it.
-    from haptic_fieldbus.scenes.changed import with_axes
+    from haptic_fieldbus.scenes.parameter_changes import with_axes
 
     return with_axes(scene, task.axes)
 

@@ -26,7 +26,7 @@ from haptic_fieldbus.documents import (
     suggestion,
     table_of,
 )
-from haptic_fieldbus.documents.octets import IMPOSSIBLE_NAME
+from haptic_fieldbus.documents.safe_read import IMPOSSIBLE_NAME
 from haptic_fieldbus.drive.plausible import check_plausible
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import LARGEST_COGGING, BusSection, Rig, RigAxis

@@ -216,7 +216,7 @@ IDEAL = HostTimes(simulated=True)
 
 
 @dataclass(frozen=True)
-class Ways:
+class TransportTimes:
     """Times from the measurement of a position to the torque of it [s]."""
 
     planned: float
@@ -224,7 +224,9 @@ class Ways:
     longest: float
 
 
-def ways(timing: TimingSection, arrival: float, host: HostTimes, period: float, *, on_reception: bool) -> Ways:
+def ways(
+    timing: TimingSection, arrival: float, host: HostTimes, period: float, *, on_reception: bool
+) -> TransportTimes:
     """Return the times of a drive whose set-point arrives so long after the latch, host as known [s].
 
     With `on_reception` False the set-point is taken over at the next SYNC.
@@ -238,7 +240,7 @@ def ways(timing: TimingSection, arrival: float, host: HostTimes, period: float, 
         return at + timing.control_period if tick == "free" else _next_tick(at, timing.control_period, on_reception)
 
     locked = timing.control_tick == "sync"
-    return Ways(
+    return TransportTimes(
         planned=least + acts(arrival, "free" if timing.control_tick == "free" else "sync"),
         shortest=least + acts(arrival, "sync" if locked else "at once"),
         longest=most + acts(arrival + host.most, "sync" if locked else "free"),

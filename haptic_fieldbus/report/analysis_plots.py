@@ -11,17 +11,17 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import Estimation
-from haptic_fieldbus.api.judging import Judgement
 from haptic_fieldbus.api.model import EnvironmentModel, Poles, poles_along, poles_of, step_growth
 from haptic_fieldbus.api.open_loop import Response
+from haptic_fieldbus.api.stability_limits import Judgement
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.report.analysis_words import estimate_lines
+from haptic_fieldbus.report.analysis_texts import estimate_lines
 from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, line, thin
-from haptic_fieldbus.report.words import parameter_units
+from haptic_fieldbus.report.texts import parameter_units
 
 # Picture of a model: the poles of each method on the z-plane, and the growth of a free motion in a step.
 #

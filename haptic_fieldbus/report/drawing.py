@@ -75,7 +75,7 @@ def thin(times: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class Look:
+class CurveStyle:
     """Colour, marker and dashes of a curve; `size` is that of the marker [points]."""
 
     colour: str
@@ -87,31 +87,38 @@ class Look:
 
 # Several methods give nearly the same curve: large hollow markers leave the smaller ones inside them visible.
 LOOKS = {
-    "forward-euler": Look(VERMILION, "o"),
-    "backward-euler": Look(ORANGE, "s"),
-    "trapezoidal": Look(PURPLE, "D", size=5.0),
-    "semi-implicit": Look(SKY, "^", size=9.0, hollow=True),
-    "semi-implicit-drift-first": Look(SKY, "v", "--"),
-    "verlet": Look(BLUE, "<", size=5.0),
-    "rk4": Look(GREEN, "P", size=9.0, hollow=True),
-    "exact-zoh": Look(GREY, "X", "--", size=6.0),
-    "exact-foh": Look(INK, "*", size=6.5),
-    "backward-difference": Look(INK, "o", size=8.0, hollow=True),
-    "moving-average": Look(BLUE, "s"),
-    "low-pass": Look(SKY, "D", size=5.0),
-    "filtered-derivative": Look(ORANGE, "v"),
-    "least-squares": Look(GREEN, "^"),
-    "foaw-end-fit": Look(VERMILION, "P", "--"),
-    "foaw-best-fit": Look(VERMILION, "X"),
-    "levant": Look(PURPLE, "*", "--", size=6.0),
-    "kalman-velocity": Look(BLUE, ">", "--"),
-    "kalman-acceleration": Look(GREEN, "<", "--"),
-    "tick-interval": Look(GREY, "h", ":"),
+    "forward-euler": CurveStyle(VERMILION, "o"),
+    "backward-euler": CurveStyle(ORANGE, "s"),
+    "trapezoidal": CurveStyle(PURPLE, "D", size=5.0),
+    "semi-implicit": CurveStyle(SKY, "^", size=9.0, hollow=True),
+    "semi-implicit-drift-first": CurveStyle(SKY, "v", "--"),
+    "verlet": CurveStyle(BLUE, "<", size=5.0),
+    "rk4": CurveStyle(GREEN, "P", size=9.0, hollow=True),
+    "exact-zoh": CurveStyle(GREY, "X", "--", size=6.0),
+    "exact-foh": CurveStyle(INK, "*", size=6.5),
+    "backward-difference": CurveStyle(INK, "o", size=8.0, hollow=True),
+    "moving-average": CurveStyle(BLUE, "s"),
+    "low-pass": CurveStyle(SKY, "D", size=5.0),
+    "filtered-derivative": CurveStyle(ORANGE, "v"),
+    "least-squares": CurveStyle(GREEN, "^"),
+    "foaw-end-fit": CurveStyle(VERMILION, "P", "--"),
+    "foaw-best-fit": CurveStyle(VERMILION, "X"),
+    "levant": CurveStyle(PURPLE, "*", "--", size=6.0),
+    "kalman-velocity": CurveStyle(BLUE, ">", "--"),
+    "kalman-acceleration": CurveStyle(GREEN, "<", "--"),
+    "tick-interval": CurveStyle(GREY, "h", ":"),
 }
-OTHERS = (Look(BLUE, "o"), Look(VERMILION, "s"), Look(GREEN, "^"), Look(PURPLE, "D"), Look(ORANGE, "v"), Look(SKY, "P"))
+OTHERS = (
+    CurveStyle(BLUE, "o"),
+    CurveStyle(VERMILION, "s"),
+    CurveStyle(GREEN, "^"),
+    CurveStyle(PURPLE, "D"),
+    CurveStyle(ORANGE, "v"),
+    CurveStyle(SKY, "P"),
+)
 
 
-def look_of(name: str) -> Look:
+def look_of(name: str) -> CurveStyle:
     """Return the look of a method; for an unknown name, one that depends on its letters alone."""
     # Not `hash`, which differs from run to run.
     return LOOKS.get(name) or OTHERS[sum(map(ord, name)) % len(OTHERS)]

@@ -31,7 +31,7 @@ from haptic_fieldbus.report.drawing import (
     kept,
     thin,
 )
-from haptic_fieldbus.report.words import key_figures
+from haptic_fieldbus.report.texts import key_figures
 from haptic_fieldbus.scenes.element import StaticElement
 from haptic_fieldbus.scenes.end_stop import EndStop
 from haptic_fieldbus.scenes.wall import Wall

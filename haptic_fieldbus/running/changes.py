@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, wrong_kind
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.planning.live_changes import RAMP, Applied, Change, plan_change
+from haptic_fieldbus.planning.live_changes import RAMP, Change, RampingChange, plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
@@ -30,7 +30,7 @@ Scheduled = tuple[float, Mapping[str, Setting]]
 
 
 @dataclass(frozen=True)
-class Ready:
+class ReadyChange:
     """A change and the function that begins its ramp."""
 
     change: Change
@@ -48,9 +48,9 @@ class Changes:
         if not _is_number(ramp):
             raise wrong_kind("ramp", "a number in s", ramp)
         self.ramp = ramp
-        self.applied: list[Applied] = []
+        self.applied: list[RampingChange] = []
         """Changes whose ramp has begun, in order."""
-        self.waiting: deque[Ready] = deque()
+        self.waiting: deque[ReadyChange] = deque()
         """Changes that the loop will make; only the loop removes from it."""
         self._lock = Lock()
         """Serialises the callers of `request`; the loop never acquires it, so it never waits for a caller."""
@@ -148,7 +148,7 @@ class Changes:
         ready.begin()
         periods = self._periods(period_ns)
         self._free_ns = coming_ns + periods * period_ns
-        self.applied.append(Applied(change, coming_ns * 1e-9, after_ns, periods))
+        self.applied.append(RampingChange(change, coming_ns * 1e-9, after_ns, periods))
 
     def _periods(self, period_ns: int) -> int:
         """Return the length of a ramp in periods, at least 1."""
@@ -157,7 +157,7 @@ class Changes:
     def _hand_over(self, change: Change, before: Plan, cycle: "Cycle") -> None:
         """Prepare a change in the thread of the caller and append it for the loop."""
         # `append` and `popleft` of a deque are atomic, so neither side needs a lock.
-        self.waiting.append(Ready(change, cycle.prepare(before, change.plan, self._periods(before.period_ns))))
+        self.waiting.append(ReadyChange(change, cycle.prepare(before, change.plan, self._periods(before.period_ns))))
 
 
 def _checked(scheduled: object) -> Iterator[Scheduled]:

@@ -12,7 +12,7 @@ from functools import partial
 
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD
+from haptic_fieldbus.cycle.axis_checks import EMERGENCY, FLAGS, STATUSWORD
 from haptic_fieldbus.documents.edits import Value, edit_file, with_table
 from haptic_fieldbus.errors import Fault, RigError, UsageError
 from haptic_fieldbus.numerals import in_unit, rounded

@@ -21,7 +21,7 @@ from statistics import quantiles
 
 from haptic_fieldbus.assessing.loop_report import LATE_SHARE
 from haptic_fieldbus.assessing.result import Right
-from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.scan_result import Check
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.numerals import rounded
 

@@ -220,13 +220,13 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Prepar
     due = prepared.due(bus)
     _ask(request, plan, bus, due)
     if due:
-        from haptic_fieldbus.running import proving
-        from haptic_fieldbus.running.proving import prove
+        from haptic_fieldbus.running import guard_proof
+        from haptic_fieldbus.running.guard_proof import prove
 
         ending.hold()
         prepared.proofs = prove(plan, bus, clock, due, ending)
-        prepared.warnings += proving.keep(plan, bus.facts, prepared.proofs)
-        proving.check(plan, bus.facts, prepared.proofs, prepared.warnings)
+        prepared.warnings += guard_proof.keep(plan, bus.facts, prepared.proofs)
+        guard_proof.check(plan, bus.facts, prepared.proofs, prepared.warnings)
     if not plan.simulated:
         from haptic_fieldbus.running.direction import confirm_direction
 
@@ -242,7 +242,7 @@ def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None
     heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
     proved: Iterable[str] = ()
     if due:
-        from haptic_fieldbus.running.proving import questions
+        from haptic_fieldbus.running.guard_proof import questions
 
         proved = questions(plan, due)
     unseen = [f"Not seen: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]

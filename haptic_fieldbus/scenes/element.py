@@ -35,7 +35,7 @@ from haptic_fieldbus.signals import Signal
 # Bounds of force, stiffness and damping of an element between two positions.
 #
 # The bounds hold at every place between the two, so that a sum over elements and over neighbouring intervals is a proof
-# for all places. `margins.places` draws the sums.
+# for all places. `margins.stiffness_map` draws the sums.
 
 Interval = tuple[float, float]
 """Lowest and highest value."""

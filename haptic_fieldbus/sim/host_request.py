@@ -16,9 +16,9 @@ from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Fault, HostFault, LineFault
 from haptic_fieldbus.sim.hand import Hand, hand_named
-from haptic_fieldbus.sim.slot import Slot
 
 # The text form of the drives on a simulated bus: `maxon_epos4@5,generic_cia402@6`, profile @ node-ID.
 
@@ -56,13 +56,13 @@ def slot_of(
     *,
     booted: bool = True,
     profiles: str | Path | None = None,
-) -> Slot:
+) -> DriveOnBus:
     """Return the slot of a drive on the shipped bench; `profiles` is a folder of own profiles (see `load_profile`).
 
     Raises ProfileError or EdsError for a bad profile file, UsageError for an unknown profile.
     """
     axis = default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
-    return Slot(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)
+    return DriveOnBus(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)
 
 
 _BUS = "simulated"
@@ -95,7 +95,7 @@ class HostRequest:
     """Folder of one's own profiles (see `load_profile`)."""
 
 
-def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
+def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
     """Return the bus of a request and the slots to put on it.
 
     Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
@@ -109,7 +109,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
         for fault in request.faults
         if fault.bus is not None
     ]
-    slots: list[Slot] = []
+    slots: list[DriveOnBus] = []
     bus, drives, hand = None, [], None
     with _collecting(faults):
         hand = hand_named(request.hand)
@@ -140,9 +140,9 @@ class HostFunction(Protocol):
     def __call__(
         self,
         bus: BusName,
-        slots: Sequence[Slot],
+        slots: Sequence[DriveOnBus],
         seed: int,
-        ready: Callable[[Slot], None],
+        ready: Callable[[DriveOnBus], None],
         stopped: Callable[[], bool],
         tell: Callable[[str], None] = ...,
         opened: Callable[[BusName], None] = ...,
@@ -179,7 +179,7 @@ def _collecting(faults: list[str]) -> Iterator[None]:
         faults.append(str(error))
 
 
-def rig_of(bus: BusName, slots: Sequence[Slot], names: Sequence[str] = ()) -> Rig:
+def rig_of(bus: BusName, slots: Sequence[DriveOnBus], names: Sequence[str] = ()) -> Rig:
     """Return the rig with which another program renders a scene on these drives.
 
     The axes are called by `names`; without any they are called handle, handle2 and so on. A profile that is not shipped
@@ -211,7 +211,7 @@ def joined_bus(text: str | None) -> BusName:
     return name
 
 
-def _on(bus: BusName | None, slot: Slot) -> Slot:
+def _on(bus: BusName | None, slot: DriveOnBus) -> DriveOnBus:
     """Return the slot; raises UsageError when its drive does not speak the protocol of the bus."""
     if bus is not None and slot.profile.drive.protocol != bus.section.protocol:
         raise UsageError(

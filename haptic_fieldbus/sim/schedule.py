@@ -23,7 +23,7 @@ Plan = Callable[[int, Action], None]
 """Plan to call an action at an instant [ns], with that instant."""
 
 
-class Agenda:
+class TimerQueue:
     """Actions by their instants; those of one instant are called in the order in which they were planned."""
 
     def __init__(self) -> None:

@@ -7,8 +7,8 @@ from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import HandFault, HostFault, kinds_of
-from haptic_fieldbus.sim.slot import Slot
 
 
 class Simulation(Protocol):
@@ -20,7 +20,7 @@ class Simulation(Protocol):
         return kinds_of(HostFault) | kinds_of(HandFault)
 
     def simulate(
-        self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any
+        self, section: BusSection, channel: str, slots: Sequence[DriveOnBus], clock: Clock, seed: int | str, log: Any
     ) -> tuple[Bus, Truth | None]:
         """Return a bus with these drives, and their true motion, None where it is not known.
 

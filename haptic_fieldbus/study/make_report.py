@@ -23,7 +23,7 @@ from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
 from haptic_fieldbus.study.measure.loops import contacts
 from haptic_fieldbus.study.measure.problems import problems
-from haptic_fieldbus.study.measure.timing import Quiet, host_facts, load_average
+from haptic_fieldbus.study.measure.timing import MachineNoise, host_facts, load_average
 from haptic_fieldbus.study.page.buses import buses_section
 from haptic_fieldbus.study.page.cost import cost_section
 from haptic_fieldbus.study.page.growth import growth_section
@@ -149,7 +149,7 @@ def make_report(
         sections.append(SECTIONS[name](replace(context, progress=part)))
     machine, warnings = host_facts(), tuple[str, ...]()
     if context.costs:
-        quiet = Quiet.of(load, context.costs)
+        quiet = MachineNoise.of(load, context.costs)
         machine, warnings = {**machine, "quiet": quiet.words()}, tuple(filter(None, [quiet.warning()]))
     findings = tuple(plain_text(finding) for section in sections for finding in section.findings)
     content: dict[str, object] = {key: context.rows.get(key, []) for key in KEYS}

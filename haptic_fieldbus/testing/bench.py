@@ -22,7 +22,7 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.canopen.world import World
-from haptic_fieldbus.sim.drive.dictionary import Refused
+from haptic_fieldbus.sim.drive.dictionary import AccessRefused
 from haptic_fieldbus.sim.faults import DriveFault, DriveFaultKind, Fault, HostFault, LineFault, load_faults, toml_of
 from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RANDOM, RECIPES, drawn, seed_of
 from haptic_fieldbus.sim.hand import hand_named
@@ -91,7 +91,7 @@ class SimulatedDrive:
             self._slave.drive.measure(self._world.clock.now_ns())
             try:
                 entry = self._slave.drive.dictionary.find(index, subindex)
-            except Refused:
+            except AccessRefused:
                 raise LookupError(f"the simulated {self.profile.title} has no {index:04X}h:{subindex:02X}") from None
             return entry.fetch() if entry.fetch is not None else entry.value
 

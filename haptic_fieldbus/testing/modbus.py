@@ -21,13 +21,13 @@ from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
+from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.hosting import Server, device, listen
-from haptic_fieldbus.sim.modbus.rack import KINDS
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.sim.slot import Slot
 from haptic_fieldbus.testing.bench import DriveRequest, FaultPlan
 
 Answer = TypeVar("Answer")
@@ -110,7 +110,7 @@ class VirtualModbusLine:
 
         return asyncio.run_coroutine_threadsafe(done(), self._loop).result(_PATIENCE)
 
-    def _slot(self, request: DriveRequest) -> Slot:
+    def _slot(self, request: DriveRequest) -> DriveOnBus:
         return slot_of(
             NamedDrive(request.profile or DEFAULT_MODBUS_DRIVE, request.node),
             "line",

@@ -35,7 +35,7 @@ OWN_ENVIRONMENT = {
 
 
 @dataclass(frozen=True)
-class Job:
+class GuestCommand:
     """A command for the guest: its words and environment, interfaces, folders to write to, size of the terminal."""
 
     command: Sequence[str]
@@ -58,7 +58,7 @@ class Job:
 
 
 @contextmanager
-def written(job: Job) -> Iterator[Path]:
+def written(job: GuestCommand) -> Iterator[Path]:
     """Yield a folder with the first program of the guest, its settings and the command; removed at the end.
 
     Raises VcanError when it cannot be written.
@@ -79,7 +79,7 @@ def written(job: Job) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _settings(job: Job) -> str:
+def _settings(job: GuestCommand) -> str:
     """Variables and one function, for the shell of the guest."""
     columns, rows = job.terminal or ("", "")
     folders = [f'"$1" {shlex.quote(str(folder.resolve()))}' for folder in job.writable]
@@ -89,7 +89,7 @@ def _settings(job: Job) -> str:
     )
 
 
-def _command(job: Job) -> str:
+def _command(job: GuestCommand) -> str:
     """A script that becomes the command: 126 or 127 when that cannot be started, as env(1) has it."""
     environment = {**job.environment, **OWN_ENVIRONMENT}
     words = [*(f"{name}={value}" for name, value in environment.items()), *job.command]
@@ -217,7 +217,7 @@ NAME = re.compile(r"[A-Za-z0-9._-]{1,15}")
 
 
 @dataclass(frozen=True)
-class Errand:
+class GuestTask:
     """A command, its interfaces, folders it writes to, limit of its time [s], and whether a guest is wanted."""
 
     command: Sequence[str]
@@ -248,7 +248,7 @@ class Place(Protocol):
         """Return what the place itself said last, in lines of their own."""
 
 
-def run(errand: Errand, note: Callable[[str], None]) -> int:
+def run(errand: GuestTask, note: Callable[[str], None]) -> int:
     """Run the command, and return its exit status, or 124 when its time was up.
 
     `note` is told where it runs. Raises UsageError, and VcanError when it cannot be run.
@@ -263,7 +263,7 @@ def run(errand: Errand, note: Callable[[str], None]) -> int:
             with closing(HostCommand(errand.command, _environment("host"), wakeup)) as place:
                 return _attend(place, errand.limit_s, arrived)
         require_guest()
-        job = Job(errand.command, _environment("guest"), errand.interfaces, errand.writable, _terminal())
+        job = GuestCommand(errand.command, _environment("guest"), errand.interfaces, errand.writable, _terminal())
         job.require_folders()
         note(f"{names} in a guest kernel; {_writable(errand.writable)}")
         with written(job) as folder, closing(Guest(folder, _writer(1), _writer(2), wakeup)) as guest:
@@ -326,7 +326,7 @@ def _signals() -> Iterator[tuple[list[signal.Signals], int]]:
         os.close(writing)
 
 
-def _check(errand: Errand) -> None:
+def _check(errand: GuestTask) -> None:
     """Raise UsageError for names that no interface can have, and VcanError for a command that does not exist."""
     for name in errand.interfaces:
         if not NAME.fullmatch(name):

@@ -9,8 +9,8 @@ import haptic_fieldbus
 from haptic_fieldbus.api import Trial
 from haptic_fieldbus.api.arguments import KINDS, arguments_of
 from haptic_fieldbus.api.estimation import SignalRequest
-from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
+from haptic_fieldbus.api.stability_limits import Inquiry
 from haptic_fieldbus.planning.request import Rendering, Task
 
 VALUES = {"plan": Task, "run": Trial, "stability": Inquiry, "response": OpenLoop}

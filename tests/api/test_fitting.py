@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from haptic_fieldbus.api.sites import fit_profiles
+from haptic_fieldbus.api.site import fit_profiles
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile

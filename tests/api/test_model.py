@@ -13,7 +13,7 @@ from haptic_fieldbus.api.model import EnvironmentModel, model_of, poles_along, p
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.request import Rendering
-from haptic_fieldbus.report.analysis_words import model_lines
+from haptic_fieldbus.report.analysis_texts import model_lines
 from haptic_fieldbus.scenes.catalogue import scene_names
 
 Array = NDArray[np.float64]

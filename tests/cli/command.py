@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Finished:
+class FinalState:
     """How a command ended: exit status, standard output, standard error."""
 
     status: int
@@ -13,4 +13,4 @@ class Finished:
     err: str
 
 
-Command = Callable[..., Finished]
+Command = Callable[..., FinalState]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus import api, defaults
-from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
+from haptic_fieldbus.api.stability_limits import Inquiry
 from haptic_fieldbus.cli.options import BenchOptions
 from haptic_fieldbus.cli.planning import ResponseOptions, StabilityOptions
 from haptic_fieldbus.cli.run import RunOptions

@@ -15,7 +15,7 @@ import pytest
 
 from haptic_fieldbus.buses.canopen.opening import hears_its_group_alone
 from haptic_fieldbus.cli.bench import lines_of
-from haptic_fieldbus.running.watching import View
+from haptic_fieldbus.running.watch import View
 from tests.cli.test_beside_guide import TOO_SLOW
 from tests.peers.hosts import GROUP, PROJECT, STARTS_WITHIN, free_port, line_of, require_multicast, typed
 

@@ -16,7 +16,7 @@ from haptic_fieldbus.cli import run as run_command
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.running.ending import SIGNALS
 from haptic_fieldbus.running.rows import Rows
-from tests.cli.command import Command, Finished
+from tests.cli.command import Command, FinalState
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 WHO = {signal.SIGINT: "you", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
@@ -64,7 +64,7 @@ def three_times(number: signal.Signals) -> Callable[[], None]:
     return strike
 
 
-def check_stopped(finished: Finished, number: signal.Signals) -> dict[str, Any]:
+def check_stopped(finished: FinalState, number: signal.Signals) -> dict[str, Any]:
     """Check status and sentence, and that the JSON object tells the same; return it."""
     told: dict[str, Any] = json.loads(finished.out)
     stopped = told["stopped"]
@@ -186,12 +186,12 @@ def test_a_signal_while_the_scene_is_compiled_is_told(
     ("words", "place", "number"),
     [
         *[("plan wall", "haptic_fieldbus.planning.selection.compiled", number) for number in SIGNALS],
-        ("stability wall", "haptic_fieldbus.api.judging.judge_scene", signal.SIGINT),
+        ("stability wall", "haptic_fieldbus.api.stability_limits.judge_scene", signal.SIGINT),
         ("response sprung_mass", "haptic_fieldbus.api.response.of", signal.SIGINT),
         ("estimate signal.csv", "haptic_fieldbus.api.estimation.estimate_from", signal.SIGINT),
         ("scan", "haptic_fieldbus.api.bench.scans", signal.SIGINT),
         ("doctor", "haptic_fieldbus.api.bench.examined", signal.SIGINT),
-        ("watch", "haptic_fieldbus.running.watching.watch_axes", signal.SIGINT),
+        ("watch", "haptic_fieldbus.running.watch.watch_axes", signal.SIGINT),
         ("report --quick", "haptic_fieldbus.study.make_report.make_report", signal.SIGINT),
     ],
 )

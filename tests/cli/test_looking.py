@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.scan_result import Check
 from haptic_fieldbus.cli import bench as doctor_command
 from haptic_fieldbus.cli.bench import lines_of
-from haptic_fieldbus.running.watching import View
+from haptic_fieldbus.running.watch import View
 from tests.cli.command import Command
 
 FAULTY = View(

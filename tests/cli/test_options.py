@@ -9,8 +9,8 @@ import pytest
 import typer
 
 from haptic_fieldbus.api import Trial
-from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
+from haptic_fieldbus.api.stability_limits import Inquiry
 from haptic_fieldbus.cli.options import SHOWN, BenchOptions, SceneOptions, frequency, number, seconds
 from haptic_fieldbus.cli.planning import ResponseOptions, StabilityOptions, plan, response, stability
 from haptic_fieldbus.cli.run import RunOptions, run

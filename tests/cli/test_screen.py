@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from haptic_fieldbus.cli.screen import Bar, bar, plain, print_json, show, show_table
+from haptic_fieldbus.cli.screen import ProgressBar, bar, plain, print_json, show, show_table
 from haptic_fieldbus.signals import Workspace
 
 
@@ -102,7 +102,7 @@ def test_the_bar_shows_the_seconds_done(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_silent_bar_draws_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    progress = Bar(10.0)
+    progress = ProgressBar(10.0)
     progress.silent = True
     progress(10_000, 10_000)
     progress.close()

@@ -11,7 +11,7 @@ import pytest
 from haptic_fieldbus.protocols.catalogue import load_rig, profile_folder
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.canopen import hosting
-from haptic_fieldbus.sim.slot import Slot
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.cli.command import Command
 from tests.peers.hosts import STARTS_WITHIN, free_port, line_of, require_multicast, start
 
@@ -93,9 +93,9 @@ class TestWriteRig:
 
         def host(
             bus: BusName,
-            slots: Sequence[Slot],
+            slots: Sequence[DriveOnBus],
             seed: int,
-            ready: Callable[[Slot], None],
+            ready: Callable[[DriveOnBus], None],
             stopped: Callable[[], bool],
             tell: Callable[[str], None],
             opened: Callable[[BusName], None],

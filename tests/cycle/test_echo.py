@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.echo import Doubt
+from haptic_fieldbus.cycle.echo import EchoMismatch
 from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.trips import trip_error
@@ -32,7 +32,7 @@ UNIT = 0.4 / 1000 / (0.05 / (2 * math.pi))
 """One step of target torque [N]."""
 RATES = (1000.0, 250.0, 50.0)
 LAG = 1.0 / (2.0 * math.pi * 1000.0)
-Way = Literal["demand", "actual"]
+SlowDown = Literal["demand", "actual"]
 DEMAND = MappedObject(0x6074, DataType.INT16, unit=PERMILLE)
 SLOW = replace(PROFILE, pdo=replace(PROFILE.pdo, rpdo_acts="next_sync"))
 FADED_IN = 0.6
@@ -40,7 +40,7 @@ FADED_IN = 0.6
 
 
 @dataclass
-class Asked:
+class ServerRequest:
     """An element that asks for what it is told; as a value it is the same whatever that is."""
 
     steps: Callable[[int], int]
@@ -58,12 +58,12 @@ class Asked:
 
 
 def plan_with(steps: Callable[[int], int], rate: float, profile: CanopenProfile, sign: Literal[-1, 1] = 1) -> Plan:
-    scene = scene_of(Asked(steps))  # type: ignore[arg-type]
+    scene = scene_of(ServerRequest(steps))  # type: ignore[arg-type]
     rig = rig_of(scene, mechanism=LinearMechanism("linear", 0.05, sign=sign))
     return compile_plan(scene, rig, {PROFILE.name: profile}, rate)
 
 
-def profile_of(way: Way, base: CanopenProfile = PROFILE) -> CanopenProfile:
+def profile_of(way: SlowDown, base: CanopenProfile = PROFILE) -> CanopenProfile:
     return replace(base, torque=replace(base.torque, demand=DEMAND if way == "demand" else None, echo=way))
 
 
@@ -71,7 +71,7 @@ def profile_of(way: Way, base: CanopenProfile = PROFILE) -> CanopenProfile:
 class Drive:
     """Shows target torques as a drive does; from the period `deaf_at` on it keeps the one it has."""
 
-    way: Way
+    way: SlowDown
     rate: float
     """[Hz]"""
     deaf_at: float = math.inf
@@ -138,21 +138,21 @@ MOTIONS: dict[str, Callable[[int], int]] = {
     "to and fro each other period": square(2),
     "to and fro each twentieth": square(20),
 }
-WAYS: tuple[Way, ...] = ("demand", "actual")
+WAYS: tuple[SlowDown, ...] = ("demand", "actual")
 
 
 @pytest.mark.thorough("every motion at every rate", quick=2)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", MOTIONS)
-def test_a_drive_that_hears_never_trips(way: Way, rate: float, name: str) -> None:
+def test_a_drive_that_hears_never_trips(way: SlowDown, rate: float, name: str) -> None:
     assert trip_of(plan_with(MOTIONS[name], rate, profile_of(way)), Drive(way, rate), 3.0) is None
 
 
 @pytest.mark.thorough("every motion", quick=1)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", MOTIONS)
-def test_a_drive_that_takes_over_at_a_sync_never_trips(way: Way, name: str) -> None:
+def test_a_drive_that_takes_over_at_a_sync_never_trips(way: SlowDown, name: str) -> None:
     for plan in (profile_of(way, SLOW), profile_of(way)):  # also one that does so although its profile says otherwise
         assert trip_of(plan_with(MOTIONS[name], 1000.0, plan), Drive(way, 1000.0, waits=True), 3.0) is None
 
@@ -174,7 +174,7 @@ def test_a_control_tick_at_the_next_sync_may_show_either_target_and_never_trips(
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", [name for name in MOTIONS if name != "constant"])
-def test_a_drive_that_no_longer_hears_trips_in_time(way: Way, rate: float, name: str) -> None:
+def test_a_drive_that_no_longer_hears_trips_in_time(way: SlowDown, rate: float, name: str) -> None:
     """The deadline runs from the first target that differs by more than the tolerance from the one that is kept."""
     deaf_at, tolerance = round(FADED_IN * rate) + 3, 30 if way == "actual" else 1
     plan = plan_with(MOTIONS[name], rate, profile_of(way))
@@ -206,7 +206,7 @@ def test_what_a_drive_gives_while_it_does_not_hear_is_booked() -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_a_constant_torque_proves_nothing_until_it_changes(way: Way) -> None:
+def test_a_constant_torque_proves_nothing_until_it_changes(way: SlowDown) -> None:
     changes_at = 2500
     plan = plan_with(lambda number: 150 if number < changes_at else 90, 1000.0, profile_of(way))
     trip = trip_of(plan, Drive(way, 1000.0, deaf_at=700), 4.0)
@@ -216,7 +216,7 @@ def test_a_constant_torque_proves_nothing_until_it_changes(way: Way) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("rate", RATES)
-def test_torque_that_the_drive_cuts_trips(way: Way, rate: float) -> None:
+def test_torque_that_the_drive_cuts_trips(way: SlowDown, rate: float) -> None:
     plan = plan_with(lambda number: 200 if number > FADED_IN * rate else 60, rate, profile_of(way))
     trip = trip_of(plan, Drive(way, rate, highest=100), 4.0)
     assert trip is not None
@@ -232,19 +232,19 @@ def test_torque_that_the_drive_cuts_trips(way: Way, rate: float) -> None:
 @pytest.mark.thorough("6 cases of one rule", quick=3)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("every", [2, 3, 10])
-def test_single_set_points_that_are_lost_all_the_time_are_no_reason_to_stop(way: Way, every: int) -> None:
+def test_single_set_points_that_are_lost_all_the_time_are_no_reason_to_stop(way: SlowDown, every: int) -> None:
     drive = Drive(way, 1000.0, lost=lambda number: number % every == 0)
     assert trip_of(plan_with(wave(40.0), 1000.0, profile_of(way)), drive, 4.0) is None
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_feedback_that_is_missing_now_and_then_is_no_reason_to_stop(way: Way) -> None:
+def test_feedback_that_is_missing_now_and_then_is_no_reason_to_stop(way: SlowDown) -> None:
     gaps = {number + more for number in range(700, 4000, 97) for more in range(3)}
     assert trip_of(plan_with(wave(300.0), 1000.0, profile_of(way)), Drive(way, 1000.0), 4.0, gaps.__contains__) is None
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_targets_that_fade_in_a_gap_and_are_never_sent_are_no_reason_to_stop(way: Way) -> None:
+def test_targets_that_fade_in_a_gap_and_are_never_sent_are_no_reason_to_stop(way: SlowDown) -> None:
     """On Modbus TCP nothing is sent while an answer is open. A constant torque agrees then, which proves nothing."""
     gaps = {number + more for number in range(700, 4000, 34) for more in range(3)}
     drive = Drive(way, 1000.0, lost=lambda number: number - 1 in gaps)
@@ -252,7 +252,7 @@ def test_targets_that_fade_in_a_gap_and_are_never_sent_are_no_reason_to_stop(way
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_a_mechanism_that_turns_the_sign_around_is_followed(way: Way) -> None:
+def test_a_mechanism_that_turns_the_sign_around_is_followed(way: SlowDown) -> None:
     plan = plan_with(wave(50.0), 1000.0, profile_of(way), sign=-1)
     assert trip_of(plan, Drive(way, 1000.0), 2.0) is None
     assert trip_of(plan, Drive(way, 1000.0, deaf_at=800), 2.0) is not None
@@ -288,7 +288,7 @@ def test_what_the_motor_gave_beyond_what_was_sent_is_told_when_the_doubt_ends(wa
     """Two samples of 5 steps more than were sent, each along 1 mm; the first of a doubt is a matter of timing."""
     found = list[float]()
     (axis,) = plan_of().axes
-    doubt = Doubt(axis, AxisState(way=way), 1e-3, 1.0, lambda *_: None, found.append)
+    doubt = EchoMismatch(axis, AxisState(way=way), 1e-3, 1.0, lambda *_: None, found.append)
     for number, shown in enumerate((10, 11, 10)):
         doubt.look(number * 1_000_000, shown, 5 + shown % 2, (5,))
     assert not found
@@ -300,7 +300,7 @@ def test_what_the_motor_gave_beyond_what_was_sent_is_told_when_the_doubt_ends(wa
 def test_it_is_told_too_when_the_doubt_ends_the_run() -> None:
     found, trips = list[float](), list[object]()
     (axis,) = plan_of().axes
-    doubt = Doubt(axis, AxisState(way=1e-3), 1e-3, 1.0, lambda *trip: trips.append(trip), found.append)
+    doubt = EchoMismatch(axis, AxisState(way=1e-3), 1e-3, 1.0, lambda *trip: trips.append(trip), found.append)
     for number in range(40):
         doubt.look(number * 1_000_000, 10, 5, (5,))
         if trips:

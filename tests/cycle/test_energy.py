@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, Tally, shares
+from haptic_fieldbus.cycle.energy import EnergyRecord, Ledger, LedgerAxis, shares
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.laws import AxisState, Sensed
 from haptic_fieldbus.cycle.safety import Permission, TripKind
@@ -63,7 +63,7 @@ class Bench:
         self.t_ns = 0
 
     @property
-    def tally(self) -> Tally:
+    def tally(self) -> EnergyRecord:
         return self.ledger.tally
 
     def move(self, position: float, force: float, law: float | None = None, steps: int = 1) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.cycle.energy import Tally
+from haptic_fieldbus.cycle.energy import EnergyRecord
 from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.scenes.catalogue import load_scene
@@ -271,7 +271,7 @@ def test_torque_held_on_the_way_out_of_a_body_with_a_memory_is_forgiven() -> Non
 
 
 def test_what_held_torque_gives_is_forgotten_at_the_power_that_is_not_felt() -> None:
-    tally = Tally(1.0)
+    tally = EnergyRecord(1.0)
     assert tally.charge(0.003, 0.0, 0) == 0.003
     assert tally.charge(0.0, 0.0, 1_000_000_000) == pytest.approx(0.001)
     assert tally.charge(0.0, 0.0, 2_000_000_000) == 0.0

@@ -11,7 +11,7 @@ from types import ModuleType
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
+from haptic_fieldbus.api.site import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.planning import compile
 from haptic_fieldbus.protocols import catalogue
@@ -34,7 +34,7 @@ HANDED_IN = {
     ("documents.document", "protocols.canopen.profile"): "a file becomes the dataclass that the caller names",
     (
         "running.session",
-        "api.sites",
+        "api.site",
     ): "the site of a run is a context that the caller made; the run enters and leaves it",
     ("buses.canopen.wire", "sim.canopen.bus"): "the master has an interface of python-can; it cannot see which",
     ("buses.canopen.master", "sim.canopen.bus"): "the same, when it is closed",

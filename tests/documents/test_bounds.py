@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.documents.octets import DEEPEST, MOST_MEMBERS, fault_of_data, fault_of_text
+from haptic_fieldbus.documents.safe_read import DEEPEST, MOST_MEMBERS, fault_of_data, fault_of_text
 from tests.documents.hostile import READERS, TOML, said_of
 
 OF_TOML = {name: code for name, code in READERS.items() if name in ("scene", "rig", "profile", "faults")}

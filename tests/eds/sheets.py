@@ -6,7 +6,7 @@ from functools import cache
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode, eds_text, read_eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.sim.canopen.sheet import sheet
+from haptic_fieldbus.sim.canopen.simulated_eds import sheet
 
 
 @cache

@@ -10,7 +10,7 @@ from haptic_fieldbus.eds.lines import MOST_FAULTS
 from haptic_fieldbus.eds.reader import MOST_ENTRIES
 from haptic_fieldbus.errors import EdsError
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
-from haptic_fieldbus.sim.canopen.sheet import sheet
+from haptic_fieldbus.sim.canopen.simulated_eds import sheet
 from tests.documents.hostile import READERS, said_of
 
 NUMBERS = (

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.places import Places
+from haptic_fieldbus.margins.stiffness_map import Places
 from haptic_fieldbus.margins.verdict import verdict_at_places
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.end_stop import EndStop

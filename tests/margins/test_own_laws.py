@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.places import EVERYWHERE, OwnLaw, Places
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, OwnLaw, Places
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling

@@ -17,14 +17,14 @@ SDO_UPLOAD = 0x40
 
 
 @dataclass
-class Asked:
+class ServerRequest:
     question: str
     sent: list[can.Message]
     """All frames that were not the drive's."""
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory: pytest.TempPathFactory) -> Asked:
+def asked(tmp_path_factory: pytest.TempPathFactory) -> ServerRequest:
     """A run on a drive in another process, whose question is answered by no."""
     rig = tmp_path_factory.mktemp("bench") / "rig.toml"
     rig.write_text(RIG, encoding="utf-8")
@@ -41,15 +41,15 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> Asked:
                 run("wall", rig=rig, confirm=refuse)
             heard = list(iter(lambda: listener.recv(0.1), None))
     drive = (SDO_RESPONSES, HEARTBEAT)
-    return Asked(questions[0], [frame for frame in heard if frame and frame.arbitration_id not in drive])
+    return ServerRequest(questions[0], [frame for frame in heard if frame and frame.arbitration_id not in drive])
 
 
-def test_a_question_that_is_not_confirmed_leaves_nothing_but_uploads_on_the_bus(asked: Asked) -> None:
+def test_a_question_that_is_not_confirmed_leaves_nothing_but_uploads_on_the_bus(asked: ServerRequest) -> None:
     assert len(asked.sent) > 5
     assert {frame.arbitration_id for frame in asked.sent} == {SDO_REQUESTS}
     assert {frame.data[0] for frame in asked.sent} == {SDO_UPLOAD}
 
 
-def test_what_is_about_to_be_changed_in_the_drive_is_part_of_it(asked: Asked) -> None:
+def test_what_is_about_to_be_changed_in_the_drive_is_part_of_it(asked: ServerRequest) -> None:
     assert "about to enable torque on generic CiA 402, node 5" in asked.question
     assert "6072h:00 max torque is lowered from 300 % to 100 % of rated torque until the end." in asked.question

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.api.judging import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
 from haptic_fieldbus.planning.plan import assumed_words
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from tests.builders import PROFILE

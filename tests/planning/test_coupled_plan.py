@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api.judging import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.report.analysis_words import stability_lines
-from haptic_fieldbus.report.words import announcement, stability_text
+from haptic_fieldbus.report.analysis_texts import stability_lines
+from haptic_fieldbus.report.texts import announcement, stability_text
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis

@@ -15,7 +15,7 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import (
     EncoderProbe,
-    HeldBy,
+    HandOnHandle,
     encoder_lines,
     encoder_probe,
     travel,
@@ -30,7 +30,7 @@ from tests.builders import VELOCITY_ONLY, WALL, plan_of, rig_of, scene_of
 RATED = 0.4 * 2.0 * math.pi / 0.05
 """[N] of the shipped bench."""
 STILL, PAIRS, FELT_SHARE, FRICTIONS, ASKED_COUNTS, LONGEST_PULSE = 2.0, 5, 0.08, 1.5, 2.0, 0.05
-HAND = {Workspace.LINEAR: HeldBy(1000.0, 10.0, 0.02), Workspace.ROTARY: HeldBy(2.5, 0.025, 5e-5)}
+HAND = {Workspace.LINEAR: HandOnHandle(1000.0, 10.0, 0.02), Workspace.ROTARY: HandOnHandle(2.5, 0.025, 5e-5)}
 """As docs/explanation/safety.md promises them."""
 KNOB = scene_of(Wall("knob", stiffness=0.5, position=0.1), workspace=Workspace.ROTARY)
 
@@ -53,7 +53,7 @@ def text(plan: Plan) -> str:
 def test_the_travel_is_that_of_a_mass_a_spring_and_a_damper(
     mass: float, damping: float, stiffness: float, hand_damping: float, time: float
 ) -> None:
-    hand = HeldBy(stiffness, hand_damping, 0.02)
+    hand = HandOnHandle(stiffness, hand_damping, 0.02)
     times = np.linspace(0.0, time, 2001)
     held = scipy.integrate.solve_ivp(
         lambda t, z: [z[1], (1.0 - (damping + hand_damping) * z[1] - stiffness * z[0]) / (mass + 0.02)],
@@ -68,13 +68,13 @@ def test_the_travel_is_that_of_a_mass_a_spring_and_a_damper(
 
 def test_two_equal_poles_are_no_exception() -> None:
     """b = 2·√(k·m): x = (1 − (1 + ω·t)·e^(−ω·t))/k."""
-    hand, omega = HeldBy(1000.0, 0.0, 0.0), math.sqrt(1000.0 / 0.5)
+    hand, omega = HandOnHandle(1000.0, 0.0, 0.0), math.sqrt(1000.0 / 0.5)
     moved = travel(Plant(0.5, 2.0 * math.sqrt(500.0)), hand, 0.02)
     assert moved == pytest.approx((1.0 - (1.0 + omega * 0.02) * math.exp(-omega * 0.02)) / 1000.0, rel=1e-6)
     assert travel(Plant(0.5, 1.0), hand, 0.0) == 0.0
 
 
-def moved_by_a_pair(plant: Plant, hand: HeldBy, probe: EncoderProbe, slew: float, pull: float) -> float:
+def moved_by_a_pair(plant: Plant, hand: HandOnHandle, probe: EncoderProbe, slew: float, pull: float) -> float:
     """Range of the handle in a pair of pulses [m or rad], by a solver for stiff systems.
 
     Friction is a steep function of speed; the torque loop and the slew limit delay the pulses; `pull` is the force that

@@ -141,7 +141,7 @@ def test_damping_may_go_and_come_again_where_velocity_is_estimated() -> None:
 
 
 @dataclass(frozen=True)
-class Asking:
+class TargetReadback:
     """An element that asks for one more signal once it is `curious`; it says nothing of how it is checked."""
 
     axis: str
@@ -162,10 +162,10 @@ class Asking:
 
 @pytest.mark.parametrize("signal", MISSING)
 def test_every_signal_that_the_loop_has_not_is_refused(signal: Signal) -> None:
-    plan = plan_of(scene_of(Asking("handle", signal)))
+    plan = plan_of(scene_of(TargetReadback("handle", signal)))
     with pytest.raises(PlanError, match=r"asking needs .*, which this run does not .*: start a new run"):
         plan_change(plan, plan, {"asking.curious": True})
-    asked = plan_of(scene_of(Asking("handle", signal, curious=True)))
+    asked = plan_of(scene_of(TargetReadback("handle", signal, curious=True)))
     assert plan_change(asked, asked, {"asking.curious": False}).settings == {"asking.curious": False}
 
 

@@ -5,11 +5,11 @@ import json
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api.judging import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.report.analysis_words import stability_lines
-from haptic_fieldbus.report.words import stability_text
+from haptic_fieldbus.report.analysis_texts import stability_lines
+from haptic_fieldbus.report.texts import stability_text
 
 METHOD = "backward-euler"
 """A virtual mass by it pulls like a mass, however stiff its spring."""

@@ -3,7 +3,7 @@
 import pytest
 
 from haptic_fieldbus.assessing.result import Right
-from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.scan_result import Check
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.running.rights import clock_check, examine, lateness, right_check, wake_up_check
 

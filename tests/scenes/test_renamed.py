@@ -9,7 +9,7 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.changed import with_axes
+from haptic_fieldbus.scenes.parameter_changes import with_axes
 from haptic_fieldbus.scenes.scene import axes_of
 from tests.cases import every
 

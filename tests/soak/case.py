@@ -10,7 +10,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 from haptic_fieldbus import api
-from haptic_fieldbus.api.sites import kinds_on
+from haptic_fieldbus.api.site import kinds_on
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile

@@ -16,7 +16,7 @@ from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig, profile_folder, profile_names
 from haptic_fieldbus.scenes import library
 from haptic_fieldbus.scenes.catalogue import load_scene
-from haptic_fieldbus.sim.canopen.sheet import sheet
+from haptic_fieldbus.sim.canopen.simulated_eds import sheet
 from haptic_fieldbus.sim.faults import load_faults, toml_of
 from haptic_fieldbus.sim.faults.drawing import drawn
 from tests.builders import shipped

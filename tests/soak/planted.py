@@ -79,7 +79,7 @@ PLANTED = (
     ),
     Planted(
         "jumps of the encoder are ignored",
-        "haptic_fieldbus/cycle/watch.py",
+        "haptic_fieldbus/cycle/axis_checks.py",
         "limits, state = self._limits, self._state\n        passed",
         "return\n        limits, state = self._limits, self._state\n        passed",
     ),
@@ -91,7 +91,7 @@ PLANTED = (
     ),
     Planted(
         "another master is ignored",
-        "haptic_fieldbus/buses/canopen/foreign.py",
+        "haptic_fieldbus/buses/canopen/other_master.py",
         "if weight is Severity.COMMAND and self.cob_id is None:",
         "if weight is Severity.COMMAND and can_id == NMT_COB_ID and self.cob_id is None:",
     ),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.study.measure import timing
-from haptic_fieldbus.study.measure.timing import Cost, Quiet, Timed, load_average
+from haptic_fieldbus.study.measure.timing import Cost, MachineNoise, Timed, load_average
 
 DRIFT = np.array([1.0, 1.0, 1.1, 1.5, 2.0, 4.0, 4.0, 4.0])
 """A machine that becomes slower while it is timed."""
@@ -56,7 +56,7 @@ def test_a_call_that_had_no_processor_shows() -> None:
 
     found = timing.in_turn({"waits": Timed(waits, lambda: ([0],))}, repeats=5)["waits"]
     assert found.ran_ns < 0.7 * found.lasted_ns
-    assert Quiet.of(0.0, [found]).busy
+    assert MachineNoise.of(0.0, [found]).busy
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_call_that_had_no_processor_shows() -> None:
 def test_a_machine_is_busy_by_its_load_by_interruptions_or_by_scatter(
     load: float | None, passes: tuple[float, ...], ran: int, busy: bool
 ) -> None:
-    quiet = Quiet.of(None if load is None else load * (os.cpu_count() or 1), [cost(*passes, ran=ran)])
+    quiet = MachineNoise.of(None if load is None else load * (os.cpu_count() or 1), [cost(*passes, ran=ran)])
     assert quiet.busy is busy
     assert bool(quiet.warning()) is busy
     if busy:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from haptic_fieldbus.api.sites import _simulation
+from haptic_fieldbus.api.site import _simulation
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Rig, RigAxis, Seen, torque_step
@@ -23,8 +23,8 @@ from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS
-from haptic_fieldbus.sim.slot import Slot
 
 SLIPS = (1000.0, 1e-3, 4.0, 0.25, 1e6, 1e-6, 180.0 / math.pi, math.pi / 180.0, 10.0, 0.1, 2.0 * math.pi)
 """A prefix or two, lines for counts, degrees, a digit, radians for turns."""
@@ -110,7 +110,7 @@ def before_the_sign(bench: Bench, seconds: float) -> Torque:
         return Torque(str(error), 0.0, 0.0, None)
     ((name, there),) = bench.true.axis.items()
     clock, hand = VirtualClock(), HANDS["guide"] if len(bench.keys) == 1 else None
-    slots = [Slot(there.node, profile, there, hand, bench.these)]
+    slots = [DriveOnBus(there.node, profile, there, hand, bench.these)]
     section = bench.told.bus[there.bus]
     bus, world = _simulation(profile.drive.protocol).simulate(section, "", slots, clock, 1, None)
     assert world is not None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import haptic_fieldbus
 from haptic_fieldbus.api import run
-from haptic_fieldbus.api.sites import Conditions, site_of
+from haptic_fieldbus.api.site import Conditions, site_of
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.result import Result, Trace
 from haptic_fieldbus.buses.bus import Bus

@@ -11,7 +11,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.report.words import outcome
+from haptic_fieldbus.report.texts import outcome
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import AnyElement, Law, PairLaw

@@ -28,7 +28,7 @@ from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.proof import proof_of
+from haptic_fieldbus.sim.canopen.eds_proof import proof_of
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, endless_rig, rig_of

@@ -17,11 +17,11 @@ from haptic_fieldbus.planning.deadlines import EndCause
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.line import SIMULATION, SimulatedLine
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.sim.slot import Slot
 from tests.builders import endless_rig
 from tests.buses.modbus.servers import Drive, tcp_server
 from tests.invariants.attach import Findings, watched
@@ -63,7 +63,7 @@ def test_it_ends_the_run_in_the_stated_time(bus: str, register: int, value: int,
     plan = api.plan("wall", bus=bus, settings={"wall.stiffness": "max/2", "wall.position": 0.001})
     (axis,), clock, hand = plan.axes, VirtualClock(), hand_named("tap")
     assert hand is not None
-    slot = Slot(axis.node, axis.profile, axis.rig, hand.after(axis.limits.fade_in))
+    slot = DriveOnBus(axis.node, axis.profile, axis.rig, hand.after(axis.limits.fade_in))
     master, line = SIMULATION.simulate(plan.rig.bus[plan.buses[0].name], "", [slot], clock, 0, None)
     assert line is not None
     meddler = Meddler(line, register, value, again=again)

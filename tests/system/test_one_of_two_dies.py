@@ -23,10 +23,10 @@ from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.line import SimulatedLine
-from haptic_fieldbus.sim.modbus.station import Asked, exception_for
-from haptic_fieldbus.sim.slot import Slot
+from haptic_fieldbus.sim.modbus.station import ServerRequest, exception_for
 from tests.builders import endless_rig
 from tests.invariants.attach import watched
 
@@ -75,14 +75,14 @@ class Gateway(SimulatedLine):
     waits_ns = 300_000_000
     dead, died_ns, _busy_ns = 0, 0, 0
 
-    def _answer_ns(self, asked: Asked) -> int:
+    def _answer_ns(self, asked: ServerRequest) -> int:
         now_ns = self._clock.now_ns()
         in_vain = asked.unit == self.dead and now_ns >= self.died_ns
         took_ns = self.waits_ns if in_vain else super()._answer_ns(asked)
         self._busy_ns = max(now_ns, self._busy_ns) + took_ns
         return self._busy_ns - now_ns
 
-    def _execute(self, asked: Asked, t_ns: int) -> None:
+    def _execute(self, asked: ServerRequest, t_ns: int) -> None:
         if asked.unit != self.dead or t_ns < self.died_ns:
             super()._execute(asked, t_ns)
             return
@@ -98,7 +98,7 @@ def behind_a_gateway(plan: Plan, node: int, died_at: float) -> tuple[float, str,
     section = modbus_section(plan.rig.bus[bus.name])
     line = Gateway(section.interface, bus.traffic.wire, clock, serial=False)
     for axis in plan.axes:
-        line.add(Slot(axis.node, axis.profile, axis.rig, hand.after(axis.limits.fade_in)))
+        line.add(DriveOnBus(axis.node, axis.profile, axis.rig, hand.after(axis.limits.fade_in)))
 
     drive = line.unit(node).drive
     before = drive.on_enabled

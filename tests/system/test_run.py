@@ -231,7 +231,7 @@ def test_a_run_imports_only_what_its_scene_needs(scene: str) -> None:
     imported, named = (set(map(whole, line.split())) for line in out.splitlines())
     shared = {
         "haptic_fieldbus.scenes.catalogue",
-        "haptic_fieldbus.scenes.checked",
+        "haptic_fieldbus.scenes.element_checks",
         "haptic_fieldbus.scenes.element",
         "haptic_fieldbus.scenes.files",
         "haptic_fieldbus.scenes.own_faults",

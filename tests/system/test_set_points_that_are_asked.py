@@ -14,7 +14,7 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.link import Frame
 from tests.builders import endless_rig
-from tests.system.test_set_points_that_do_not_act import CONTACT, RATES, TOOLS, Rack
+from tests.system.test_set_points_that_do_not_act import CONTACT, RATES, TOOLS, SimulatedDrives
 from tests.system.zero_torque import measured, planned
 
 ASKED = str(Path(__file__).parent / "profiles" / "asked_echo.toml")
@@ -22,7 +22,7 @@ LOST_AT = 0.7
 """[s] after operation enabled; the led handle is on its way into the wall."""
 
 
-class Watched(Rack):
+class Watched(SimulatedDrives):
     """A rack that keeps the target torques on the wire, which tell when the first one differed from what is held."""
 
     def __init__(self, rate: float, these: tuple[faults.Fault, ...] = ()) -> None:

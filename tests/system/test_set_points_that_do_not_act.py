@@ -59,7 +59,7 @@ TOOLS = {
 }
 
 
-class Rack:
+class SimulatedDrives:
     """A loop on a simulated bus, and another tool of the drive."""
 
     def __init__(self, drive: str, rate: float, these: tuple[faults.Fault, ...] = ()) -> None:
@@ -109,7 +109,7 @@ def test_what_another_tool_does_to_the_set_points_takes_the_torque_away(name: st
         return  # a drive without 6072h refuses that
     if name == "profile velocity mode" and 3 not in (canopen(drive).simulation.modes or (3,)):
         return
-    rack = Rack(drive, rate)
+    rack = SimulatedDrives(drive, rate)
     with pytest.raises(DriveFaultError, match="set-points do not act"):
         rack.run(6.0, lambda: rack.tool(TOOLS[name]))
     assert CONTACT <= rack.ended <= CONTACT + LONGEST
@@ -119,7 +119,7 @@ def test_what_another_tool_does_to_the_set_points_takes_the_torque_away(name: st
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("drive", SHIPPED)
 def test_rpdos_that_are_lost_take_the_torque_away(drive: str, rate: float) -> None:
-    rack = Rack(drive, rate, (faults.MissingRpdos("missing_rpdos", CONTACT),))
+    rack = SimulatedDrives(drive, rate, (faults.MissingRpdos("missing_rpdos", CONTACT),))
     with pytest.raises(DriveFaultError, match="set-points do not act"):
         rack.run(6.0)
     assert CONTACT <= rack.ended <= CONTACT + LONGEST
@@ -128,12 +128,14 @@ def test_rpdos_that_are_lost_take_the_torque_away(drive: str, rate: float) -> No
 @pytest.mark.thorough("every drive", quick=1)
 @pytest.mark.parametrize("drive", SHIPPED)
 def test_a_few_rpdos_that_are_lost_are_no_reason_to_stop(drive: str) -> None:
-    rack = Rack(drive, 1000.0, tuple(faults.MissingRpdos("missing_rpdos", 0.05 * each, 3) for each in range(1, 50)))
+    rack = SimulatedDrives(
+        drive, 1000.0, tuple(faults.MissingRpdos("missing_rpdos", 0.05 * each, 3) for each in range(1, 50))
+    )
     assert rack.run(3.0).cycles == 3000
 
 
 def test_a_torque_limit_above_what_is_asked_for_is_no_reason_to_stop() -> None:
-    rack = Rack("generic_cia402", 1000.0)
+    rack = SimulatedDrives("generic_cia402", 1000.0)
     assert rack.run(3.0, lambda: rack.tool(written(0x6072, 0, 900, 2))).cycles == 3000
 
 

@@ -8,7 +8,7 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.sim.canopen.sheet import dictionary_of
+from haptic_fieldbus.sim.canopen.simulated_eds import dictionary_of
 from tests.builders import canopen, shipped
 
 SHIPPED = [name for name in shipped() if load_profile(name).drive.usable]

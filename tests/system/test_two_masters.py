@@ -23,7 +23,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import WALL, plan_of, rig_of
-from tests.buses.canopen.test_foreign import COMMANDS
+from tests.buses.canopen.test_other_master import COMMANDS
 from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
 
 PERIOD_NS = 1_000_000

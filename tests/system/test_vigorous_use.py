@@ -14,8 +14,8 @@ from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.errors import PlanError, SceneError
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.changed import changed
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
+from haptic_fieldbus.scenes.parameter_changes import changed
 from haptic_fieldbus.scenes.registry import ELEMENTS, kind_of, quantities
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.hand import HANDS, Hand, Piece, hand_named

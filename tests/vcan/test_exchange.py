@@ -33,7 +33,7 @@ def theirs(vcan: Link) -> Iterator[can.BusABC]:
         yield bus
 
 
-class Heard:
+class FrameCounts:
     """A wire with a handler for one identifier, and all that woke it."""
 
     def __init__(self, bus: can.BusABC, name: str) -> None:
@@ -50,9 +50,9 @@ class Heard:
 
 
 @pytest.fixture
-def heard(vcan: Link) -> Iterator[Heard]:
+def heard(vcan: Link) -> Iterator[FrameCounts]:
     with opened(vcan) as bus:
-        yield Heard(bus, bus.channel_info)
+        yield FrameCounts(bus, bus.channel_info)
 
 
 def sent(can_id: int, data: bytes = b"", **flags: bool) -> can.Message:
@@ -60,7 +60,7 @@ def sent(can_id: int, data: bytes = b"", **flags: bool) -> can.Message:
     return can.Message(arbitration_id=can_id, data=None if flags.get("is_remote_frame") else data, **options)
 
 
-def test_a_program_of_this_computer_is_somebody_else(vcan: Link, heard: Heard) -> None:
+def test_a_program_of_this_computer_is_somebody_else(vcan: Link, heard: FrameCounts) -> None:
     """python-can's `is_rx` is False for its frames, by which a master was deaf to `simulate` beside it."""
     assert isinstance(heard.wire._port, SocketCanPort)
     subprocess.run(["cansend", vcan.name, f"{OURS:03X}#01"], check=True)
@@ -68,7 +68,7 @@ def test_a_program_of_this_computer_is_somebody_else(vcan: Link, heard: Heard) -
     assert heard.handled == [b"\x01"]
 
 
-def test_our_own_frames_are_not_heard(heard: Heard, theirs: can.BusABC) -> None:
+def test_our_own_frames_are_not_heard(heard: FrameCounts, theirs: can.BusABC) -> None:
     heard.wire.send(OURS, b"\x07")
     message = theirs.recv(5.0)
     assert message is not None
@@ -80,7 +80,7 @@ def test_our_own_frames_are_not_heard(heard: Heard, theirs: can.BusABC) -> None:
 
 class TestFilter:
     def test_only_frames_with_a_handler_and_telling_error_frames_wake_us(
-        self, heard: Heard, theirs: can.BusABC
+        self, heard: FrameCounts, theirs: can.BusABC
     ) -> None:
         heard.wire.focus(4)
         for number in range(200):
@@ -98,7 +98,7 @@ class TestFilter:
             "terminators and bit rate"
         ]
 
-    def test_whoever_listens_to_the_bus_hears_all(self, heard: Heard, theirs: can.BusABC) -> None:
+    def test_whoever_listens_to_the_bus_hears_all(self, heard: FrameCounts, theirs: can.BusABC) -> None:
         heard.wire.focus(4)
         heard.wire.unfocus()
         noted: list[int] = []
@@ -120,7 +120,7 @@ class TestFilter:
             assert wire.pump(time.monotonic_ns() + LONG_NS)
         assert noted == [FOREIGN]
 
-    def test_more_identifiers_than_the_kernel_takes_are_no_filter(self, heard: Heard, theirs: can.BusABC) -> None:
+    def test_more_identifiers_than_the_kernel_takes_are_no_filter(self, heard: FrameCounts, theirs: can.BusABC) -> None:
         for can_id in range(0x100, 0x400):
             heard.wire.listen(can_id, lambda data: heard.handled.append(bytes(data)))
         heard.wire.focus(4)
@@ -129,7 +129,7 @@ class TestFilter:
         assert heard.handled == [b"\x03"]
 
 
-def test_a_frame_that_waited_has_the_instant_of_its_arrival(heard: Heard, theirs: can.BusABC) -> None:
+def test_a_frame_that_waited_has_the_instant_of_its_arrival(heard: FrameCounts, theirs: can.BusABC) -> None:
     before_ns = time.monotonic_ns()
     theirs.send(sent(OURS, b"\x01"))
     after_ns = time.monotonic_ns()
@@ -139,7 +139,7 @@ def test_a_frame_that_waited_has_the_instant_of_its_arrival(heard: Heard, theirs
     assert before_ns - 1_000_000 <= heard.wire.arrived_ns <= after_ns + 1_000_000
 
 
-def test_an_interface_that_goes_down_is_named_and_used_again_when_it_is_up(vcan: Link, heard: Heard) -> None:
+def test_an_interface_that_goes_down_is_named_and_used_again_when_it_is_up(vcan: Link, heard: FrameCounts) -> None:
     vcan.down()
     for use in (lambda: heard.wire.drain(0), lambda: heard.wire.offer(0x080)):
         with pytest.raises(BusError, match=rf"{vcan.name}.*the interface is down or gone"):

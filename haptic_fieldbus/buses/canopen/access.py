@@ -6,15 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from haptic_fieldbus.buses.access import BusAccess
-from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster, frame_words, listen
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node, nmt_state_name, request
 from haptic_fieldbus.buses.canopen.opening import adapter_checks, open_can
+from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, OneMaster, frame_words, listen
 from haptic_fieldbus.buses.canopen.scanning import scan_bus
 from haptic_fieldbus.buses.canopen.setup import DEVICE_TYPE, ERROR_CODE, NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
-from haptic_fieldbus.buses.found import Check, Glimpse, Scan, timing_checks
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan, timing_checks
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.power import PowerState
@@ -56,7 +56,7 @@ ANSWER_TIMEOUT = 0.1
 LONGEST_DRAIN_NS = 10_000_000
 
 
-class Looking:
+class BusObserver:
     """A look at the drives of one bus; it listens for this time [s] before it sends anything. Raises BusError."""
 
     def __init__(
@@ -78,7 +78,7 @@ class Looking:
             self._yield_to(self._commanded(*sorted(heard.masters)))
         self._foreign = ForeignMaster(wire, one, self._yield_to)
 
-    def look(self) -> dict[str, Glimpse]:
+    def look(self) -> dict[str, DriveReading]:
         """Return what each drive says now; raises BusError when the bus is dead."""
         self._wire.drain(self._wire.clock.now_ns() + LONGEST_DRAIN_NS)
         if self._foreign.cob_id is not None:
@@ -91,19 +91,19 @@ class Looking:
     def _yield_to(self, words: str) -> None:
         self.masters = self.masters or f"{words}; nothing is asked any more, only heard"
 
-    def _look_at(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> Glimpse:
+    def _look_at(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> DriveReading:
         glimpse = self._heard(node) if self.masters else self._asked(node, entries)
         now_ns = self._wire.clock.now_ns()
         if node.state is None:
             return glimpse
         return replace(glimpse, nmt_state=nmt_state_name(node.state), life_age=(now_ns - node.heartbeat_ns) * 1e-9)
 
-    def _heard(self, node: Node) -> Glimpse:
+    def _heard(self, node: Node) -> DriveReading:
         code = node.emergency
         note = f"it sent emergency {code:04X}h ({emergency_meaning(code)})" if code else "not asked"
-        return Glimpse(self._wire.clock.now_ns(), error_code=code or None, note=note)
+        return DriveReading(self._wire.clock.now_ns(), error_code=code or None, note=note)
 
-    def _asked(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> Glimpse:
+    def _asked(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> DriveReading:
         """Upload all that is shown; without the first answer no other is waited for."""
         now_ns = self._wire.clock.now_ns
         began_ns = t_ns = now_ns()
@@ -114,13 +114,15 @@ class Looking:
                 values[signal] = node.read(entry, ANSWER_TIMEOUT)
             except BusTimeoutError as error:
                 advice = "" if values else f"; {NO_ANSWER_ADVICE}"
-                return Glimpse(t_ns, values, _seconds(began_ns, now_ns()) if values else None, note=f"{error}{advice}")
+                return DriveReading(
+                    t_ns, values, _seconds(began_ns, now_ns()) if values else None, note=f"{error}{advice}"
+                )
             except BusConfigurationError as error:
                 notes.append(f"{error}{self._axes(node, entry)}")
             if signal is Signal.POSITION:
                 t_ns = now_ns()
         code = self._error_code(node, values)
-        return Glimpse(t_ns, values, _seconds(began_ns, now_ns()), error_code=code, note="; ".join(notes))
+        return DriveReading(t_ns, values, _seconds(began_ns, now_ns()), error_code=code, note="; ".join(notes))
 
     def _axes(self, node: Node, entry: ObjectEntry) -> str:
         """Return what to do about an object that has a value of each of several axes in sub-indices, asked once."""
@@ -231,11 +233,11 @@ class CanopenAccess(BusAccess):
             return scan_bus(wire, own.listen, own.bitrate, _canopen_profiles(profiles), nodes or NODES)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[Looking]:
+    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[BusObserver]:
         own = can_section(section)
         drives = {name: (axis.node, canopen_profile(load_profile(axis.profile))) for name, axis in axes.items()}
         with opened(own, axes) as wire:
-            yield Looking(wire, drives, own.listen, own.master_node or MASTER_NODES[0])
+            yield BusObserver(wire, drives, own.listen, own.master_node or MASTER_NODES[0])
 
     def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
         own = can_section(section)

@@ -4,7 +4,7 @@ from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.errors import BusConfigurationError, EdsError
 from haptic_fieldbus.protocols.canopen.fitting import fitted
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.canopen.uploaded import uploaded
+from haptic_fieldbus.protocols.canopen.upload import uploaded
 
 
 def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:

@@ -21,15 +21,15 @@ from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Received
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.protocols.canopen.beside import (
+from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
+from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
+from haptic_fieldbus.protocols.canopen.watch_traffic import (
     LIFE_TIME_FACTOR,
     PRODUCER_HEARTBEAT,
     consumer_heartbeat,
     guard_objects,
 )
-from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
-from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 
 
 @dataclass(frozen=True)

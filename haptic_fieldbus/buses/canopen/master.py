@@ -21,8 +21,6 @@ from dataclasses import replace
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
-from haptic_fieldbus.buses.canopen.asking import Asking
-from haptic_fieldbus.buses.canopen.foreign import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
 from haptic_fieldbus.buses.canopen.link import (
@@ -35,8 +33,10 @@ from haptic_fieldbus.buses.canopen.link import (
     traffic_of,
 )
 from haptic_fieldbus.buses.canopen.node import REPEATED, NmtState, Node
-from haptic_fieldbus.buses.canopen.release import Parting, Release
+from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
+from haptic_fieldbus.buses.canopen.release import DriveRelease, Release
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, POLL_NS, STATUSWORD, TORQUE_LIMITS, Setup
+from haptic_fieldbus.buses.canopen.target_readback import TargetReadback
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
@@ -154,7 +154,7 @@ class CanopenBus(InSteps):
         self._exchange = Exchange()
         self._image = bytearray()
         self._outputs: tuple[OutgoingPdo, ...] = ()
-        self._askings: tuple[Asking, ...] = ()
+        self._askings: tuple[TargetReadback, ...] = ()
         self._release: Release | None = None
         self._synced = False
         self.latch_ns = 0
@@ -242,16 +242,18 @@ class CanopenBus(InSteps):
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
         return Setup(node, axis, traffic, member, limits, self.warnings.append)
 
-    def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
+    def _asking_of(self, setup: Setup, start: int, period: float) -> TargetReadback:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
         offset = start + sum(pdo.image_size for pdo in setup.member.traffic.tpdos)
         target = setup.member.profile.torque.target.entry
-        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append)
+        return TargetReadback(
+            setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append
+        )
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
         partings = [
-            Parting(setup.node, self._wire, link, self._word_at(place), setup.parting)
+            DriveRelease(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
         free = [(output.cob_id, output.torque_free) for output in self._outputs]

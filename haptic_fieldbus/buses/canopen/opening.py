@@ -21,7 +21,7 @@ from typing import Any
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
-from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.scan_result import Check
 from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, SYS, latency_timer, leads_elsewhere
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection

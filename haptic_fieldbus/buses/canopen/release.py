@@ -45,7 +45,7 @@ DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
 
 
-class Parting:
+class DriveRelease:
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
     def __init__(
@@ -129,7 +129,7 @@ class Release:
     def __init__(
         self,
         wire: Wire,
-        partings: Sequence[Parting],
+        partings: Sequence[DriveRelease],
         set_points: Sequence[tuple[int, bytearray]],
         sync: Callable[[int], None],
         *,
@@ -186,7 +186,7 @@ class Release:
             self._tell(parting)
         return all(parting.free for parting in self._partings)
 
-    def _tell(self, parting: Parting) -> None:
+    def _tell(self, parting: DriveRelease) -> None:
         """Warn about a drive that is not free, or that keeps its guard."""
         if not parting.free:
             self._warn(f"{parting.node.label} did not confirm that its motor is off")
@@ -221,7 +221,7 @@ class Release:
         for parting in self._partings:
             self._try(f"{parting.node.label} was not reached by SDO", partial(parting.step, now_ns))
 
-    def _to_pre_operational(self, parting: Parting) -> None:
+    def _to_pre_operational(self, parting: DriveRelease) -> None:
         self._try(f"{parting.node.label} was not told to go pre-operational", parting.to_pre_operational)
 
     def _try(self, failure: str, action: Callable[[], object]) -> bool:

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TypeVar
 
-from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, Heard, OneMaster, frame_words, listen
 from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Node, nmt_state_name, request
+from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, FrameCounts, OneMaster, frame_words, listen
 from haptic_fieldbus.buses.canopen.setup import (
     DEVICE_TYPE,
     DRIVE_PROFILE,
@@ -26,16 +26,16 @@ from haptic_fieldbus.buses.canopen.setup import (
     VENDOR_ID,
 )
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.buses.found import FoundNode, Scan
+from haptic_fieldbus.buses.scan_result import FoundNode, Scan
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
-from haptic_fieldbus.protocols.canopen.beside import GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from haptic_fieldbus.protocols.canopen.bus import FROM_A_NODE, NODES, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.eds_values import PER_AXIS, axes_words
-from haptic_fieldbus.protocols.canopen.fitting import Sureness, fitting
+from haptic_fieldbus.protocols.canopen.fitting import MatchQuality, fitting
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.watch_traffic import GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 
@@ -85,7 +85,7 @@ def _note_state(states: dict[int, int], node: int, data: bytes | bytearray) -> N
         states[node] = data[0] & HEARTBEAT_STATE
 
 
-def _heard_nodes(heard: Heard, states: dict[int, int]) -> Iterable[FoundNode]:
+def _heard_nodes(heard: FrameCounts, states: dict[int, int]) -> Iterable[FoundNode]:
     """Yield the nodes whose frames were heard, in the order of their node-IDs."""
     bases = {base + node: node for base in FROM_A_NODE for node in NODES}
     for node in sorted({bases[can_id] for can_id in heard.frames if can_id in bases}):
@@ -140,7 +140,7 @@ def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) ->
     )
 
 
-def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, Sureness]]) -> tuple[str | None, str | None]:
+def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]]) -> tuple[str | None, str | None]:
     """Return the first profile whose objects the node has, and how sure it is; None and the reason without one.
 
     A profile that cannot render force is told of, and not proposed.

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.buses.canopen.target_readback import check_asked
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, Identity, ObjectEntry, known_number
@@ -25,10 +25,10 @@ from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, Drive
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import first_enabling
-from haptic_fieldbus.protocols.canopen.beside import MODE, SHAFT_BRAKES, period_objects, reactions
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, ShownObject
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
+from haptic_fieldbus.protocols.canopen.watch_traffic import MODE, SHAFT_BRAKES, period_objects, reactions
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 # Preparation of a drive beyond what all drives need: values that its profile asks for, and what its tool has set.

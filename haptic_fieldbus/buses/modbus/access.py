@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.buses.access import BusAccess
-from haptic_fieldbus.buses.found import Check, FoundNode, Glimpse, Scan, timing_checks
 from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.set_up import ADVICE, FAULTS
+from haptic_fieldbus.buses.modbus.setup import ADVICE, FAULTS
 from haptic_fieldbus.buses.modbus.transport import SerialTransport, TcpTransport, Transport
 from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan, timing_checks
 from haptic_fieldbus.buses.torque_limits import rated_torque
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
@@ -103,7 +103,7 @@ Drive = tuple[int, ModbusProfile, PowerTable]
 """Unit id, profile, and the table of its power states."""
 
 
-class UnitLook:
+class LineObserver:
     """A look at the drives of one line; it listens before it sends anything. Raises BusError."""
 
     def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
@@ -118,17 +118,17 @@ class UnitLook:
         except ForeignMasterError as error:
             self.listened = self.masters = str(error)
 
-    def look(self) -> dict[str, Glimpse]:
+    def look(self) -> dict[str, DriveReading]:
         """Return what each drive says now; raises BusError when the line is dead."""
         return {axis: self._look_at(*drive) for axis, drive in self._drives.items()}
 
-    def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> Glimpse:
+    def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> DriveReading:
         requester = self._requester
         if requester.transport.serial and requester.unasked and not self.masters:
             self.masters = f"somebody else uses {requester.name}: octets came that nobody here asked for"
         now_ns = requester.clock.now_ns
         if self.masters:
-            return Glimpse(now_ns(), note="not asked")
+            return DriveReading(now_ns(), note="not asked")
         began_ns = t_ns = now_ns()
         values: dict[Signal, int] = {}
         notes: list[str] = []
@@ -140,13 +140,13 @@ class UnitLook:
             except BusTimeoutError as error:
                 advice = "" if values else f"; {ADVICE[requester.transport.serial]}"
                 age = (now_ns() - began_ns) * 1e-9 if values else None
-                return Glimpse(t_ns, values, age, note=f"{error}{advice}")
+                return DriveReading(t_ns, values, age, note=f"{error}{advice}")
             except BusConfigurationError as error:
                 notes.append(str(error))
             if signal is Signal.POSITION:
                 t_ns = requester.arrived_ns
         code = _error_code(unit, profile, power, values)
-        return Glimpse(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))
+        return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))
 
 
 def _error_code(
@@ -334,13 +334,13 @@ class ModbusAccess(BusAccess):
             return scan_line(requester, nodes or [axis.node for axis in axes.values()], fitting)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[UnitLook]:
+    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[LineObserver]:
         profiles = {name: modbus_profile(load_profile(axis.profile)) for name, axis in axes.items()}
         drives = {
             name: (axis.node, profiles[name], PROTOCOL.power_table(profiles[name])) for name, axis in axes.items()
         }
         with opened(modbus_section(section), list(profiles.values())) as requester:
-            yield UnitLook(requester, drives)
+            yield LineObserver(requester, drives)
 
     def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
         own = modbus_section(section)

@@ -40,7 +40,7 @@ REFUSED = (ModbusException, ValueError, IndexError, struct.error)
 """Exceptions by which pymodbus refuses octets."""
 
 
-class Surprise(Enum):
+class DroppedOctets(Enum):
     """Octets that were dropped, as a part of a sentence."""
 
     GARBAGE = "were no frame, or had a wrong checksum"
@@ -146,20 +146,20 @@ class Framing:
         self._asked = form
         return frame
 
-    def take(self, octets: bytes) -> tuple[int, Answer | Surprise | None]:
+    def take(self, octets: bytes) -> tuple[int, Answer | DroppedOctets | None]:
         """Return how many octets are done with, and what they were; (0, None) while a frame is not complete."""
         data = self.data_of(octets)
         if data is not None:
             return len(octets), Answer(data)
         if not self._serial and self._no_header(octets):
-            return len(octets), Surprise.GARBAGE
+            return len(octets), DroppedOctets.GARBAGE
         try:
             used, unit, transaction, body = self._framer.decode(octets)
             if not used:
                 return 0, None
             judged = self._judge(unit, transaction, body)
         except REFUSED:
-            return len(octets), Surprise.GARBAGE
+            return len(octets), DroppedOctets.GARBAGE
         if isinstance(judged, Answer):
             self._asked = None  # the same answer once more answers nothing
         return used, judged
@@ -187,27 +187,27 @@ class Framing:
         _, protocol, length = struct.unpack_from(">HHH", octets)
         return protocol != 0 or not 2 < length <= LONGEST_TCP
 
-    def _judge(self, unit: int, transaction: int, body: bytes) -> Answer | Surprise:
+    def _judge(self, unit: int, transaction: int, body: bytes) -> Answer | DroppedOctets:
         """Return the answer when it is that to the question under way."""
         if not body:
-            return Surprise.GARBAGE
+            return DroppedOctets.GARBAGE
         if self._asked is None or (not self._serial and transaction != self._transaction):
-            return Surprise.EARLIER
+            return DroppedOctets.EARLIER
         asked = self._asked.question
         if unit != asked.unit:
-            return Surprise.UNIT
+            return DroppedOctets.UNIT
         pdu = self._decoder.decode(body)
         if pdu is None:
-            return Surprise.GARBAGE
+            return DroppedOctets.GARBAGE
         if pdu.function_code & 0x7F != asked.function:
-            return Surprise.EARLIER
+            return DroppedOctets.EARLIER
         if isinstance(pdu, ExceptionResponse):
             return Answer(exception=pdu.exception_code)
         if asked.count:
             return self._fitting(pdu, len(body), asked.count)
-        return Surprise.EARLIER  # a write that is another one, since the right answer has been told by its octets
+        return DroppedOctets.EARLIER  # a write that is another one, since the right answer has been told by its octets
 
-    def _fitting(self, pdu: ModbusPDU, size: int, count: int) -> Answer | Surprise:
+    def _fitting(self, pdu: ModbusPDU, size: int, count: int) -> Answer | DroppedOctets:
         """Return the registers that were read, if they are as many as were asked for."""
         fits = len(pdu.registers) == count and size == 2 + 2 * count
-        return Answer(struct.pack(f">{count}H", *pdu.registers)) if fits else Surprise.SIZE
+        return Answer(struct.pack(f">{count}H", *pdu.registers)) if fits else DroppedOctets.SIZE

@@ -34,9 +34,9 @@ from haptic_fieldbus.buses.modbus.link import (
     times_of,
     traffic_of,
 )
-from haptic_fieldbus.buses.modbus.release import LineRelease, UnitParting
+from haptic_fieldbus.buses.modbus.release import LineRelease, UnitRelease
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.set_up import FAULTS, POLL_NS, SetUp
+from haptic_fieldbus.buses.modbus.setup import FAULTS, POLL_NS, SetUp
 from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
@@ -116,7 +116,7 @@ class ModbusBus(InSteps):
         self._plan: Plan | None = None
         self._set_ups: tuple[SetUp, ...] = ()
         self._links: tuple[UnitLink, ...] = ()
-        self._partings: tuple[UnitParting, ...] = ()
+        self._partings: tuple[UnitRelease, ...] = ()
         self._release: LineRelease | None = None
         self._exchange: Turns
 
@@ -168,7 +168,7 @@ class ModbusBus(InSteps):
             self._requester, readings, image, period_ns=plan.period_ns, writes=writes, targets=targets
         )
         self._partings = tuple(
-            UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
+            UnitRelease(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
         )
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
         guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._set_ups)

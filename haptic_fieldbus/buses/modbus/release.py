@@ -44,7 +44,7 @@ class _Move:
     done: Callable[[Answer], None]
 
 
-class UnitParting:
+class UnitRelease:
     """A drive that is to be freed; `last` gives what it held before, when it is asked for."""
 
     def __init__(
@@ -182,7 +182,7 @@ GRACE = 0.05
 class LineRelease:
     """The release of all drives of one line; no method raises anything but KeyboardInterrupt and its like."""
 
-    def __init__(self, requester: Requester, partings: Sequence[UnitParting], *, exchange: float, guard: float) -> None:
+    def __init__(self, requester: Requester, partings: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
         """Take the longest times of a request with its answer and of a watchdog [s]."""
         self.warnings: list[str] = []
         self._requester, self._clock = requester, requester.clock
@@ -194,7 +194,7 @@ class LineRelease:
         zeros_ns = MOST_ZEROS * QUESTIONS * len(self._partings) * self._patience_ns
         self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns + len(self._partings) * self._held_ns
         self._end_ns = self._waiting_until_ns = 0
-        self._asked: UnitParting | None = None
+        self._asked: UnitRelease | None = None
         self._begun = self._dead = False
 
     def begin(self, missing: Sequence[int]) -> None:
@@ -286,7 +286,7 @@ class LineRelease:
             return False
         return True
 
-    def _tell(self, parting: UnitParting) -> None:
+    def _tell(self, parting: UnitRelease) -> None:
         """Warn about a drive that is not free, or that keeps what the run had written."""
         if not parting.free:
             self._warn(f"{parting.unit.label} did not confirm that its motor is off")

@@ -14,7 +14,7 @@ With a half-duplex adapter that gives back what one sends, our own octets come f
 
 from collections import Counter
 
-from haptic_fieldbus.buses.modbus.framing import Answer, FrameForm, Framing, Question, Surprise
+from haptic_fieldbus.buses.modbus.framing import Answer, DroppedOctets, FrameForm, Framing, Question
 from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
@@ -33,7 +33,7 @@ class Requester:
         self.echo = echo
         self.silence_ns = 0
         """Silence that must separate two frames [ns]."""
-        self.surprises: Counter[Surprise] = Counter()
+        self.surprises: Counter[DroppedOctets] = Counter()
         """How often octets were dropped, and why."""
         self.unasked = self.garbled = b""
         """The latest octets that came when nothing was asked, and those that came in the place of an answer."""
@@ -120,7 +120,7 @@ class Requester:
         """Send nothing for this time [ns], and drop what comes; raises BusError when the line is dead."""
         self.forget()
         if self.listen(self.clock.now_ns() + duration_ns):
-            self.surprises[Surprise.EARLIER] += 1
+            self.surprises[DroppedOctets.EARLIER] += 1
 
     def listen(self, deadline_ns: int) -> bytes:
         """Return what comes until the deadline [ns] although nothing was asked; raises BusError when dead."""
@@ -137,7 +137,7 @@ class Requester:
         """Note octets that came when nothing was asked, or too late."""
         if self.outstanding is None:
             self.unasked = octets[-LONGEST_FRAME:]
-            self.surprises[Surprise.EARLIER] += 1
+            self.surprises[DroppedOctets.EARLIER] += 1
 
     def _taken(self) -> Answer | None:
         """Take frames from the octets that were gathered, until one is the answer."""
@@ -151,11 +151,11 @@ class Requester:
             self._gathered = octets[used:]
             if isinstance(found, Answer):
                 return self._arrived(found)
-            if found is Surprise.EARLIER and self._replaced:
+            if found is DroppedOctets.EARLIER and self._replaced:
                 self._replaced -= 1  # we did not wait for it
             elif found is not None:
                 self.surprises[found] += 1
-                if found is Surprise.GARBAGE:
+                if found is DroppedOctets.GARBAGE:
                     self.garbled = octets[:used]
         return None
 

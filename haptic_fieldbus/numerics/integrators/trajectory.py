@@ -13,7 +13,7 @@ from haptic_fieldbus.numerics.linear import Matrix
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class SampledTrajectory:
     """Outputs (m, n_out) and true states (m, order) at the samples; m is less than requested when the run diverged."""
 
     outputs: Matrix
@@ -26,7 +26,7 @@ class Followed:
         return self.diverged_at is not None
 
 
-def follow(one: OneStep, inputs: NDArray[np.float64], start: Sequence[float] | Matrix) -> Followed:
+def follow(one: OneStep, inputs: NDArray[np.float64], start: Sequence[float] | Matrix) -> SampledTrajectory:
     """Run one step along inputs (N, n_in), from the true states `start` (n,) at the first sample."""
     step = bind_from(one, np.asarray(start, dtype=np.float64))
     rows: list[tuple[float, ...]] = []
@@ -39,4 +39,4 @@ def follow(one: OneStep, inputs: NDArray[np.float64], start: Sequence[float] | M
         rows.append(found)
     outputs = len(one.increments.c)
     table = np.array(rows, dtype=np.float64).reshape(len(rows), outputs + one.increments.order)
-    return Followed(table[:, :outputs], table[:, outputs:], diverged_at)
+    return SampledTrajectory(table[:, :outputs], table[:, outputs:], diverged_at)

@@ -436,7 +436,7 @@ def _words(text: str) -> set[str]:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownDifference:
     """A difference from the file that the profile explains."""
 
     fault: Fault
@@ -451,7 +451,7 @@ class Comparison:
     """The vendor's file, in which the lines of the faults are."""
     agreed: tuple[Finding, ...]
     faults: tuple[Fault, ...]
-    known: tuple[Known, ...]
+    known: tuple[KnownDifference, ...]
 
 
 def compare(profile: CanopenProfile, eds: Eds, more: tuple[Finding, ...] = ()) -> Comparison:
@@ -462,7 +462,7 @@ def compare(profile: CanopenProfile, eds: Eds, more: tuple[Finding, ...] = ()) -
         Path(eds.source).name,
         tuple(finding for finding in findings if not finding.fault),
         tuple(fault for _, fault, reason in faults if not reason),
-        tuple(Known(fault, reason) for _, fault, reason in faults if reason),
+        tuple(KnownDifference(fault, reason) for _, fault, reason in faults if reason),
     )
 
 

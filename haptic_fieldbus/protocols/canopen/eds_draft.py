@@ -19,7 +19,7 @@ USABLE = "drive.usable"
 
 
 @dataclass(frozen=True)
-class Assumed:
+class Assumption:
     """A value that no EDS can know, as it is written, and the reason for it."""
 
     key: str
@@ -32,7 +32,7 @@ class Draft:
     """The text of a profile, and what has to be found out before it moves a motor."""
 
     text: str
-    assumed: tuple[Assumed, ...]
+    assumed: tuple[Assumption, ...]
     known: int
     """Number of values with a source other than an assumption."""
 
@@ -42,7 +42,7 @@ def draft_of(profile: EdsProfile, file: str) -> Draft:
     written = {section: _section(profile, section) for section in SECTIONS}
     values = {f"{section}.{key}": text for section, items in written.items() for key, text in items.items()}
     sources = {key: text for key, text in profile.sources.items() if _is_told(key, text, values)}
-    assumed = tuple(Assumed(key, _value(profile, key), text) for key, text in sources.items() if ASSUMED in text)
+    assumed = tuple(Assumption(key, _value(profile, key), text) for key, text in sources.items() if ASSUMED in text)
     lines = [
         *_head(profile, file, assumed),
         "schema = 1",
@@ -109,7 +109,7 @@ def _table(section: str, items: dict[str, str]) -> Iterator[str]:
     yield ""
 
 
-def _head(profile: EdsProfile, file: str, assumed: tuple[Assumed, ...]) -> Iterator[str]:
+def _head(profile: EdsProfile, file: str, assumed: tuple[Assumption, ...]) -> Iterator[str]:
     """Yield the comment at the top: what the drive is, and what is still to be found out."""
     yield _comment(f"{profile.title} on CANopen, drafted from {file}. Never tried on hardware.")
     yield "#"

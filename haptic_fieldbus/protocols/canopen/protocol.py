@@ -10,10 +10,10 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.canopen import bus, profile
-from haptic_fieldbus.protocols.canopen.beside import period_objects
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic, PdoTraffic, asked_signals
+from haptic_fieldbus.protocols.canopen.watch_traffic import period_objects
 from haptic_fieldbus.protocols.cia402 import with_mode_bits
 from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import AxisTraffic, HostTimes

@@ -14,7 +14,7 @@ from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.protocols.canopen import beside
+from haptic_fieldbus.protocols.canopen import watch_traffic
 from haptic_fieldbus.protocols.canopen.bus import LISTENING, cob_id_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, bits_beyond, worst_case_bits
@@ -54,7 +54,10 @@ class PdoTraffic:
         for key, pdos in (("in", self.tpdos), ("out", self.rpdos)):
             yield from _lines(key, pdos)
         if self.asked:
-            yield "ask", f"SDO upload every {exactly(1e3 * beside.ASK_EVERY)} ms at most: {self.asked[0].address}"
+            yield (
+                "ask",
+                f"SDO upload every {exactly(1e3 * watch_traffic.ASK_EVERY)} ms at most: {self.asked[0].address}",
+            )
 
     def summary(self) -> Iterator[str]:
         """Yield a line for each PDO with its signals."""
@@ -159,7 +162,7 @@ class CanTraffic:
     rate: float
     waiting: float = 0.0
     """Time from the last TPDO of this bus to that of the slowest bus, when computing can begin [s]."""
-    node_heartbeat_ms: int = beside.NODE_HEARTBEAT_MS
+    node_heartbeat_ms: int = watch_traffic.NODE_HEARTBEAT_MS
     listening: float = LISTENING
     """Time for which the master listens before it sends [s]."""
     chosen_master_node: int | None = None
@@ -171,7 +174,7 @@ class CanTraffic:
     def heartbeat_every(self) -> int:
         """Periods between two proofs of our life, heartbeat or guarding request; the shortest guard spans several."""
         shortest = min(self.guard(member.axis) for member in self.members)
-        return max(1, int(shortest / beside.PROOFS_PER_GUARD * self.rate + 1e-9))
+        return max(1, int(shortest / watch_traffic.PROOFS_PER_GUARD * self.rate + 1e-9))
 
     @property
     def beats(self) -> bool:
@@ -180,7 +183,7 @@ class CanTraffic:
 
     def guard(self, axis: str) -> float:
         """Time after which the drive misses us [s]: that of its profile, but five periods at least."""
-        return beside.guard_time(self.member(axis).profile.link_loss, self.rate)
+        return watch_traffic.guard_time(self.member(axis).profile.link_loss, self.rate)
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
         """Return what is written to the drive of an axis before its guard is proved: the guard, the reactions to a lost
@@ -188,16 +191,19 @@ class CanTraffic:
         profile = self.member(axis).profile
         section, milliseconds = profile.link_loss, round(1e3 * self.guard(axis))
         held = [
-            *beside.guard_objects(section, milliseconds, self.master_node, self.node_heartbeat_ms),
-            *((option.entry, value) for option, value in beside.reactions(section, brakes=rig.on_link_loss == "brake")),
+            *watch_traffic.guard_objects(section, milliseconds, self.master_node, self.node_heartbeat_ms),
+            *(
+                (option.entry, value)
+                for option, value in watch_traffic.reactions(section, brakes=rig.on_link_loss == "brake")
+            ),
             *((each.entry, each.value) for each in profile.setup.writes),
-            (beside.MODE, profile.torque.mode_of_operation),
+            (watch_traffic.MODE, profile.torque.mode_of_operation),
         ]
         return tuple(f"{entry.object:04X}h:{entry.subindex:02X} = {value}" for entry, value in held)
 
     def silence_of(self, axis: str) -> float:
         """Time without a sign of life of the drive after which it counts as gone [s]."""
-        return beside.silence(self.member(axis).profile.link_loss, self.rate, self.node_heartbeat_ms)
+        return watch_traffic.silence(self.member(axis).profile.link_loss, self.rate, self.node_heartbeat_ms)
 
     @property
     def silence(self) -> float:
@@ -221,7 +227,7 @@ class CanTraffic:
     def disturbance(self) -> float:
         """Time by which frames beside the exchange delay it: one of eight octets, and all signs of life [s]."""
         own = worst_case_bits(1) if self.beats else 0
-        theirs = sum(beside.bits_at_once(member.profile) for member in self.members)
+        theirs = sum(watch_traffic.bits_at_once(member.profile) for member in self.members)
         return (worst_case_bits(8) + own + theirs) / self.bitrate
 
     @property
@@ -277,7 +283,8 @@ class CanTraffic:
         proofs = self.rate / self.heartbeat_every
         own = worst_case_bits(1) * proofs if self.beats else 0.0
         theirs = [
-            beside.bits_a_second(member.profile, self.rate, proofs, self.node_heartbeat_ms) for member in self.members
+            watch_traffic.bits_a_second(member.profile, self.rate, proofs, self.node_heartbeat_ms)
+            for member in self.members
         ]
         return (self.period_bits * self.rate + own + sum(theirs)) / self.bitrate
 

@@ -22,9 +22,9 @@ from haptic_fieldbus.protocols.canopen.bus import SIMULATION_INTERFACE, CanSecti
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.link import Frame, Received
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.host_request import drives_of, slot_of
-from haptic_fieldbus.sim.slot import Slot
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
@@ -172,7 +172,7 @@ class EmbeddedSection(CanSection):
 
 @contextmanager
 def embedded_bus(
-    slots: Sequence[Slot], seed: int = DEFAULT_SEED, bitrate: int = DEFAULT_BIT_RATE
+    slots: Sequence[DriveOnBus], seed: int = DEFAULT_SEED, bitrate: int = DEFAULT_BIT_RATE
 ) -> Iterator[CanSection]:
     """Host drives inside this program, by the wall clock, and yield the bus that its other parts open.
 

@@ -27,12 +27,12 @@ from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.protocols.protocol import BusName
+from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
+from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Frame, Port
-from haptic_fieldbus.sim.canopen.rack import KINDS as KINDS
-from haptic_fieldbus.sim.canopen.rack import Rack
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Disturbance, HostFault
 from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
-from haptic_fieldbus.sim.slot import Slot
 
 # The outlet of hosted drives to a python-can bus that may go down, and come back.
 #
@@ -61,7 +61,7 @@ Tell = Callable[[str], None]
 """Tell the person a sentence."""
 
 
-class Outlet:
+class HostPort:
     """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences.
 
     `echoes`: it gives back what is sent on it, without a mark. `stamped`: its frames have time stamps of the kernel.
@@ -203,9 +203,9 @@ _BURST = 1000
 
 def host(
     bus: BusName,
-    slots: Sequence[Slot],
+    slots: Sequence[DriveOnBus],
     seed: int,
-    ready: Callable[[Slot], None],
+    ready: Callable[[DriveOnBus], None],
     stopped: Callable[[], bool],
     tell: Tell = lambda _sentence: None,
     opened: Callable[[BusName], None] = lambda _bus: None,
@@ -218,7 +218,7 @@ def host(
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
-    outlet = Outlet(
+    outlet = HostPort(
         open_can(section),
         clock,
         bus.text,
@@ -248,7 +248,7 @@ class Host:
 
     def __init__(
         self,
-        outlet: Outlet,
+        outlet: HostPort,
         clock: Clock,
         seed: int = DEFAULT_SEED,
         *,
@@ -259,11 +259,11 @@ class Host:
         self._bitrate = bitrate
         self._served_ns = clock.now_ns()
         """Up to here all has been served."""
-        self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
+        self._rack = SimulatedDrives(_Elsewhere(), seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
         """Handlers of the nodes when the bus was told last which frames concern them."""
 
-    def add(self, slot: Slot) -> None:
+    def add(self, slot: DriveOnBus) -> None:
         """Build a drive, with all that its steps need, and power it on; raises ValueError when its node-ID is taken."""
         slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
         self._routes.append(None)

@@ -17,7 +17,7 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulatedO
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim.canopen.services.basics import INVALID, NO_RTR
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 
 # Properties by which the nodes of different models differ, and the PDOs after power-on.
@@ -287,7 +287,7 @@ def _whole(size: int) -> Callable[[int], None]:
 
     def accept(octets: int) -> None:
         if octets != size:
-            raise Refused(AbortCode.TOO_SHORT)
+            raise AccessRefused(AbortCode.TOO_SHORT)
 
     return accept
 
@@ -345,7 +345,7 @@ def _unmappable(dictionary: Dictionary, record: Mapping[int, Entry], way: Mappab
             continue
         try:
             target = dictionary.find(mapping >> 16, mapping >> 8 & 0xFF)
-        except Refused:
+        except AccessRefused:
             return f"{mapping:08X}h names an object that does not exist"
         if target.type is None or target.bits != mapping & 0xFF:
             return f"{mapping:08X}h has another length than its object"

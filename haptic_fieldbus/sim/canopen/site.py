@@ -8,12 +8,12 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.rack import KINDS
+from haptic_fieldbus.sim.canopen.drives import KINDS
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import ClockStep
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.simulation import Simulation
-from haptic_fieldbus.sim.slot import Slot
 
 
 class CanSimulation(Simulation):
@@ -25,7 +25,7 @@ class CanSimulation(Simulation):
         self,
         section: BusSection,
         channel: str,
-        slots: Sequence[Slot],
+        slots: Sequence[DriveOnBus],
         clock: Clock,
         seed: int | str,
         log: FrameLog | None,

@@ -27,14 +27,14 @@ from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Controller, Disturbances, Frame, Port, Received, Wire, WireStatistics
-from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, Fault, HostFault, LineFault
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.host import HostClock
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.slot import Slot
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
 #
@@ -272,7 +272,7 @@ class World:
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
-        self._rack = Rack(self, seed, longest)
+        self._rack = SimulatedDrives(self, seed, longest)
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
@@ -306,9 +306,9 @@ class World:
         The bench was switched on before the program came; with `booted=False` it is switched on now, and the boot-up
         message is still to come. Raises ValueError when the node-ID is taken.
         """
-        return self.add(Slot(node, profile, axis, hand, tuple(faults), position, velocity, booted))
+        return self.add(DriveOnBus(node, profile, axis, hand, tuple(faults), position, velocity, booted))
 
-    def add(self, slot: Slot) -> Slave:
+    def add(self, slot: DriveOnBus) -> Slave:
         """Put a drive on the wire; raises ValueError when its node-ID is taken."""
         # Before a port is attached, which a refused drive would leave behind.
         self._rack.check_free(slot.node)

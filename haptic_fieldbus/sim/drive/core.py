@@ -55,7 +55,7 @@ LONGEST_NS = 1_000_000_000
 """Longest time from the end of the ramp to the end of a stop."""
 
 
-class Way(Enum):
+class SlowDown(Enum):
     """How to slow down; the value is the option code of 605Ah to 605Eh."""
 
     SLOW_DOWN_RAMP = 1
@@ -64,9 +64,9 @@ class Way(Enum):
     VOLTAGE_LIMIT = 4
 
 
-def way_of(code: int) -> Way:
+def way_of(code: int) -> SlowDown:
     """Return the way of an option code from 1 to 8; the quick stops that stay in their state have codes four higher."""
-    return Way((code - 1) % len(Way) + 1)
+    return SlowDown((code - 1) % len(SlowDown) + 1)
 
 
 class Brake:
@@ -124,7 +124,7 @@ class Operation:
         self._modes = modes
         self._requested, self._display = objects.mode, objects.mode_display
         self._halt_option = objects.row(0x605D)
-        self._ramps = {Way.SLOW_DOWN_RAMP: objects.row(0x6084), Way.QUICK_STOP_RAMP: objects.row(0x6085)}
+        self._ramps = {SlowDown.SLOW_DOWN_RAMP: objects.row(0x6084), SlowDown.QUICK_STOP_RAMP: objects.row(0x6085)}
         self._period_ns, self._change_time_ns = tick_ns, mode_change_ns
         self._show = show
         self._mode = modes[NO_MODE]
@@ -143,7 +143,7 @@ class Operation:
         self._mode.start(t_ns)
         self._follow(t_ns)
 
-    def stop(self, way: Way, t_ns: int, done: Callable[[int], None] | None) -> None:
+    def stop(self, way: SlowDown, t_ns: int, done: Callable[[int], None] | None) -> None:
         """Slow down; `done` is called at rest, None: the motor is held there."""
         self._brake = Brake(self._stage, self._ramps.get(way), t_ns)
         self._done = done
@@ -460,7 +460,7 @@ class Drive:
         if self.power.held is not None:
             if not self._leaving:
                 self._leaving = True
-                self.operation.stop(Way.SLOW_DOWN_RAMP, t_ns, self._left)
+                self.operation.stop(SlowDown.SLOW_DOWN_RAMP, t_ns, self._left)
             return
         if self._leaving:
             self._leaving = False

@@ -38,7 +38,7 @@ class AbortCode(Enum):
     NO_DATA = 0x0800_0024
 
 
-class Refused(Exception):
+class AccessRefused(Exception):
     """Error of a refused access; `code` is the SDO abort code."""
 
     def __init__(self, code: AbortCode | int) -> None:
@@ -112,7 +112,7 @@ class Entry:
     def read(self) -> bytes:
         """Return the octets of the value for a link; raises Refused when the entry is write-only."""
         if self.access is Access.WO:
-            raise Refused(AbortCode.WRITE_ONLY)
+            raise AccessRefused(AbortCode.WRITE_ONLY)
         if self.type is None:
             return self.text
         return self.type.pack(self.fetch() if self.fetch is not None else self.value)
@@ -120,13 +120,13 @@ class Entry:
     def begin_write(self, size: int | None) -> None:
         """Raise Refused for a download of `size` octets (None: not known yet) that cannot be accepted."""
         if self.access in (Access.RO, Access.CONST) or (self.type is None and not self.high):
-            raise Refused(AbortCode.READ_ONLY)
+            raise AccessRefused(AbortCode.READ_ONLY)
         if size is None:
             return
         if size > self.capacity:
-            raise Refused(AbortCode.TOO_LONG)
+            raise AccessRefused(AbortCode.TOO_LONG)
         if self.type is not None and size < self.capacity:
-            raise Refused(AbortCode.TOO_SHORT)
+            raise AccessRefused(AbortCode.TOO_SHORT)
 
     @property
     def capacity(self) -> int:
@@ -154,7 +154,7 @@ class Entry:
 
     def _write_value(self, value: int) -> None:
         if not self.low <= value <= self.high:
-            raise Refused(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
+            raise AccessRefused(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
         if self.accept is not None:
             self.accept(value)
         self.value = value
@@ -166,7 +166,7 @@ def one_of(values: Iterable[int]) -> Callable[[int], None]:
 
     def accept(value: int) -> None:
         if value not in allowed:
-            raise Refused(AbortCode.INVALID_VALUE)
+            raise AccessRefused(AbortCode.INVALID_VALUE)
 
     return accept
 
@@ -213,10 +213,10 @@ class Dictionary:
         """Return the entry; raises Refused when the object or its sub-index does not exist."""
         subentries = self._objects.get(index)
         if subentries is None:
-            raise Refused(AbortCode.NO_OBJECT)
+            raise AccessRefused(AbortCode.NO_OBJECT)
         entry = subentries.get(subindex)
         if entry is None:
-            raise Refused(AbortCode.NO_SUBINDEX)
+            raise AccessRefused(AbortCode.NO_SUBINDEX)
         return entry
 
     def value(self, index: int, subindex: int = 0) -> int:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Dictionary, Entry, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dictionary, Entry
 
 WRAP, HALF = 1 << 32, 1 << 31
 """Of a position, which turns over."""
@@ -134,6 +134,6 @@ class Units:
 def _only(known: Callable[[int], bool]) -> Callable[[int], None]:
     def accept(code: int) -> None:
         if not known(code & 0xFFFF_FFFF):
-            raise Refused(AbortCode.INVALID_VALUE)
+            raise AccessRefused(AbortCode.INVALID_VALUE)
 
     return accept

@@ -25,7 +25,6 @@ from haptic_fieldbus.sim.faults.kinds import AnswerTruncated as AnswerTruncated
 from haptic_fieldbus.sim.faults.kinds import AnswerWrongUnit as AnswerWrongUnit
 from haptic_fieldbus.sim.faults.kinds import BusOff as BusOff
 from haptic_fieldbus.sim.faults.kinds import ClockStep as ClockStep
-from haptic_fieldbus.sim.faults.kinds import Concern as Concern
 from haptic_fieldbus.sim.faults.kinds import ConnectionReset as ConnectionReset
 from haptic_fieldbus.sim.faults.kinds import DeadGuard as DeadGuard
 from haptic_fieldbus.sim.faults.kinds import Disturbance as Disturbance
@@ -37,6 +36,7 @@ from haptic_fieldbus.sim.faults.kinds import EncoderJump as EncoderJump
 from haptic_fieldbus.sim.faults.kinds import EncoderReversed as EncoderReversed
 from haptic_fieldbus.sim.faults.kinds import EncoderScaling as EncoderScaling
 from haptic_fieldbus.sim.faults.kinds import ErrorFrame as ErrorFrame
+from haptic_fieldbus.sim.faults.kinds import FaultTargets as FaultTargets
 from haptic_fieldbus.sim.faults.kinds import ForeignFrame as ForeignFrame
 from haptic_fieldbus.sim.faults.kinds import ForeignSetPoints as ForeignSetPoints
 from haptic_fieldbus.sim.faults.kinds import FrameDelayed as FrameDelayed

@@ -18,7 +18,7 @@ Share = Annotated[float, Ge(0), Le(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Concern:
+class FaultTargets:
     """The drives and buses that a fault concerns."""
 
     node: Node | None = None
@@ -35,7 +35,7 @@ FrameGroup = Literal["tpdo", "rpdo", "sync", "heartbeat", "emergency", "sdo", "n
 
 
 @dataclass(frozen=True)
-class FrameDropped(Concern):
+class FrameDropped(FaultTargets):
     """The loss of the next `count` frames of a service between sender and receivers."""
 
     kind: Literal["frame_dropped"]
@@ -45,7 +45,7 @@ class FrameDropped(Concern):
 
 
 @dataclass(frozen=True)
-class FrameDelayed(Concern):
+class FrameDelayed(FaultTargets):
     """The late arrival of the next `count` frames of a service, by `delay` [s]."""
 
     kind: Literal["frame_delayed"]
@@ -56,7 +56,7 @@ class FrameDelayed(Concern):
 
 
 @dataclass(frozen=True)
-class FrameDuplicated(Concern):
+class FrameDuplicated(FaultTargets):
     """The next `count` frames of a service arrive twice."""
 
     kind: Literal["frame_duplicated"]
@@ -66,7 +66,7 @@ class FrameDuplicated(Concern):
 
 
 @dataclass(frozen=True)
-class FrameWrongLength(Concern):
+class FrameWrongLength(FaultTargets):
     """The next `count` frames of a service arrive with another length: cut off, or filled up with zeros."""
 
     kind: Literal["frame_wrong_length"]
@@ -77,7 +77,7 @@ class FrameWrongLength(Concern):
 
 
 @dataclass(frozen=True)
-class FrameWrongNode(Concern):
+class FrameWrongNode(FaultTargets):
     """The next `count` frames of a service arrive under the identifier of the node `to`."""
 
     kind: Literal["frame_wrong_node"]
@@ -88,7 +88,7 @@ class FrameWrongNode(Concern):
 
 
 @dataclass(frozen=True)
-class ForeignFrame(Concern):
+class ForeignFrame(FaultTargets):
     """A frame of another program, `count` times, one every `interval` [s]."""
 
     kind: Literal["foreign_frame"]
@@ -100,7 +100,7 @@ class ForeignFrame(Concern):
 
 
 @dataclass(frozen=True)
-class BusOff(Concern):
+class BusOff(FaultTargets):
     """Bus-off of the master's controller: an error frame, then it neither sends nor receives."""
 
     kind: Literal["bus_off"]
@@ -109,7 +109,7 @@ class BusOff(Concern):
 
 
 @dataclass(frozen=True)
-class InterfaceDown(Concern):
+class InterfaceDown(FaultTargets):
     """The interface of the master is down: to send and to receive fails with "Network is down"."""
 
     kind: Literal["interface_down"]
@@ -118,7 +118,7 @@ class InterfaceDown(Concern):
 
 
 @dataclass(frozen=True)
-class ErrorFrame(Concern):
+class ErrorFrame(FaultTargets):
     """A disturbed frame that the master's controller reports; no frame is lost."""
 
     kind: Literal["error_frame"]
@@ -137,7 +137,7 @@ LineFault = Disturbance | ForeignFrame | BusOff | InterfaceDown | ErrorFrame
 
 
 @dataclass(frozen=True)
-class AnswerLost(Concern):
+class AnswerLost(FaultTargets):
     """No answer comes."""
 
     kind: Literal["answer_lost"]
@@ -146,7 +146,7 @@ class AnswerLost(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerDelayed(Concern):
+class AnswerDelayed(FaultTargets):
     """Answers come later by `delay` [s]."""
 
     kind: Literal["answer_delayed"]
@@ -156,7 +156,7 @@ class AnswerDelayed(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerSwapped(Concern):
+class AnswerSwapped(FaultTargets):
     """Each answer comes when the next request was sent: the master gets the answer to an earlier one."""
 
     kind: Literal["answer_swapped"]
@@ -165,7 +165,7 @@ class AnswerSwapped(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerGarbage(Concern):
+class AnswerGarbage(FaultTargets):
     """Random octets come in the place of answers."""
 
     kind: Literal["answer_garbage"]
@@ -174,7 +174,7 @@ class AnswerGarbage(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerCorrupted(Concern):
+class AnswerCorrupted(FaultTargets):
     """One bit of each answer is another: on RTU the checksum shows it; on TCP it is in the header."""
 
     kind: Literal["answer_corrupted"]
@@ -183,7 +183,7 @@ class AnswerCorrupted(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerTruncated(Concern):
+class AnswerTruncated(FaultTargets):
     """Answers end after `length` octets."""
 
     kind: Literal["answer_truncated"]
@@ -193,7 +193,7 @@ class AnswerTruncated(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerWrongUnit(Concern):
+class AnswerWrongUnit(FaultTargets):
     """Answers come under the unit id `to`."""
 
     kind: Literal["answer_wrong_unit"]
@@ -203,7 +203,7 @@ class AnswerWrongUnit(Concern):
 
 
 @dataclass(frozen=True)
-class AnswerException(Concern):
+class AnswerException(FaultTargets):
     """The drive answers with an exception, and carries nothing out."""
 
     kind: Literal["answer_exception"]
@@ -213,7 +213,7 @@ class AnswerException(Concern):
 
 
 @dataclass(frozen=True)
-class ConnectionReset(Concern):
+class ConnectionReset(FaultTargets):
     """The connection is reset, or the serial adapter unplugged; for `duration` [s] there is none."""
 
     kind: Literal["connection_reset"]
@@ -222,7 +222,7 @@ class ConnectionReset(Concern):
 
 
 @dataclass(frozen=True)
-class ForeignSetPoints(Concern):
+class ForeignSetPoints(FaultTargets):
     """Set-points of another master, which nobody on the line hears: a target torque of `share` of rated torque, `count`
     times, once every `interval` [s]. Each acts until the next one of either master."""
 
@@ -254,7 +254,7 @@ AnswerFault = LineDisturbance | ForeignSetPoints
 
 
 @dataclass(frozen=True)
-class HostLate(Concern):
+class HostLate(FaultTargets):
     """A busy computer: the next `count` times that the loop waits, it wakes up `delay` [s] too late."""
 
     kind: Literal["host_late"]
@@ -264,7 +264,7 @@ class HostLate(Concern):
 
 
 @dataclass(frozen=True)
-class HostPaused(Concern):
+class HostPaused(FaultTargets):
     """A computer that does nothing at all for `duration` [s], as with SIGSTOP or a lid that is closed."""
 
     kind: Literal["host_paused"]
@@ -273,7 +273,7 @@ class HostPaused(Concern):
 
 
 @dataclass(frozen=True)
-class ClockStep(Concern):
+class ClockStep(FaultTargets):
     """A clock of the computer that steps by `step` [s]: everything but that clock goes on as before."""
 
     kind: Literal["clock_step"]
@@ -282,7 +282,7 @@ class ClockStep(Concern):
 
 
 @dataclass(frozen=True)
-class SlowCompute(Concern):
+class SlowCompute(FaultTargets):
     """A computer that needs `extra` [s] more for each of the next `count` periods."""
 
     kind: Literal["slow_compute"]
@@ -292,7 +292,7 @@ class SlowCompute(Concern):
 
 
 @dataclass(frozen=True)
-class HandRelease(Concern):
+class HandRelease(FaultTargets):
     """The hand lets go of the handle."""
 
     kind: Literal["hand_release"]
@@ -300,7 +300,7 @@ class HandRelease(Concern):
 
 
 @dataclass(frozen=True)
-class HandHit(Concern):
+class HandHit(FaultTargets):
     """A blow of the hand: `force` [N], signed, more than it exerts otherwise, for `duration` [s]."""
 
     kind: Literal["hand_hit"]
@@ -317,7 +317,7 @@ HandFault = HandRelease | HandHit
 
 
 @dataclass(frozen=True)
-class Emergency(Concern):
+class Emergency(FaultTargets):
     """An emergency message, without any effect on the drive."""
 
     kind: Literal["emergency"]
@@ -326,7 +326,7 @@ class Emergency(Concern):
 
 
 @dataclass(frozen=True)
-class DriveFault(Concern):
+class DriveFault(FaultTargets):
     """A fault that the drive detects: emergency message, fault reaction, *fault*.
 
     Its cause lasts for `duration` [s], for which the fault cannot be reset; 0: for an instant.
@@ -340,7 +340,7 @@ class DriveFault(Concern):
 
 
 @dataclass(frozen=True)
-class SafeTorqueOff(Concern):
+class SafeTorqueOff(FaultTargets):
     """Safe torque off opens, and closes after `duration` [s]; torque ends at once."""
 
     kind: Literal["safe_torque_off"]
@@ -349,7 +349,7 @@ class SafeTorqueOff(Concern):
 
 
 @dataclass(frozen=True)
-class NodeReset(Concern):
+class NodeReset(FaultTargets):
     """A restart of the node by its watchdog; the boot-up message comes `duration` [s] later."""
 
     kind: Literal["node_reset"]
@@ -358,7 +358,7 @@ class NodeReset(Concern):
 
 
 @dataclass(frozen=True)
-class Silence(Concern):
+class Silence(FaultTargets):
     """A disconnected cable of the node: it neither sends nor receives."""
 
     kind: Literal["silence"]
@@ -367,7 +367,7 @@ class Silence(Concern):
 
 
 @dataclass(frozen=True)
-class MissingTpdos(Concern):
+class MissingTpdos(FaultTargets):
     """The loss of the next `count` TPDOs inside the node."""
 
     kind: Literal["missing_tpdos"]
@@ -376,7 +376,7 @@ class MissingTpdos(Concern):
 
 
 @dataclass(frozen=True)
-class MissingRpdos(Concern):
+class MissingRpdos(FaultTargets):
     """The loss of the next `count` RPDOs inside the node; the drive keeps its last set-point."""
 
     kind: Literal["missing_rpdos"]
@@ -385,7 +385,7 @@ class MissingRpdos(Concern):
 
 
 @dataclass(frozen=True)
-class SyncIgnored(Concern):
+class SyncIgnored(FaultTargets):
     """The loss of the next `count` SYNC messages inside the node."""
 
     kind: Literal["sync_ignored"]
@@ -394,7 +394,7 @@ class SyncIgnored(Concern):
 
 
 @dataclass(frozen=True)
-class HeartbeatLost(Concern):
+class HeartbeatLost(FaultTargets):
     """The end of the node's own heartbeat; everything else continues."""
 
     kind: Literal["heartbeat_lost"]
@@ -402,7 +402,7 @@ class HeartbeatLost(Concern):
 
 
 @dataclass(frozen=True)
-class DuplicateNode(Concern):
+class DuplicateNode(FaultTargets):
     """A second node with the same node-ID joins: whatever this one sends is sent twice."""
 
     kind: Literal["duplicate_node"]
@@ -410,7 +410,7 @@ class DuplicateNode(Concern):
 
 
 @dataclass(frozen=True)
-class EncoderJump(Concern):
+class EncoderJump(FaultTargets):
     """A loss or gain of encoder counts."""
 
     kind: Literal["encoder_jump"]
@@ -419,7 +419,7 @@ class EncoderJump(Concern):
 
 
 @dataclass(frozen=True)
-class PositionStuck(Concern):
+class PositionStuck(FaultTargets):
     """An encoder that keeps its last counts while the shaft moves."""
 
     kind: Literal["position_stuck"]
@@ -428,7 +428,7 @@ class PositionStuck(Concern):
 
 
 @dataclass(frozen=True)
-class EncoderScaling(Concern):
+class EncoderScaling(FaultTargets):
     """An encoder that counts `factor` times as much for the same motion from here on; negative: backwards."""
 
     kind: Literal["encoder_scaling"]
@@ -437,7 +437,7 @@ class EncoderScaling(Concern):
 
 
 @dataclass(frozen=True)
-class EncoderReversed(Concern):
+class EncoderReversed(FaultTargets):
     """An encoder that counts backwards from here on."""
 
     kind: Literal["encoder_reversed"]
@@ -445,7 +445,7 @@ class EncoderReversed(Concern):
 
 
 @dataclass(frozen=True)
-class TorqueDead(Concern):
+class TorqueDead(FaultTargets):
     """A current loop that makes no torque any more; the drive reports nothing but the torque actual value 0."""
 
     kind: Literal["torque_dead"]
@@ -453,7 +453,7 @@ class TorqueDead(Concern):
 
 
 @dataclass(frozen=True)
-class TorqueSaturated(Concern):
+class TorqueSaturated(FaultTargets):
     """A current loop that reaches no more than `share` of rated torque."""
 
     kind: Literal["torque_saturated"]
@@ -462,7 +462,7 @@ class TorqueSaturated(Concern):
 
 
 @dataclass(frozen=True)
-class TorqueReversed(Concern):
+class TorqueReversed(FaultTargets):
     """A motor that turns the other way: the current, and the torque actual value, are as commanded."""
 
     kind: Literal["torque_reversed"]
@@ -470,14 +470,14 @@ class TorqueReversed(Concern):
 
 
 @dataclass(frozen=True)
-class MissingNode(Concern):
+class MissingNode(FaultTargets):
     """A node that is absent from the bus."""
 
     kind: Literal["missing_node"]
 
 
 @dataclass(frozen=True)
-class WrongIdentity(Concern):
+class WrongIdentity(FaultTargets):
     """Another vendor-ID or product code in 1018h."""
 
     kind: Literal["wrong_identity"]
@@ -486,7 +486,7 @@ class WrongIdentity(Concern):
 
 
 @dataclass(frozen=True)
-class SdoRefusal(Concern):
+class SdoRefusal(FaultTargets):
     """An abort of every SDO access to one entry, with this code."""
 
     kind: Literal["sdo_abort"]
@@ -496,7 +496,7 @@ class SdoRefusal(Concern):
 
 
 @dataclass(frozen=True)
-class DeadGuard(Concern):
+class DeadGuard(FaultTargets):
     """A watch on the master that acts `factor` times as late as it was set, None: never."""
 
     kind: Literal["dead_guard"]

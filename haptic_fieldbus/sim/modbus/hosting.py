@@ -27,11 +27,11 @@ from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.drive.broken import until
-from haptic_fieldbus.sim.modbus.rack import KINDS as KINDS
-from haptic_fieldbus.sim.modbus.station import Desk, starts_no_frame
+from haptic_fieldbus.sim.drive.drive_faults import until
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
+from haptic_fieldbus.sim.modbus.drives import KINDS as KINDS
+from haptic_fieldbus.sim.modbus.station import RequestServer, starts_no_frame
 from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
-from haptic_fieldbus.sim.slot import Slot
 
 # Drives behind pymodbus's servers, which listen, accept and carry octets; requests are carried out here.
 #
@@ -50,7 +50,7 @@ _NOTHING = SimDevice(0, simdata=SimData(0, datatype=DataType.REGISTERS))
 class Connection(ServerRequestHandler):
     """One master's connection, or the serial line."""
 
-    def __init__(self, owner: ModbusBaseServer, desk: Desk, clock: Clock, is_dead: Callable[[], bool]) -> None:
+    def __init__(self, owner: ModbusBaseServer, desk: RequestServer, clock: Clock, is_dead: Callable[[], bool]) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._desk, self._clock, self._is_dead = desk, clock, is_dead
         self._serial = isinstance(owner, ModbusSerialServer)
@@ -100,7 +100,7 @@ class Server:
     """Drives on one TCP port or one serial device."""
 
     def __init__(self, clock: Clock, seed: int, *, serial: bool, longest: int | None) -> None:
-        self.desk = Desk(self, seed, serial=serial, longest=longest)
+        self.desk = RequestServer(self, seed, serial=serial, longest=longest)
         self._clock = clock
         self._listener: ModbusBaseServer | None = None
         self._connections: list[Connection] = []
@@ -182,9 +182,9 @@ WITHOUT_PARITY = (
 
 def host(
     bus: BusName,
-    slots: Sequence[Slot],
+    slots: Sequence[DriveOnBus],
     seed: int,
-    ready: Callable[[Slot], None],
+    ready: Callable[[DriveOnBus], None],
     stopped: Callable[[], bool],
     tell: Callable[[str], None] = lambda _sentence: None,
     opened: Callable[[BusName], None] = lambda _bus: None,
@@ -202,9 +202,9 @@ def host(
 
 async def _host(
     bus: BusName,
-    slots: Sequence[Slot],
+    slots: Sequence[DriveOnBus],
     seed: int,
-    ready: Callable[[Slot], None],
+    ready: Callable[[DriveOnBus], None],
     stopped: Callable[[], bool],
     tell: Callable[[str], None],
     opened: Callable[[BusName], None],
@@ -234,7 +234,9 @@ async def _host(
             await server.close()
 
 
-async def listen(server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[Slot]) -> ModbusSection:
+async def listen(
+    server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[DriveOnBus]
+) -> ModbusSection:
     """Let the server listen on its own end; return the end that masters join, with all that is known now."""
     if not own.serial:
         host, port = own.address

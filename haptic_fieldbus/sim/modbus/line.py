@@ -27,14 +27,14 @@ from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.profile import Parity, modbus_profile
 from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.drive.broken import until
+from haptic_fieldbus.sim.drive.drive_faults import until
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.modbus.rack import KINDS
-from haptic_fieldbus.sim.modbus.station import Asked, Desk
+from haptic_fieldbus.sim.modbus.drives import KINDS
+from haptic_fieldbus.sim.modbus.station import RequestServer, ServerRequest
 from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.simulation import Simulation
-from haptic_fieldbus.sim.slot import Slot
 
 _TOLERANCE_NS = 1_000
 """By how much a silence may be shorter than it should be, for rounding."""
@@ -83,7 +83,7 @@ class SimulatedLine:
         """`echo` gives the master back what it sends, as some adapters do."""
         self.name, self.serial = name, serial
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
-        self._desk = Desk(self, seed, serial=serial)
+        self._desk = RequestServer(self, seed, serial=serial)
         self._rack = self._desk.rack
         self._coming: deque[_Coming] = deque()
         self._octet_ns = wire.octet * 1e9
@@ -96,7 +96,7 @@ class SimulatedLine:
 
     # Setting up.
 
-    def add(self, slot: Slot) -> Unit:
+    def add(self, slot: DriveOnBus) -> Unit:
         """Put a drive on the line; raises ValueError when its unit id is taken."""
         return self._rack.add(slot, self._clock.now_ns())
 
@@ -209,11 +209,11 @@ class SimulatedLine:
         """Arrival of the last octet of what comes first."""
         return min((coming.last_ns for coming in self._coming), default=NEVER_NS)
 
-    def _answer_ns(self, asked: Asked) -> int:
+    def _answer_ns(self, asked: ServerRequest) -> int:
         unit = self._rack.units.get(asked.unit)
         return 0 if unit is None else round(unit.profile.line.answer_time * 1e9)
 
-    def _execute(self, asked: Asked, t_ns: int) -> None:
+    def _execute(self, asked: ServerRequest, t_ns: int) -> None:
         """Carry a request out, and send its answer."""
         for later_ns, octets in self._desk.answer(asked, t_ns):
             self._tell(t_ns + later_ns, False, octets)
@@ -261,7 +261,7 @@ class ModbusSimulation(Simulation):
     kinds = KINDS
 
     def simulate(
-        self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any
+        self, section: BusSection, channel: str, slots: Sequence[DriveOnBus], clock: Clock, seed: int | str, log: Any
     ) -> tuple[ModbusBus, SimulatedLine | None]:
         own = modbus_section(section)
         wire = line_of(own, [modbus_profile(slot.profile) for slot in slots])

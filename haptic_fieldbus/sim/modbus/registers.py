@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from haptic_fieldbus.protocols.modbus.profile import LineSection, Register, WordOrder
-from haptic_fieldbus.sim.drive.dictionary import Access, Entry, Refused
+from haptic_fieldbus.sim.drive.dictionary import Access, AccessRefused, Entry
 
 
 class Refusal(IntEnum):
@@ -114,7 +114,7 @@ def _accepted(entry: Entry, value: int) -> bool:
     try:
         if entry.accept is not None:
             entry.accept(value)
-    except Refused:
+    except AccessRefused:
         return False
     return entry.low <= value <= entry.high
 

@@ -26,7 +26,7 @@ from pymodbus.pdu.register_message import (
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.profile import READ_INPUT
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.modbus.rack import AnswerDisturbances, FaultyLine, UnitRack
+from haptic_fieldbus.sim.modbus.drives import AnswerDisturbances, FaultyLine, SimulatedUnits
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
 
@@ -37,7 +37,7 @@ EVERYBODY = 0
 
 
 @dataclass(frozen=True)
-class Asked:
+class ServerRequest:
     """A whole request; `pdu` None: its function, or what it asks for, is none of Modbus."""
 
     unit: int
@@ -53,17 +53,17 @@ class Station:
         self._units = units
         self._framer: FramerBase = (FramerRTU if serial else FramerSocket)(DecodePDU(True))
 
-    def next(self, octets: bytes) -> tuple[int, Asked | None]:
+    def next(self, octets: bytes) -> tuple[int, ServerRequest | None]:
         """Return how many octets were used, and the first request in them; (0, None) when more are needed."""
         try:
             used, pdu = self._framer.handleFrame(octets, 0, 0)
         except ModbusException as error:
             # The frame is whole, but pymodbus knows no such function, or no such count.
             used, unit, transaction, data = self._framer.decode(octets)
-            return used, Asked(unit, transaction, data[0] & 0x7F, None) if data and error else None
-        return used, None if pdu is None else Asked(pdu.dev_id, pdu.transaction_id, pdu.function_code, pdu)
+            return used, ServerRequest(unit, transaction, data[0] & 0x7F, None) if data and error else None
+        return used, None if pdu is None else ServerRequest(pdu.dev_id, pdu.transaction_id, pdu.function_code, pdu)
 
-    def carry_out(self, asked: Asked, t_ns: int) -> ModbusPDU | None:
+    def carry_out(self, asked: ServerRequest, t_ns: int) -> ModbusPDU | None:
         """Carry a request out at this time and return its answer; None when nobody answers."""
         if asked.unit == EVERYBODY:
             for unit in self._units.values():
@@ -76,7 +76,7 @@ class Station:
         outcome = _carry_out(asked, addressed, t_ns)
         return exception_for(asked, outcome) if isinstance(outcome, Refusal) else outcome
 
-    def frame(self, asked: Asked, answer: ModbusPDU) -> bytes:
+    def frame(self, asked: ServerRequest, answer: ModbusPDU) -> bytes:
         """Return the octets of an answer."""
         answer.dev_id, answer.transaction_id = asked.unit, asked.transaction
         return self._framer.buildFrame(answer)
@@ -89,12 +89,12 @@ def starts_no_frame(octets: bytes) -> bool:
     return octets[2:4] != b"\0\0" or not 2 <= int.from_bytes(octets[4:6], "big") <= LONGEST_TCP
 
 
-def exception_for(asked: Asked, code: int) -> ModbusPDU:
+def exception_for(asked: ServerRequest, code: int) -> ModbusPDU:
     """Return the exception by which a request is refused."""
     return ExceptionResponse(asked.function, code)
 
 
-def _carry_out(asked: Asked, unit: Unit, t_ns: int) -> ModbusPDU | Refusal:
+def _carry_out(asked: ServerRequest, unit: Unit, t_ns: int) -> ModbusPDU | Refusal:
     pdu = asked.pdu
     if not unit.has(asked.function):
         return Refusal.FUNCTION
@@ -132,17 +132,17 @@ def _read_write(pdu: ReadWriteMultipleRegistersRequest, unit: Unit, t_ns: int) -
 # Requests carried out and answered, with the faults of the answers: what a line in virtual time and a server share.
 
 
-class Desk:
+class RequestServer:
     """The drives of a line behind octets; all times are those of one clock [ns]."""
 
     def __init__(
         self, line: FaultyLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
     ) -> None:
-        self.rack = UnitRack(line, seed, longest)
+        self.rack = SimulatedUnits(line, seed, longest)
         self.station = Station(self.rack.units, serial=serial)
         self.disturbances = AnswerDisturbances(seed, serial=serial)
 
-    def answer(self, asked: Asked, t_ns: int) -> Iterator[tuple[int, bytes]]:
+    def answer(self, asked: ServerRequest, t_ns: int) -> Iterator[tuple[int, bytes]]:
         """Carry a request out; yield what arrives as its answer: by how much later [ns], and the octets."""
         unit = self.rack.units.get(asked.unit)
         fault = self.disturbances.take(asked.unit) if unit is not None and unit.hears(t_ns) else None

@@ -148,7 +148,7 @@ _BEHIND = {State.FAULT_REACTION_ACTIVE: State.FAULT, State.QUICK_STOP_ACTIVE: St
 """States that a table may lack, and those as which they are shown then."""
 
 
-class Front:
+class PowerRegisters:
     """The entries of command and status, in the place of controlword and statusword."""
 
     def __init__(self, power: PowerSection, state: Callable[[], State], obey: Callable[[int], None]) -> None:
@@ -342,7 +342,7 @@ class Unit:
             entry.value = entry.default = value
         self.drive.units.update()
 
-    def _add_power(self) -> Front | None:
+    def _add_power(self) -> PowerRegisters | None:
         power, objects, drive = self.profile.power, self.drive.objects, self.drive
         if power.error is not None:
             self.registers.both(power.error, objects.error_code)
@@ -350,7 +350,7 @@ class Unit:
             self.registers.both(power.status, objects.statusword)
             self.registers.both(power.command, objects.controlword)
             return None
-        front = Front(power, lambda: drive.power.state, self._obey)
+        front = PowerRegisters(power, lambda: drive.power.state, self._obey)
         self.registers.add(power.status, front.status)
         self.registers.add(power.command, front.command, front.command)
         # No register tells this drive its mode of operation in the words of CiA 402.

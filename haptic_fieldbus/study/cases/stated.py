@@ -10,8 +10,8 @@ from haptic_fieldbus.assessing.torque_error import ErrorSums
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.places import EVERYWHERE, Places
 from haptic_fieldbus.margins.plant import Ranges
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, Places
 from haptic_fieldbus.margins.verdict import verdict_at_places
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.estimators import bind

@@ -23,9 +23,9 @@ from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag, Workspace
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.line import SIMULATION
-from haptic_fieldbus.sim.slot import Slot
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.measure import region
@@ -186,7 +186,7 @@ def _late(plan: Plan, cycles: int) -> list[float]:
     """Return how long after its sample each new torque acted in the drive [s]."""
     axis, clock = plan.axes[0], VirtualClock()
     hand = hand_named("push")
-    slot = Slot(axis.node, axis.profile, axis.rig, None if hand is None else hand.after(axis.limits.fade_in))
+    slot = DriveOnBus(axis.node, axis.profile, axis.rig, None if hand is None else hand.after(axis.limits.fade_in))
     bus, line = SIMULATION.simulate(plan.rig.bus["line"], "", [slot], clock, 0, None)
     record = Record(columns(plan), cycles + 1000)
     try:

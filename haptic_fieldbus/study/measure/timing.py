@@ -131,7 +131,7 @@ def _without_collector() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Spread:
+class TimeDistribution:
     """Distribution of the times of single calls [ns], without the time of reading the clock."""
 
     p50: float
@@ -139,11 +139,11 @@ class Spread:
     largest: float
 
 
-def spread(call: Callable[..., object], inputs: Sequence[tuple[object, ...]]) -> Spread:
+def spread(call: Callable[..., object], inputs: Sequence[tuple[object, ...]]) -> TimeDistribution:
     """Return the distribution of calls that are timed one by one; `inputs` has the arguments of each."""
     empty = min(-perf_counter_ns() + perf_counter_ns() for _ in range(1000))  # time between two readings of the clock
     p50, p999, largest = np.percentile(np.maximum(ns_of_each(call, inputs) - empty, 0.0), [50, 99.9, 100])
-    return Spread(float(p50), float(p999), float(largest))
+    return TimeDistribution(float(p50), float(p999), float(largest))
 
 
 def ns_of_each(call: Callable[..., object], inputs: Sequence[tuple[object, ...]]) -> Array:
@@ -181,7 +181,7 @@ class OptionalPart:
     ns_quartiles: Quartiles
     cost: Cost | None = None
     """What was timed; None for a difference."""
-    spread: Spread | None = None
+    spread: TimeDistribution | None = None
 
 
 class Playback:
@@ -364,7 +364,7 @@ def load_average() -> float | None:
 
 
 @dataclass(frozen=True)
-class Quiet:
+class MachineNoise:
     """What disturbs times of a machine."""
 
     load: float | None
@@ -376,7 +376,7 @@ class Quiet:
     """Median over the timed calls of the distance of their outer quartiles, as a share of their median."""
 
     @classmethod
-    def of(cls, load: float | None, costs: Sequence[Cost]) -> "Quiet":
+    def of(cls, load: float | None, costs: Sequence[Cost]) -> "MachineNoise":
         """Return how quiet it was at this load while these costs, one or more, were taken."""
         running = sum(cost.ran_ns for cost in costs) / sum(cost.lasted_ns for cost in costs)
         return cls(load, os.cpu_count() or 1, min(running, 1.0), median(cost.spread for cost in costs))

@@ -47,7 +47,7 @@ class Decay:
 
 
 @dataclass(frozen=True)
-class Felt:
+class WallTap:
     """A tap on the wall of the library."""
 
     controlled: bool
@@ -78,7 +78,7 @@ def decays(tools: Tools, shares: Iterable[float], duration: float) -> Iterable[D
                 yield Decay(share, scene.controlled, growth, cost.peak, cost.energy)
 
 
-def felt(tools: Tools, duration: float) -> list[Felt]:
+def felt(tools: Tools, duration: float) -> list[WallTap]:
     """Return a tap on the wall without and with the controller."""
     rig = _endless(tools)
     return [_felt(scene, tools.run(scene, rig, bus="sim", hand="tap", duration=duration)) for scene in _both(FELT)]
@@ -98,11 +98,11 @@ def _both(wall: Wall) -> list[Scene]:
     return [plain, replace(plain, passivity="controller")]
 
 
-def _felt(scene: Scene, result: Result) -> Felt:
+def _felt(scene: Scene, result: Result) -> WallTap:
     error, cost = result.torque_error, result.passivity[0].controller
     contact = None if error is None else error.contact
     peak, periods = (None, None) if cost is None else (cost.peak, cost.share)
-    return Felt(scene.controlled, contact, result.energy_generated, peak, periods)
+    return WallTap(scene.controlled, contact, result.energy_generated, peak, periods)
 
 
 def _endless(tools: Tools) -> Rig:
@@ -196,18 +196,18 @@ def _decay_row(plain: Decay, controlled: Decay) -> list[Entry]:
     return [plain.share, plain.growth, controlled.growth, controlled.peak, energy]
 
 
-def _felt_table(taps: Sequence[Felt]) -> str:
+def _felt_table(taps: Sequence[WallTap]) -> str:
     headings = ("a tap with", "error in contact, % of force", "energy put in [mJ]", "its largest force [N]",
                 "periods in which it damps [%]")  # fmt: skip
     return table(headings, map(_felt_row, taps))
 
 
-def _felt_row(tap: Felt) -> list[Entry]:
+def _felt_row(tap: WallTap) -> list[Entry]:
     scaled = [None if value is None else scale * value for scale, value in ((100.0, tap.error), (1e3, tap.energy))]
     return [NAMES[tap.controlled], *scaled, tap.peak, None if tap.periods is None else 100.0 * tap.periods]
 
 
-def _finding(found: Sequence[Decay], taps: Sequence[Felt]) -> str:
+def _finding(found: Sequence[Decay], taps: Sequence[WallTap]) -> str:
     plain, controlled = limit_texts(found)
     told = f"A handle let go beside a wall swings further and further {plain}, with the controller {controlled}"
     before, after = (tap.error for tap in taps)

@@ -28,7 +28,7 @@ from haptic_fieldbus.study.page.html import (
 
 
 @dataclass(frozen=True)
-class Misfit:
+class ForceError:
     """Force error of one scene with a hand [N or N·m]; None, and the reason, when it was not measured."""
 
     scene: str
@@ -46,7 +46,7 @@ class Misfit:
     reason: str = ""
 
 
-def scene_error(tools: Tools, scene: str, duration: float, hand: str | None = None) -> Misfit:
+def scene_error(tools: Tools, scene: str, duration: float, hand: str | None = None) -> ForceError:
     """Run a scene for `duration` [s] of virtual time, and return its error; a run that fails becomes a reason.
 
     The hand is that of the scene unless another is named.
@@ -54,11 +54,11 @@ def scene_error(tools: Tools, scene: str, duration: float, hand: str | None = No
     try:
         result = tools.run(scene, duration=duration, hand=hand)
     except HapticFieldbusError as error:
-        return Misfit(scene, reason=str(error).splitlines()[0])
+        return ForceError(scene, reason=str(error).splitlines()[0])
     found = result.torque_error
     if found is None:
-        return Misfit(scene, reason="too short to be judged")
-    return Misfit(
+        return ForceError(scene, reason="too short to be judged")
+    return ForceError(
         scene, found.rms, found.max, found.unit, found.by_source, found.contact, found.contact_s,
         result.energy_generated,
     )  # fmt: skip
@@ -107,7 +107,7 @@ def sources_section(context: Context) -> Section:
     )
 
 
-def draw(misfits: Sequence[Misfit]) -> Figure:
+def draw(misfits: Sequence[ForceError]) -> Figure:
     """Return a figure with a bar for each scene, stacked from the shares of its sources."""
     drawn = figure(1.6 + max(0.28 * len(misfits), min(0.5 * len(misfits), 2.0)))
     panel = drawn.subplots()
@@ -129,16 +129,16 @@ def draw(misfits: Sequence[Misfit]) -> Figure:
     return drawn
 
 
-def _seen(misfits: Sequence[Misfit]) -> list[str]:
+def _seen(misfits: Sequence[ForceError]) -> list[str]:
     """Return the sources that occur in any of the scenes, in their usual order."""
     return [source for source in COLOURS if any(source in misfit.by_source for misfit in misfits)]
 
 
-def sources_table(misfits: Sequence[Misfit]) -> str:
+def sources_table(misfits: Sequence[ForceError]) -> str:
     """Return a table of errors and shares, or of the reason why a scene was not measured."""
     sources = _seen(misfits)
 
-    def row(misfit: Misfit) -> list[Entry]:
+    def row(misfit: ForceError) -> list[Entry]:
         if misfit.rms is None:
             return [misfit.scene, Cell(misfit.reason, "text"), *[""] * (3 + len(sources))]
         shares = [100.0 * misfit.by_source[s] if s in misfit.by_source else None for s in sources]
@@ -158,7 +158,7 @@ def sources_table(misfits: Sequence[Misfit]) -> str:
     return table(headings, map(row, misfits))
 
 
-def _finding(led: Misfit) -> str:
+def _finding(led: ForceError) -> str:
     largest = max(led.by_source, key=lambda source: led.by_source[source])
     return (
         f"The wall of the library, its handle led to and fro once a second for {exactly(SECONDS)} s (hand "

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.buses.canopen.opening import adapter_checks, shown_by_ip
-from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.scan_result import Check
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
 CAN0 = CanSection("socketcan", "can0", 500_000)

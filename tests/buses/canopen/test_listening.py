@@ -14,7 +14,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from tests.builders import WALL, can_traffic, plan_of, rig_of
 from tests.buses.canopen.benches import LISTENING_NS, NODE, Bench
-from tests.buses.canopen.test_foreign import COMMANDS, HARMLESS, QUESTIONS
+from tests.buses.canopen.test_other_master import COMMANDS, HARMLESS, QUESTIONS
 
 REFUSED = {**COMMANDS, **{name: (can_id, data) for name, (can_id, data, _) in QUESTIONS.items()}}
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptic_fieldbus.buses.canopen.access import Looking
+from haptic_fieldbus.buses.canopen.access import BusObserver
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
@@ -30,11 +30,11 @@ def two() -> Iterator[TwoPrograms]:
     made.close()
 
 
-def looking(two: TwoPrograms, listening: float = 0.1) -> Looking:
-    return Looking(two.wire, AXES, listening, 127)
+def looking(two: TwoPrograms, listening: float = 0.1) -> BusObserver:
+    return BusObserver(two.wire, AXES, listening, 127)
 
 
-def state_of(look: Looking) -> PowerState:
+def state_of(look: BusObserver) -> PowerState:
     return CIA402.state(look.look()["handle"].values[Signal.STATUSWORD])
 
 
@@ -128,7 +128,7 @@ def test_with_another_master_it_only_listens_from_then_on(two: TwoPrograms, fram
     assert_nothing_sent(two, look)
 
 
-def assert_nothing_sent(two: TwoPrograms, look: Looking) -> None:
+def assert_nothing_sent(two: TwoPrograms, look: BusObserver) -> None:
     two.sent()
     for _ in range(5):
         assert look.look()["handle"].values == {}

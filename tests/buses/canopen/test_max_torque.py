@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.buses.torque_limits import Notes
+from haptic_fieldbus.buses.torque_limits import RestoreFile
 from haptic_fieldbus.drive.cia402 import IdentitySection
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import BusConfigurationError
@@ -307,7 +307,7 @@ class TestKilled:
     ) -> None:
         bench_of(3000, real=True).open()
         (path,) = notes(tmp_path)
-        Notes(path.stem).write(changes)
+        RestoreFile(path.stem).write(changes)
         after = bench_of(HALF, real=True).open()
         assert " is not used (" in after.bus.warnings[0]
         assert after.bus.facts["handle"].changes == ()

@@ -8,7 +8,7 @@ import pytest
 
 from haptic_fieldbus.buses.canopen.scanning import scan_bus
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.buses.found import Scan
+from haptic_fieldbus.buses.scan_result import Scan
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject
 from haptic_fieldbus.drive.objects import DataType
@@ -17,7 +17,7 @@ from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry
 from tests.builders import shipped
-from tests.buses.canopen.test_foreign import COMMANDS, QUESTIONS
+from tests.buses.canopen.test_other_master import COMMANDS, QUESTIONS
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
 
 PROFILES = [canopen_profile(load_profile(name)) for name in ("generic_cia402", "maxon_epos4")]

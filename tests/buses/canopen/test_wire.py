@@ -51,7 +51,7 @@ def frame(can_id: int, data: bytes = b"") -> can.Message:
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
 
-class Heard:
+class FrameCounts:
     """What reaches the handlers and the log of a wire."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, *, echoes: bool = False) -> None:
@@ -74,7 +74,7 @@ def test_our_own_frames_that_an_interface_gives_back_marked_are_not_heard(interf
         can.Bus(interface=interface, channel=channel, receive_own_messages=True) as ours,
         can.Bus(interface=interface, channel=channel) as theirs,
     ):
-        heard = Heard(ours, MonotonicClock())
+        heard = FrameCounts(ours, MonotonicClock())
         heard.wire.send(0x080)
         theirs.send(frame(0x77F, b"\x05"))
         heard.receive_for(0.1)
@@ -95,7 +95,7 @@ class TestUdpMulticast:
     def test_what_we_send_is_not_taken_for_somebody_elses(self, options: dict[str, Any]) -> None:
         assert "udp_multicast" in ECHOING
         with can.Bus(**options) as bus:
-            heard = Heard(bus, MonotonicClock(), echoes=True)
+            heard = FrameCounts(bus, MonotonicClock(), echoes=True)
             for _ in range(100):
                 heard.wire.send(0x080)
                 heard.wire.send(0x77F, b"\x05")
@@ -106,7 +106,7 @@ class TestUdpMulticast:
     def test_the_very_same_frames_of_somebody_else_are(self, options: dict[str, Any]) -> None:
         """Ours and theirs are mixed; both are of this package, so both carry a mark, each its own."""
         with can.Bus(**options) as ours, can.Bus(**options) as theirs, can.Bus(**options) as plain:
-            heard, others = (Heard(bus, MonotonicClock(), echoes=True) for bus in (ours, theirs))
+            heard, others = (FrameCounts(bus, MonotonicClock(), echoes=True) for bus in (ours, theirs))
             for _ in range(20):
                 heard.wire.send(0x080)
                 others.wire.send(0x080)
@@ -117,7 +117,7 @@ class TestUdpMulticast:
     def test_frames_of_ours_that_nobody_read_excuse_none_of_theirs(self, options: dict[str, Any]) -> None:
         """Echoes that the socket had no room for are lost; a ledger of what was sent would wait for them for ever."""
         with can.Bus(**options) as ours, can.Bus(**options) as theirs:
-            heard = Heard(ours, MonotonicClock(), echoes=True)
+            heard = FrameCounts(ours, MonotonicClock(), echoes=True)
             for _ in range(5000):
                 heard.wire.send(0x080)
             heard.receive_for(0.3)

@@ -22,7 +22,7 @@ from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.sim.canopen.sheet import sheet
+from haptic_fieldbus.sim.canopen.simulated_eds import sheet
 from tests.builders import WALL, can_traffic, canopen, pdos_of, rig_of, unproved
 from tests.eds.sheets import generic
 from tests.eds.vendor_files import eds_of, needs_files

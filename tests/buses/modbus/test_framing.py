@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.framing import Answer, Framing, Question, Surprise
+from haptic_fieldbus.buses.modbus.framing import Answer, DroppedOctets, Framing, Question
 from tests.buses.modbus.servers import crc
 
 EXAMPLES = {
@@ -79,17 +79,17 @@ def test_an_exception_is_an_answer_with_its_code(serial: bool) -> None:
 @pytest.mark.parametrize(
     ("octets", "why"),
     [
-        (rtu(GOOD, unit=18), Surprise.UNIT),
-        (rtu(GOOD)[:-1] + b"\x00", Surprise.GARBAGE),
-        (rtu(bytes.fromhex("03 06 0001 0002 0003")), Surprise.SIZE),
-        (rtu(bytes.fromhex("03 02 0001")), Surprise.SIZE),
-        (rtu(bytes.fromhex("04 04 0001 0002")), Surprise.EARLIER),
-        (rtu(bytes.fromhex("10 006B 0002")), Surprise.EARLIER),
-        (rtu(bytes((0x84, 2))), Surprise.EARLIER),
+        (rtu(GOOD, unit=18), DroppedOctets.UNIT),
+        (rtu(GOOD)[:-1] + b"\x00", DroppedOctets.GARBAGE),
+        (rtu(bytes.fromhex("03 06 0001 0002 0003")), DroppedOctets.SIZE),
+        (rtu(bytes.fromhex("03 02 0001")), DroppedOctets.SIZE),
+        (rtu(bytes.fromhex("04 04 0001 0002")), DroppedOctets.EARLIER),
+        (rtu(bytes.fromhex("10 006B 0002")), DroppedOctets.EARLIER),
+        (rtu(bytes((0x84, 2))), DroppedOctets.EARLIER),
     ],
     ids=["unit", "checksum", "too long", "too short", "function", "write", "exception to another function"],
 )
-def test_on_rtu_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None:
+def test_on_rtu_another_frame_is_no_answer(octets: bytes, why: DroppedOctets) -> None:
     framing = Framing(serial=True)
     asked(framing, READ)
     assert framing.take(octets) == (len(octets), why)
@@ -98,18 +98,18 @@ def test_on_rtu_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None
 @pytest.mark.parametrize(
     ("octets", "why"),
     [
-        (tcp(GOOD, transaction=2), Surprise.EARLIER),
-        (tcp(GOOD, unit=18), Surprise.UNIT),
-        (tcp(GOOD, protocol=1), Surprise.GARBAGE),
-        (tcp(GOOD)[:4] + b"\xff\xff" + tcp(GOOD)[6:], Surprise.GARBAGE),
-        (tcp(GOOD)[:4] + b"\x00\x00" + tcp(GOOD)[6:], Surprise.GARBAGE),
-        (tcp(bytes.fromhex("03 06 0001 0002")), Surprise.GARBAGE),
-        (tcp(bytes.fromhex("03 02 0001 0002")), Surprise.SIZE),
-        (tcp(bytes.fromhex("2B 0E")), Surprise.GARBAGE),
+        (tcp(GOOD, transaction=2), DroppedOctets.EARLIER),
+        (tcp(GOOD, unit=18), DroppedOctets.UNIT),
+        (tcp(GOOD, protocol=1), DroppedOctets.GARBAGE),
+        (tcp(GOOD)[:4] + b"\xff\xff" + tcp(GOOD)[6:], DroppedOctets.GARBAGE),
+        (tcp(GOOD)[:4] + b"\x00\x00" + tcp(GOOD)[6:], DroppedOctets.GARBAGE),
+        (tcp(bytes.fromhex("03 06 0001 0002")), DroppedOctets.GARBAGE),
+        (tcp(bytes.fromhex("03 02 0001 0002")), DroppedOctets.SIZE),
+        (tcp(bytes.fromhex("2B 0E")), DroppedOctets.GARBAGE),
     ],
     ids=["transaction", "unit", "protocol", "length", "no length", "short", "byte count", "function"],
 )
-def test_on_tcp_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None:
+def test_on_tcp_another_frame_is_no_answer(octets: bytes, why: DroppedOctets) -> None:
     framing = Framing(serial=False)
     asked(framing, READ)
     assert framing.take(octets) == (len(octets), why)
@@ -127,14 +127,14 @@ def test_on_tcp_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None
 def test_a_write_is_answered_by_what_it_wrote(question: Question, answer: str) -> None:
     framing = Framing(serial=True)
     asked(framing, question)
-    assert framing.take(rtu(bytes.fromhex(answer)))[1] is Surprise.EARLIER
+    assert framing.take(rtu(bytes.fromhex(answer)))[1] is DroppedOctets.EARLIER
 
 
 def test_an_answer_that_comes_twice_counts_once() -> None:
     framing = Framing(serial=False)
     asked(framing, READ)
     assert framing.take(tcp(GOOD)) == (len(tcp(GOOD)), Answer(GOOD[2:]))
-    assert framing.take(tcp(GOOD))[1] is Surprise.EARLIER
+    assert framing.take(tcp(GOOD))[1] is DroppedOctets.EARLIER
 
 
 @pytest.mark.parametrize("serial", [True, False], ids=["rtu", "tcp"])

@@ -12,7 +12,7 @@ from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import EdsError
 from haptic_fieldbus.protocols.canopen.fitting import fitted
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile
-from haptic_fieldbus.protocols.canopen.uploaded import uploaded
+from haptic_fieldbus.protocols.canopen.upload import uploaded
 from tests.builders import canopen
 
 GENERIC = canopen("generic_cia402")

@@ -13,7 +13,7 @@ from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction, FixedPdo, Pdo, bits_beyond, lay_out
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.traffic import PdoTraffic
-from haptic_fieldbus.protocols.canopen.uploaded import uploaded
+from haptic_fieldbus.protocols.canopen.upload import uploaded
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Signal
 from tests.builders import PROFILE, canopen

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.errors import PlanError
-from haptic_fieldbus.protocols.canopen.beside import period_objects
 from haptic_fieldbus.protocols.canopen.profile import SyncSection
+from haptic_fieldbus.protocols.canopen.watch_traffic import period_objects
 from tests.builders import PROFILE, plan_of
 
 

@@ -26,9 +26,9 @@ from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Member
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, AxisTraffic, BusTraffic, Delay, Json
 from haptic_fieldbus.signals import LinkFlag, Signal
 from haptic_fieldbus.sim.drive.settings import DriveSettings, build_plant
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.simulation import Simulation
-from haptic_fieldbus.sim.slot import Slot
 
 BAUD = 2_000_000
 POLL, ANSWER, SET = Struct(">B"), Struct(">BHih"), Struct(">BHh")
@@ -202,7 +202,7 @@ class ToyProtocol(FieldbusProtocol):
 class ToyDrive:
     """A simulated drive behind bytes."""
 
-    def __init__(self, slot: Slot, t_ns: int) -> None:
+    def __init__(self, slot: DriveOnBus, t_ns: int) -> None:
         self.node, self.mode, self.current, self.heard_ns = slot.node, DISABLED, 0, t_ns
         self.torque_per_step = 1e-3 * (slot.axis.torque_constant or 0.0)
         self.steps = steps_per_revolution("mrad", 0) / (2.0 * math.pi)
@@ -324,7 +324,7 @@ class ToyAccess(BusAccess):
 
 class ToySimulation(Simulation):
     def simulate(
-        self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any
+        self, section: BusSection, channel: str, slots: Sequence[DriveOnBus], clock: Clock, seed: int | str, log: Any
     ) -> tuple[ToyBus, ToyBus]:
         bus = ToyBus(clock, {slot.node: ToyDrive(slot, clock.now_ns()) for slot in slots})
         return bus, bus

@@ -7,7 +7,7 @@ import can
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.hosting import Host, Outlet
+from haptic_fieldbus.sim.canopen.hosting import Host, HostPort
 from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
@@ -27,7 +27,9 @@ class Hosted:
         self.theirs = can.Bus(interface="virtual", channel=channel, receive_own_messages=echoes)
         self.bus = can.Bus(interface="virtual", channel=channel)
         self.told: list[str] = []
-        self.outlet = Outlet(self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened, echoes=echoes)
+        self.outlet = HostPort(
+            self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened, echoes=echoes
+        )
         self.host = Host(self.outlet, self.clock)
         for node in nodes:
             drive = NamedDrive("generic_cia402", node)

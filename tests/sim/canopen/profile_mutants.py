@@ -19,7 +19,7 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.sim.canopen.proof import proof_of
+from haptic_fieldbus.sim.canopen.eds_proof import proof_of
 from tests.builders import WALL, rig_of, unproved
 
 SHOWN = ("identity", "torque", "position", "velocity", "pdo", "setup", "sync", "commissioning", "link_loss")

@@ -9,7 +9,7 @@ from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim.canopen import bus as module
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, embedded_bus, publish
 from haptic_fieldbus.sim.canopen.world import LONGEST_WAIT_NS, World
-from haptic_fieldbus.sim.slot import Slot
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
@@ -118,7 +118,7 @@ class TestEmbedded:
     """Drives inside this program by the wall clock, on a bus that is treated as a real one."""
 
     def test_a_run_takes_the_bus_for_a_real_one_and_knows_that_it_is_a_rehearsal(self) -> None:
-        with embedded_bus([Slot(NODE, profile(), axis())]) as section:
+        with embedded_bus([DriveOnBus(NODE, profile(), axis())]) as section:
             assert (section.simulated, section.rehearsed) == (False, True)
             name = protocol_named("canopen").bus_name(section)
             assert (name.section, name.simulated) == (section, False)
@@ -134,7 +134,7 @@ class TestEmbedded:
         """1016h:01 = 50 ms: the emergency 8130h is on the wire 50 ms after the last heartbeat, when it is read late."""
         clock = StandingClock()
         monkeypatch.setattr(module, "MonotonicClock", lambda: clock)
-        with embedded_bus([Slot(NODE, profile(), axis())]) as section, open_can(section) as bus:
+        with embedded_bus([DriveOnBus(NODE, profile(), axis())]) as section, open_can(section) as bus:
 
             def send(can_id: int, data: bytes) -> None:
                 bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))

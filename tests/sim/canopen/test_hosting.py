@@ -16,13 +16,13 @@ from haptic_fieldbus.drive.rig import shipped_mechanism
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.hosting import host
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Emergency
 from haptic_fieldbus.sim.hand import HANDS, grip
 from haptic_fieldbus.sim.host_request import HostRequest, NamedDrive, resolve, slot_of
 from haptic_fieldbus.sim.mechanics import motion
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
-from haptic_fieldbus.sim.slot import Slot
 from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -215,7 +215,7 @@ class TestHosting:
         asked = iter([False, True])
         with can.Bus(interface="virtual", channel="hosting until asked") as ear:
 
-            def ready(slot: Slot) -> None:
+            def ready(slot: DriveOnBus) -> None:
                 boot_up = ear.recv(0)
                 assert boot_up is not None, "it is ready when its boot-up message has been sent"
                 told.append(boot_up.arbitration_id - 0x700)

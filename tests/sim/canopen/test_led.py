@@ -7,8 +7,8 @@ import can
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.slot import Slot
 from tests.sim.bench import NODE, axis, profile
 
 START, PRE_OPERATIONAL = b"\x01", b"\x80"
@@ -25,7 +25,7 @@ class Bench:
     def __init__(self) -> None:
         self.clock = VirtualClock()
         self.world = World(self.clock)
-        self.plant = self.world.add(Slot(NODE, profile(), axis(), hand_named("push"), led=True)).drive.plant
+        self.plant = self.world.add(DriveOnBus(NODE, profile(), axis(), hand_named("push"), led=True)).drive.plant
         self.bus = SimulatedBus(world=self.world)
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -64,7 +64,7 @@ def test_a_drive_that_is_enabled_is_left_alone() -> None:
 
 def test_without_such_a_hand_the_handle_of_a_drive_that_is_off_rests() -> None:
     world = World(VirtualClock())
-    slot = Slot(NODE, profile(), axis(), hand_named("push"))
+    slot = DriveOnBus(NODE, profile(), axis(), hand_named("push"))
     plants = [world.add(each).drive.plant for each in (slot, replace(slot, node=NODE + 1, led=True))]
     for plant in plants:
         plant.advance(4_000_000_000)

@@ -10,7 +10,7 @@ import pytest
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
-from haptic_fieldbus.sim.canopen.hosting import RETRIED_EVERY_NS, Outlet
+from haptic_fieldbus.sim.canopen.hosting import RETRIED_EVERY_NS, HostPort
 from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 
@@ -124,7 +124,7 @@ class TestTheInstantOfAFrame:
     def _arrived(self, ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
         clock = VirtualClock(10 * MS)
         with can.Bus(interface="virtual", channel="stamps") as bus:
-            outlet = Outlet(bus, clock, "virtual:stamps", print, stamped=stamped)
+            outlet = HostPort(bus, clock, "virtual:stamps", print, stamped=stamped)
             message = can.Message(timestamp=time.time() - ago)
             bus.recv = lambda timeout=None: message  # type: ignore[method-assign]
             assert outlet.receive(0) is not None

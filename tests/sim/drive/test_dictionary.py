@@ -3,11 +3,11 @@
 import pytest
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Refused, one_of
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, one_of
 
 
 def _refusal(entry: Entry, data: bytes) -> int:
-    with pytest.raises(Refused) as caught:
+    with pytest.raises(AccessRefused) as caught:
         entry.write(data)
     return caught.value.code
 
@@ -18,7 +18,7 @@ def test_what_is_only_to_be_read_refuses_a_write(access: Access) -> None:
 
 
 def test_what_is_only_to_be_written_refuses_a_read() -> None:
-    with pytest.raises(Refused, match="06010001h"):
+    with pytest.raises(AccessRefused, match="06010001h"):
         Entry(0x2000, 0, DataType.UINT8, access=Access.WO).read()
 
 
@@ -68,9 +68,9 @@ def test_a_string_is_read_whole_and_never_written() -> None:
 def test_a_missing_object_and_a_missing_subindex_are_told_apart() -> None:
     dictionary = Dictionary([Entry(0x2000, 1, DataType.UINT8)])
     assert 0x2000 in dictionary
-    with pytest.raises(Refused, match="06020000h"):
+    with pytest.raises(AccessRefused, match="06020000h"):
         dictionary.find(0x2001)
-    with pytest.raises(Refused, match="06090011h"):
+    with pytest.raises(AccessRefused, match="06090011h"):
         dictionary.find(0x2000, 2)
 
 
@@ -123,5 +123,5 @@ def test_a_value_of_one_length_is_refused_before_its_octets_arrive() -> None:
     entry.begin_write(None)
     entry.begin_write(2)
     for size, code in ((1, AbortCode.TOO_SHORT), (3, AbortCode.TOO_LONG)):
-        with pytest.raises(Refused, match=f"{code.value:08X}h"):
+        with pytest.raises(AccessRefused, match=f"{code.value:08X}h"):
             entry.begin_write(size)

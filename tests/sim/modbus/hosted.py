@@ -7,8 +7,8 @@ from threading import Event, Thread
 
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve
-from haptic_fieldbus.sim.slot import Slot
 
 LONGEST = 30.0
 """[s] until the server listens, on a busy machine."""
@@ -25,7 +25,7 @@ def hosted(
     """Host drives, and yield the bus that masters join; all of them are ready then."""
     name, slots = resolve(HostRequest(drives, bus, 1, hand, these))
     told: Queue[BusName | Exception] = Queue()
-    stop, ready = Event(), Queue[Slot]()
+    stop, ready = Event(), Queue[DriveOnBus]()
 
     def serve() -> None:
         try:

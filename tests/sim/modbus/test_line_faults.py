@@ -7,7 +7,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
-from haptic_fieldbus.sim.modbus.rack import GARBAGE
+from haptic_fieldbus.sim.modbus.drives import GARBAGE
 from tests.sim.modbus.test_line import READ, asked, crc, rtu, tcp
 from tests.sim.modbus.units import DEMAND, GENERIC, NUMBER, TARGET, WATCHDOG, Driven, virtual_line
 

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from haptic_fieldbus.sim.modbus.station import Desk
+from haptic_fieldbus.sim.modbus.station import RequestServer
 from tests.sim.modbus.test_line import READ, crc, rtu, tcp
 from tests.sim.modbus.units import NUMBER, NoLine, slot
 
@@ -30,7 +30,7 @@ def frame(draw: random.Random, serial: bool) -> bytes:
 @pytest.mark.parametrize("serial", [True, False])
 @pytest.mark.parametrize("thousands", [2, 98])
 def test_the_drives_live_on(thousands: int, serial: bool) -> None:
-    desk = Desk(NoLine(), seed=1, serial=serial)
+    desk = RequestServer(NoLine(), seed=1, serial=serial)
     desk.rack.add(slot(), 0)
     draw, t_ns = random.Random(thousands), 0
     for _ in range(1000 * thousands):

@@ -12,11 +12,11 @@ from haptic_fieldbus.protocols.modbus.register_traffic import serial_line, tcp_l
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.modbus.drives import SimulatedUnits
 from haptic_fieldbus.sim.modbus.line import SimulatedLine
-from haptic_fieldbus.sim.modbus.rack import UnitRack
 from haptic_fieldbus.sim.modbus.registers import Refusal
-from haptic_fieldbus.sim.slot import Slot
 
 GENERIC = modbus_profile(load_profile("generic_cia402_modbus"))
 STATUS, DEMAND, POSITION, ACTUAL, ERROR, VELOCITY = 0x100, 0x101, 0x102, 0x104, 0x105, 0x106
@@ -27,10 +27,12 @@ MS = 1_000_000
 NUMBER = 3
 
 
-def slot(profile: ModbusProfile = GENERIC, *these: faults.Fault, number: int = NUMBER, hand: str = "none") -> Slot:
+def slot(
+    profile: ModbusProfile = GENERIC, *these: faults.Fault, number: int = NUMBER, hand: str = "none"
+) -> DriveOnBus:
     """A drive on the shipped bench."""
     axis = default_axis(Workspace.LINEAR, bus="bus", node=number, profile=profile.name)
-    return Slot(number, profile, axis, hand_named(hand), these)
+    return DriveOnBus(number, profile, axis, hand_named(hand), these)
 
 
 class NoLine:
@@ -51,7 +53,7 @@ class Driven:
 
     def __init__(self, profile: ModbusProfile = GENERIC, *these: faults.Fault, hand: str = "none") -> None:
         self.line = NoLine()
-        self.rack = UnitRack(self.line, seed=1)
+        self.rack = SimulatedUnits(self.line, seed=1)
         self.unit = self.rack.add(slot(profile, *these, hand=hand), 0)
         self.t_ns = 0
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused
 
 # The timers of a simulated node.
 #
@@ -97,4 +97,4 @@ def refuse_move(value: int, *, exists: bool, becomes: bool, can_id: int) -> None
     """
     new_id = value & ID
     if value & EXTENDED or (exists and becomes and new_id != can_id) or (becomes and is_restricted(new_id)):
-        raise Refused(AbortCode.INVALID_VALUE)
+        raise AccessRefused(AbortCode.INVALID_VALUE)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, Alarms, refuse_move
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused, one_of
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of
 
 # Manufacturer-specific objects of the simulated drive: memory for the user's data.
 #
@@ -39,7 +39,7 @@ def _empty(blocks: list[Entry]) -> None:
 def _room_beside(other: Entry) -> Callable[[int], None]:
     def accept(octets: int) -> None:
         if octets + len(other.text) > SHARED_OCTETS:
-            raise Refused(AbortCode.OUT_OF_MEMORY)
+            raise AccessRefused(AbortCode.OUT_OF_MEMORY)
 
     return accept
 
@@ -103,7 +103,7 @@ class Storage:
 def _signed(signature: int) -> Callable[[int], None]:
     def accept(value: int) -> None:
         if value != signature:
-            raise Refused(AbortCode.CANNOT_STORE)
+            raise AccessRefused(AbortCode.CANNOT_STORE)
 
     return accept
 
@@ -174,7 +174,7 @@ class TimeConsumer:
 
     def _accept_cob_id(self, value: int) -> None:
         if value & _PRODUCED:
-            raise Refused(AbortCode.INVALID_VALUE)
+            raise AccessRefused(AbortCode.INVALID_VALUE)
         exists = self._cob_id.value & _CONSUMED != 0
         refuse_move(value, exists=exists, becomes=value & _CONSUMED != 0, can_id=self._cob_id.value & ID)
 

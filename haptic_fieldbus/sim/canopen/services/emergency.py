@@ -14,7 +14,7 @@ from functools import partial
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.services.basics import Alarms
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused, one_of
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of
 
 HISTORY = 8
 DISCONNECTED = 0x8100
@@ -139,5 +139,5 @@ class Emergencies:
 
     def _past(self, number: int) -> int:
         if number > len(self._history):
-            raise Refused(AbortCode.NO_DATA)
+            raise AccessRefused(AbortCode.NO_DATA)
         return self._history[number - 1]

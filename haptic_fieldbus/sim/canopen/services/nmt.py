@@ -6,7 +6,7 @@ from functools import partial
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim.canopen.services.basics import Alarms, Handler
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry
 
 # Heartbeat producer and consumers of a simulated node.
 #
@@ -153,11 +153,11 @@ class Consumers:
 
     def _accept(self, number: int, value: int) -> None:
         if value & _RESERVED:
-            raise Refused(AbortCode.INVALID_VALUE)
+            raise AccessRefused(AbortCode.INVALID_VALUE)
         node = _watched(value)
         others = (watch for watch in self.watches if watch.entry.subindex != number)
         if node is not None and any(watch.node == node for watch in others):
-            raise Refused(AbortCode.PARAMETER_INCOMPATIBLE)
+            raise AccessRefused(AbortCode.PARAMETER_INCOMPATIBLE)
 
     def _rewritten(self, watch: Watch) -> None:
         watch.renew()

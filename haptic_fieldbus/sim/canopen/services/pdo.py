@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, refuse_move
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused, one_of
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of
 
 MS = 1_000_000
 _MAX_BITS = 64
@@ -91,7 +91,9 @@ class Pdo:
         self.synchronous = self._sync_honoured and self._type.value <= _LAST_SYNCHRONOUS
         try:
             self.mapped = [self._resolve(entry.value) for entry in self._entries[: self._count.value]]
-        except Refused:  # a described power-on value that maps what cannot be mapped; what is written was judged before
+        except (
+            AccessRefused
+        ):  # a described power-on value that maps what cannot be mapped; what is written was judged before
             self.mapped = []
         self.packing = struct.Struct("<" + "".join(entry.type.code for entry in self.mapped if entry.type is not None))
         self.valid = self.exists and bool(self.mapped)
@@ -134,12 +136,12 @@ class Pdo:
     def _accept_locked(self, _value: int) -> None:
         """Refuse a value that may only be changed while the PDO does not exist."""
         if self.exists:
-            raise Refused(AbortCode.UNSUPPORTED_ACCESS)
+            raise AccessRefused(AbortCode.UNSUPPORTED_ACCESS)
 
     def _accept_entry(self, value: int) -> None:
         self._accept_locked(value)
         if self._count.value:
-            raise Refused(AbortCode.UNSUPPORTED_ACCESS)
+            raise AccessRefused(AbortCode.UNSUPPORTED_ACCESS)
         # 0 marks an entry that is not used.
         if value:
             self._resolve(value)
@@ -147,9 +149,9 @@ class Pdo:
     def _accept_count(self, value: int) -> None:
         self._accept_locked(value)
         if value > self._max_entries:
-            raise Refused(AbortCode.MAPPING_TOO_LONG)
+            raise AccessRefused(AbortCode.MAPPING_TOO_LONG)
         if sum(self._resolve(entry.value).bits for entry in self._entries[:value]) > _MAX_BITS:
-            raise Refused(AbortCode.MAPPING_TOO_LONG)
+            raise AccessRefused(AbortCode.MAPPING_TOO_LONG)
 
     def _resolve(self, mapping: int) -> Entry:
         """Return the entry that a mapping value names; raises Refused when it cannot be mapped here."""
@@ -160,7 +162,7 @@ class Pdo:
         else:
             entry = self._dictionary.find(index, subindex)
         if self.direction not in entry.mappable or entry.type is None or entry.bits != bits:
-            raise Refused(AbortCode.NOT_MAPPABLE)
+            raise AccessRefused(AbortCode.NOT_MAPPABLE)
         return entry
 
 

@@ -22,7 +22,7 @@ from haptic_fieldbus.sim.canopen.services.emergency import (
     Emergencies,
 )
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry
 
 # Deadlines of RPDOs: their event timers (1400h:05).
 #
@@ -154,15 +154,15 @@ class SyncObjects:
 
     def _accept_overflow(self, value: int) -> None:
         if self._period.value:
-            raise Refused(AbortCode.DEVICE_STATE)
+            raise AccessRefused(AbortCode.DEVICE_STATE)
         if value not in _COUNTERS:
-            raise Refused(AbortCode.INVALID_VALUE)
+            raise AccessRefused(AbortCode.INVALID_VALUE)
 
 
 def _accept_identifier(value: int) -> None:
     """Refuse the production of SYNC (bit 30), 29-bit identifiers and restricted ones."""
     if value & ~ID or is_restricted(value):
-        raise Refused(AbortCode.INVALID_VALUE)
+        raise AccessRefused(AbortCode.INVALID_VALUE)
 
 
 class Application(Protocol):

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from binascii import crc_hqx
 from enum import Enum, auto
 
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Dictionary, Entry, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dictionary, Entry
 
 # The common interface of SDO transfers that take more than one request.
 
@@ -56,7 +56,7 @@ def initiated(entry: Entry) -> bytes:
     return multiplexed(0x60, entry) + bytes(4)
 
 
-class Collected:
+class DownloadBuffer:
     """The octets of a download as they arrive, never more than the capacity of the entry.
 
     Raises Refused when the entry cannot be written, or not with the announced number of octets.
@@ -72,7 +72,7 @@ class Collected:
         """Add octets; raises Refused when there are too many."""
         self.octets += octets
         if len(self.octets) > self._entry.capacity:
-            raise Refused(AbortCode.TOO_LONG)
+            raise AccessRefused(AbortCode.TOO_LONG)
 
     def write(self) -> None:
         """Write the entry once all octets have arrived.
@@ -80,7 +80,7 @@ class Collected:
         Raises Refused when their number is not the announced one, or when the entry refuses them.
         """
         if self._announced is not None and self._announced != len(self.octets):
-            raise Refused(AbortCode.LENGTH)
+            raise AccessRefused(AbortCode.LENGTH)
         self._entry.write(bytes(self.octets))
 
 
@@ -89,7 +89,7 @@ class SegmentedDownload(Transfer):
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
         super().__init__(entry)
-        self._collected = Collected(entry, announced)
+        self._collected = DownloadBuffer(entry, announced)
         self._toggle = 0
 
     def takes(self, command: int) -> bool:
@@ -142,7 +142,7 @@ class SegmentedUpload(Transfer):
 
 def _check_toggle(command: int, toggle: int) -> None:
     if command >> 4 & 1 != toggle:
-        raise Refused(AbortCode.TOGGLE_BIT)
+        raise AccessRefused(AbortCode.TOGGLE_BIT)
 
 
 # SDO block transfers: many segments for one confirmation, with a CRC over all octets.
@@ -168,7 +168,7 @@ def crc(octets: bytes | bytearray) -> int:
 
 def _checked(block_size: int) -> int:
     if not 1 <= block_size <= LARGEST_BLOCK:
-        raise Refused(AbortCode.BLOCK_SIZE)
+        raise AccessRefused(AbortCode.BLOCK_SIZE)
     return block_size
 
 
@@ -177,7 +177,7 @@ class BlockDownload(Transfer):
 
     def __init__(self, entry: Entry, announced: int | None, *, crc: bool, block_size: int) -> None:
         super().__init__(entry)
-        self._collected = Collected(entry, announced)
+        self._collected = DownloadBuffer(entry, announced)
         self._crc = crc
         self._block_size = block_size
         self._received = 0
@@ -201,7 +201,7 @@ class BlockDownload(Transfer):
     def _segment(self, data: bytes) -> Response:
         number, last = data[0] & _NUMBER, bool(data[0] & _LAST)
         if not 1 <= number <= self._block_size:
-            raise Refused(AbortCode.SEQUENCE_NUMBER)
+            raise AccessRefused(AbortCode.SEQUENCE_NUMBER)
         # A segment out of order is ignored; the confirmation names the segment after which the client continues.
         if number == self._received + 1:
             self._received = number
@@ -217,11 +217,11 @@ class BlockDownload(Transfer):
 
     def _end(self, data: bytes) -> Response:
         if data[0] & 0x03 != 0x01:
-            raise Refused(AbortCode.UNKNOWN_COMMAND)
+            raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         # Bits 2 to 4 of the end are the number of octets without data in the last segment.
         self._collected.add(self._held[: SEGMENT - (data[0] >> 2 & 7)])
         if self._crc and int.from_bytes(data[1:3], "little") != crc(self._collected.octets):
-            raise Refused(AbortCode.CRC)
+            raise AccessRefused(AbortCode.CRC)
         self._collected.write()
         self.finished = True
         return [bytes((0xA1, 0, 0, 0, 0, 0, 0, 0))]
@@ -261,7 +261,7 @@ class BlockUpload(Transfer):
     def request(self, data: bytes) -> Response:
         subcommand = data[0] & 0x03
         if subcommand != {_Step.START: 3, _Step.CONFIRMATION: 2, _Step.END: 1}[self._step]:
-            raise Refused(AbortCode.UNKNOWN_COMMAND)
+            raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         if self._step is _Step.START:
             return self._block()
         if self._step is _Step.CONFIRMATION:
@@ -283,7 +283,7 @@ class BlockUpload(Transfer):
 
     def _confirm(self, number: int, block_size: int) -> Response:
         if number > self._in_block:
-            raise Refused(AbortCode.SEQUENCE_NUMBER)
+            raise AccessRefused(AbortCode.SEQUENCE_NUMBER)
         complete = number == self._in_block
         self._confirmed += number * SEGMENT
         # Otherwise the next block begins after the last confirmed segment, so lost segments are sent again.
@@ -340,7 +340,7 @@ class SdoServer:
             if transfer is None or not continues:
                 return self._initiate(data)
             responses = transfer.request(data)
-        except Refused as abort:
+        except AccessRefused as abort:
             self._transfer = None
             return [_abort(abort.code, *_multiplexer(data, transfer))]
         if transfer.finished:
@@ -361,11 +361,11 @@ class SdoServer:
     def _initiate(self, data: bytes) -> Response:
         service = self._services.get(data[0] >> 5)
         if service is None or (data[0] >> 5 in _BEGINNINGS and data[0] & _BEGINNINGS[data[0] >> 5]):
-            raise Refused(AbortCode.UNKNOWN_COMMAND)
+            raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         self._transfer = None
         index, subindex = int.from_bytes(data[1:3], "little"), data[3]
         if (index, subindex) in self.refuse:
-            raise Refused(self.refuse[index, subindex])
+            raise AccessRefused(self.refuse[index, subindex])
         return service(self._dictionary.find(index, subindex), data)
 
     def _download(self, entry: Entry, data: bytes) -> Response:

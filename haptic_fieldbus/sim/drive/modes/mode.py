@@ -51,7 +51,7 @@ class Mode:
         """Act on objects received outside *operation enabled*."""
 
 
-class Lasting:
+class ConditionTimer:
     """Duration of a condition, for the windows and time-outs of the standard (6066h, 6068h, …)."""
 
     def __init__(self) -> None:

@@ -23,7 +23,7 @@ from haptic_fieldbus.sim.drive.modes.mode import (
     INTERNAL_LIMIT,
     NEW_SET_POINT,
     TARGET_REACHED,
-    Lasting,
+    ConditionTimer,
     Mode,
 )
 from haptic_fieldbus.sim.drive.modes.ramps import RampMotion, to_distance, to_velocity
@@ -39,14 +39,14 @@ from haptic_fieldbus.sim.drive.units import HALF, WRAP, fit
 # manufacturer: here a fault, if the settings ask for it.
 
 
-class Following:
+class FollowingError:
     """Monitoring and display of the following error; `failed` is called with the time when one occurs."""
 
     def __init__(self, stage: Stage, objects: Objects, failed: Callable[[int], None]) -> None:
         self._stage, self._failed = stage, failed
         self._demand, self._error = objects.row(0x6062), objects.row(0x60F4)
         self._window, self._time_out = objects.row(0x6065), objects.row(0x6066)
-        self._outside = Lasting()
+        self._outside = ConditionTimer()
         self._occurred = False
 
     def restart(self) -> None:
@@ -107,8 +107,8 @@ class ProfilePosition(Mode):
         self._controlword, self._position = objects.controlword, row(0x607A)
         self._speed, self._acceleration, self._deceleration = row(0x6081), row(0x6083), row(0x6084)
         self._window, self._window_time = row(0x6067), row(0x6068)
-        self._following = Following(stage, objects, failed)
-        self._reached = Lasting()
+        self._following = FollowingError(stage, objects, failed)
+        self._reached = ConditionTimer()
         self._active: SetPoint | None = None
         self._waiting: SetPoint | None = None
         self._edge = False
@@ -220,7 +220,7 @@ class CyclicPosition(Mode):
         self._target, self._offset = row(0x607A), row(0x60B0)
         self._velocity_offset, self._torque_offset = row(0x60B1), row(0x60B2)
         self._time, self._exponent = row(0x60C2, 1), row(0x60C2, 2)
-        self._following = Following(stage, objects, failed)
+        self._following = FollowingError(stage, objects, failed)
         self._seen: int | None = None
         self._from = self._to = 0.0
         self._begin_ns, self._span_ns = 0, 1

@@ -10,7 +10,14 @@ Cyclic: the demand is 60FFh + 60B1h at once. A step of the demand is followed as
 
 import math
 
-from haptic_fieldbus.sim.drive.modes.mode import BIT_12, FOLLOWS_COMMAND, INTERNAL_LIMIT, TARGET_REACHED, Lasting, Mode
+from haptic_fieldbus.sim.drive.modes.mode import (
+    BIT_12,
+    FOLLOWS_COMMAND,
+    INTERNAL_LIMIT,
+    TARGET_REACHED,
+    ConditionTimer,
+    Mode,
+)
 from haptic_fieldbus.sim.drive.modes.ramps import to_velocity
 from haptic_fieldbus.sim.drive.objects import Objects
 from haptic_fieldbus.sim.drive.stage import Stage
@@ -33,7 +40,7 @@ class ProfileVelocity(Mode):
         self._window, self._window_time = row(0x606D), row(0x606E)
         self._threshold, self._threshold_time = row(0x606F), row(0x6070)
         self._actual = objects.velocity
-        self._reached, self._moving = Lasting(), Lasting()
+        self._reached, self._moving = ConditionTimer(), ConditionTimer()
         self._planned: tuple[float, float, float] | None = None
         self._start(0.0, 0)
 

@@ -18,7 +18,7 @@ from haptic_fieldbus.protocols.canopen.eds_values import data_type
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.model import BENCH_VALUES
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Entry, Refused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Entry
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.eds.peculiar import DRIVES, FORCE
 from tests.eds.sheets import changed, generic, own, without, without_member
@@ -118,9 +118,9 @@ class TestStorage:
 
     def test_octets_of_a_fixed_size_come_all_at_once(self) -> None:
         entry = entry_of(self.stored(type=EdsType.INTEGER64, default=1), 0x2100)
-        with pytest.raises(Refused) as short:
+        with pytest.raises(AccessRefused) as short:
             entry.write(bytes(7))
-        with pytest.raises(Refused) as long:
+        with pytest.raises(AccessRefused) as long:
             entry.write(bytes(9))
         assert (short.value.code, long.value.code) == (AbortCode.TOO_SHORT.value, AbortCode.TOO_LONG.value)
         entry.write(bytes(8))

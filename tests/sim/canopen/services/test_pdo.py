@@ -8,7 +8,7 @@ import pytest
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim.canopen.services.basics import INVALID
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
-from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable, Refused
+from haptic_fieldbus.sim.drive.dictionary import Access, AccessRefused, Dictionary, Entry, Mappable
 from tests.sim.bench import MS, DriveBench, Refusal, profile
 
 TPDO1, RPDO1 = 0x185, 0x205
@@ -334,7 +334,7 @@ def test_a_described_pdo_that_maps_text_is_none_until_it_maps_numbers() -> None:
     assert pdo.exists
     assert not pdo.valid
     assert pdo.mapped == []
-    with pytest.raises(Refused, match="06040041h"):
+    with pytest.raises(AccessRefused, match="06040041h"):
         written(dictionary, 0x1008_0020)
     written(dictionary, STATUS)
     assert pdo.valid

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity
+from haptic_fieldbus.buses.canopen.other_master import OneMaster, Severity
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.planning.image import AXIS_HEADER
 from haptic_fieldbus.scenes.wall import Wall

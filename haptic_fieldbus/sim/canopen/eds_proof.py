@@ -9,7 +9,7 @@ from haptic_fieldbus.protocols.canopen.eds_check import Comparison, compare
 from haptic_fieldbus.protocols.canopen.eds_values import Finding, data_type
 from haptic_fieldbus.protocols.canopen.profile import AccessType, CanopenProfile, SimulatedObject
 from haptic_fieldbus.sim.canopen.model import ACCESS, BENCH_VALUES, SHOWN_VALUES, WAYS
-from haptic_fieldbus.sim.canopen.sheet import dictionary_of
+from haptic_fieldbus.sim.canopen.simulated_eds import dictionary_of
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
 
 # Comparison of the object dictionary of a simulated drive with a vendor's file.

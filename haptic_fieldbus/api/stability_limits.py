@@ -12,7 +12,7 @@ from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.refusal import WayLimit, way_limits
+from haptic_fieldbus.planning.refusal import ExchangeLimit, way_limits
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import check_rendering, select, settled
 from haptic_fieldbus.scenes.own_faults import own_faults
@@ -78,7 +78,7 @@ class Judgement:
     group: Group
     assumed: tuple[str, ...] = ()
     """What the profiles of the judged drives state without a source."""
-    ways: tuple[WayLimit, ...] = ()
+    ways: tuple[ExchangeLimit, ...] = ()
     """Limits of all ways in which the buses could exchange; empty where each has one way, and for a device."""
 
     @property

@@ -26,7 +26,7 @@ _STALE = int(LinkFlag.STALE)
 _FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
 
 
-class Owner(Protocol):
+class CycleContext(Protocol):
     """The part of a cycle that its axes use."""
 
     trip: Trip | None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.documents.octets import read_octets
+from haptic_fieldbus.documents.safe_read import read_octets
 from tests.documents.hostile import DEVICES, READERS, said_of
 
 SUFFIXES = (".toml", ".eds", ".dcf", ".csv")

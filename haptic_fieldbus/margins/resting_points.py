@@ -11,7 +11,16 @@ import numpy as np
 
 from haptic_fieldbus.margins import closed_loop
 from haptic_fieldbus.margins.passivity import Increments, sum_of_bounds, weight
-from haptic_fieldbus.margins.places import EVERYWHERE, Array, OwnLaw, Places, Terrain, Together, survey, terrain
+from haptic_fieldbus.margins.stiffness_map import (
+    EVERYWHERE,
+    Array,
+    OwnLaw,
+    ParallelStates,
+    Places,
+    StiffnessMap,
+    survey,
+    terrain,
+)
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated
 from haptic_fieldbus.scenes.element import (
@@ -39,7 +48,7 @@ Resting = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Axle:
+class AxisElements:
     """The elements of one axis as the loop runs them, the stiffest of which varies."""
 
     elements: tuple[Element, ...]
@@ -125,7 +134,7 @@ class Axle:
 
         return {each.name: thinned(read(each), self.travel, self.effort) for each in self.elements if is_sampled(each)}
 
-    def _ground(self, changes: Mapping[str, float]) -> Terrain | None:
+    def _ground(self, changes: Mapping[str, float]) -> StiffnessMap | None:
         """Return the terrain of the elements without memory; None without any."""
         if not changes or not self._varies or self._nominal is None:
             return self._nominal
@@ -136,12 +145,12 @@ class Axle:
             return self._nominal
         return self._terrain(self._changed(changes))
 
-    def _terrain(self, elements: Sequence[Element]) -> Terrain | None:
+    def _terrain(self, elements: Sequence[Element]) -> StiffnessMap | None:
         varying = [self._at_places(each) for each in elements if _is_at_places(each)]
         return terrain(varying, self.travel, self.effort) if varying else None
 
     @cached_property
-    def _nominal(self) -> Terrain | None:
+    def _nominal(self) -> StiffnessMap | None:
         return self._terrain(self.elements)
 
     @cached_property
@@ -167,17 +176,17 @@ class Axle:
             return None
         return row, closed_loop.stiffness_of(element)
 
-    def _beside(self, changes: Mapping[str, float]) -> "Beside":
+    def _beside(self, changes: Mapping[str, float]) -> "ElementStates":
         """Return what acts beside the places."""
         if not changes or (self._varies and set(changes) == {"stiffness"}):
             return self._nominal_beside
         return self._beside_of(self._changed(changes))
 
     @cached_property
-    def _nominal_beside(self) -> "Beside":
+    def _nominal_beside(self) -> "ElementStates":
         return self._beside_of(self.elements)
 
-    def _beside_of(self, elements: Sequence[Element]) -> "Beside":
+    def _beside_of(self, elements: Sequence[Element]) -> "ElementStates":
         others = [each for each in elements if not _is_at_places(each)]
         rest = [self._discrete(each) for each in others]
         options = product(*(_options(each, space) for each, space in zip(others, rest, strict=True) if not space.order))
@@ -186,12 +195,12 @@ class Axle:
         uses_velocity = any(Signal.VELOCITY in each.needs for each in elements)
         together = self._together(elements) if with_states else self._without_states[uses_velocity]
         bounds = [_bounds(each) for each in others if not self._is_linear(each)]
-        return Beside(tuple(sums), together, tuple(bounds), self._swept(others))
+        return ElementStates(tuple(sums), together, tuple(bounds), self._swept(others))
 
     @cached_property
-    def _without_states(self) -> tuple[tuple[Together, ...], tuple[Together, ...]]:
+    def _without_states(self) -> tuple[tuple[ParallelStates, ...], tuple[ParallelStates, ...]]:
         """What acts beside the places when no element has states, without a velocity and with it."""
-        return (Together((), self.period, None),), (Together((), self.period, self.estimator),)
+        return (ParallelStates((), self.period, None),), (ParallelStates((), self.period, self.estimator),)
 
     def _scaled(self, changes: Mapping[str, float]) -> "Resting | None":
         """Return the places of a single element that scales with its stiffness; None for any other."""
@@ -208,7 +217,7 @@ class Axle:
         rows = rows[stiffness[rows] != 0.0]
         return position[rows], stiffness[rows], damping[rows]
 
-    def _resting(self, ground: Terrain | None) -> "Resting":
+    def _resting(self, ground: StiffnessMap | None) -> "Resting":
         """Return position, stiffness and damping of the places where the motor can hold the handle, (n,) each."""
         if ground is None or not len(ground.position):
             return np.array([math.nan]), np.zeros(1), np.zeros(1)
@@ -239,7 +248,7 @@ class Axle:
         method = self.method if is_dynamic(element) else None
         return discretised(closed_loop.linearised(element, {}), self.period, method)
 
-    def _together(self, elements: Sequence[Element]) -> tuple[Together, ...]:
+    def _together(self, elements: Sequence[Element]) -> tuple[ParallelStates, ...]:
         """Return the combinations of the elements with states, those with virtual states always among them."""
         pairs = [(each, self._discrete(each)) for each in elements if not _is_at_places(each)]
         always = [space for each, space in pairs if is_dynamic(each)]
@@ -249,13 +258,13 @@ class Axle:
             chosen = [chosen[0], chosen[-1]]
         estimator = self.estimator if any(Signal.VELOCITY in each.needs for each in elements) else None
         return tuple(
-            Together(
+            ParallelStates(
                 (*always, *(space for space, is_on in zip(leaving, each, strict=True) if is_on)), self.period, estimator
             )
             for each in chosen
         )
 
-    def _increments(self, ground: Terrain | None, beside: "Beside") -> Increments:
+    def _increments(self, ground: StiffnessMap | None, beside: "ElementStates") -> Increments:
         slope, damping = sum_of_bounds(beside.bounds)
         if ground is not None:
             # What else pushes may hold the handle where these alone would be cut.
@@ -276,12 +285,12 @@ class Axle:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class ElementStates:
     """What acts beside the places: elements with a memory or virtual states."""
 
     options: tuple[tuple[float, float], ...]
     """(K, B) of elements whose memory holds or slides, which touch or do not; all combinations."""
-    together: tuple[Together, ...]
+    together: tuple[ParallelStates, ...]
     bounds: tuple[tuple[float, float] | None, ...]
     """Increments of each element; None for one that states none."""
     swept: StateSpace | None

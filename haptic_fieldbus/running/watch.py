@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 
-from haptic_fieldbus.buses.access import Onlooker
-from haptic_fieldbus.buses.found import Glimpse
+from haptic_fieldbus.buses.access import Observer
+from haptic_fieldbus.buses.scan_result import DriveReading
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import PowerState, PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -66,7 +66,7 @@ class Viewer:
         self._before: tuple[int, float] | None = None
         """Instant [ns] and place of the last position."""
 
-    def view(self, glimpse: Glimpse) -> View:
+    def view(self, glimpse: DriveReading) -> View:
         """Return a glimpse in the units of the bench."""
         axis, values = self._axis, glimpse.values
         position = self._position(values.get(Signal.POSITION))
@@ -103,7 +103,7 @@ class Viewer:
         )
         return (counts - self._zero) * rig.mechanism.sign * 2 * math.pi * rig.mechanism.ratio / steps
 
-    def _velocity(self, glimpse: Glimpse, position: float | None) -> float | None:
+    def _velocity(self, glimpse: DriveReading, position: float | None) -> float | None:
         rig = self._axis.rig
         if Signal.VELOCITY in glimpse.values and self._axis.known:
             step = velocity_step(self._offers[Signal.VELOCITY].unit, rig.encoder_counts_per_revolution)
@@ -124,7 +124,7 @@ ENABLED = "somebody has left it enabled: torque may act"
 
 
 def watch_axes(
-    axes: Mapping[str, Watched], onlookers: list[Onlooker], clock: Clock, interval: float, duration: float = math.inf
+    axes: Mapping[str, Watched], onlookers: list[Observer], clock: Clock, interval: float, duration: float = math.inf
 ) -> Iterator[dict[str, View]]:
     """Yield the view of all axes every `interval` for `duration` [s]; raises BusError when a bus is dead."""
     viewers = {name: Viewer(axis) for name, axis in axes.items()}

@@ -10,7 +10,7 @@ from itertools import starmap
 
 import numpy as np
 
-from haptic_fieldbus.assessing.element_forces import Carried, Key, Span, new_nodes, new_rows
+from haptic_fieldbus.assessing.element_forces import Key, PartState, Span, new_nodes, new_rows
 from haptic_fieldbus.assessing.recording import (
     Array,
     Conversion,
@@ -39,7 +39,7 @@ class Tie:
     trajectory: TrueMotion
     conversion: Conversion
 
-    def ideal(self, own: Feedback, nodes_ns: Times, step: float, carried: Carried) -> Array:
+    def ideal(self, own: Feedback, nodes_ns: Times, step: float, carried: PartState) -> Array:
         """Return the ideal force on this axis at the nodes [N or N·m], `(n_nodes,)`.
 
         `own` is the true motion of this axis at `nodes_ns`; `step` is their distance [s], with which a memory of the
@@ -56,7 +56,7 @@ class Tie:
         forces[within] = share * self._forces(law, own, other, within)
         return forces
 
-    def stages(self, feedback: Mapping[str, Feedback], period: float, carried: Carried) -> dict[str, Array]:
+    def stages(self, feedback: Mapping[str, Feedback], period: float, carried: PartState) -> dict[str, Array]:
         """Return the force on this axis in each new period, for each stage of its feedback, each `(n_periods,)`.
 
         `feedback` is that of this axis by source of error, from `made_real`; `period` [s] is that of the loop.
@@ -69,7 +69,7 @@ class Tie:
             name: self._in_periods(name, own, other.get(name, last), period, carried) for name, own in feedback.items()
         }
 
-    def replayed(self, own: Feedback, period: float, carried: Carried) -> Array:
+    def replayed(self, own: Feedback, period: float, carried: PartState) -> Array:
         """Return the force on this axis in each new period, computed anew from the feedback of both axes.
 
         Its shape is `(n_periods,)`; `own` is the recorded feedback of this axis, `period` [s] that of the loop.
@@ -80,7 +80,7 @@ class Tie:
     def _key(self, purpose: str) -> Key:
         return ("coupling", *self.span.key, purpose)
 
-    def _in_periods(self, purpose: str, own: Feedback, other: Feedback, period: float, carried: Carried) -> Array:
+    def _in_periods(self, purpose: str, own: Feedback, other: Feedback, period: float, carried: PartState) -> Array:
         """Return the force in each new period, by a law that goes on from part to part, `(n_periods,)`."""
         rows = new_rows(self.span, self.recording.overlap)
         law = carried.law(self._key(purpose), lambda: self.span.element.begin(period))

@@ -120,7 +120,7 @@ def survey(elements: Sequence[Varying], intervals: Sequence[Interval]) -> Survey
 
 
 @dataclass(frozen=True, eq=False)
-class Terrain:
+class StiffnessMap:
     """The places of an axis and the intervals between them."""
 
     position: Array
@@ -129,18 +129,18 @@ class Terrain:
     between: Survey
     """On the n + 1 intervals before, between and after the places, as far as the travel goes."""
 
-    def scaled(self, row: int, factor: float) -> "Terrain":
+    def scaled(self, row: int, factor: float) -> "StiffnessMap":
         """Return the same with `factor` times the force of one element."""
-        return Terrain(self.position, self.places.scaled(row, factor), self.between.scaled(row, factor))
+        return StiffnessMap(self.position, self.places.scaled(row, factor), self.between.scaled(row, factor))
 
 
-def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Terrain:
+def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> StiffnessMap:
     """Return the terrain of these elements within `travel`, for a motor that gives at most `effort` [N or N·m]."""
     lower, upper = travel
     marks = {place for each in elements for place in each.places(lower, upper, effort)}
     grid = sorted(place for place in {*marks, *travel} if lower <= place <= upper and math.isfinite(place))
     edges = [lower, *grid, upper]
-    return Terrain(
+    return StiffnessMap(
         np.array(grid),
         survey(elements, [(place, place) for place in grid]),
         survey(elements, list(_neighbours(edges))),
@@ -229,7 +229,7 @@ class OwnLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class ParallelStates:
     """Discrete elements with states that act at the same time, as x_k → F_k beside a spring K and a damper B."""
 
     spaces: tuple[StateSpace, ...]
@@ -280,7 +280,7 @@ class Places(StateSpace):
     """(n,)"""
     damping: Array
     """(n,)"""
-    together: tuple[Together, ...]
+    together: tuple[ParallelStates, ...]
     """Combinations of the elements with states; each is tried at each place."""
     find_increments: Callable[[], Increments]
     """Function that computes `increments`, which the eigenvalues do without."""
@@ -323,7 +323,7 @@ class Places(StateSpace):
             pairs = pairs[np.linspace(0, len(pairs) - 1, kept).round().astype(int)]
         return [each.at(float(stiffness), float(damping)) for each in self.together for stiffness, damping in pairs]
 
-    def _worst(self, device: SampledPlant, together: Together) -> tuple[RestingPlace, StateSpace]:
+    def _worst(self, device: SampledPlant, together: ParallelStates) -> tuple[RestingPlace, StateSpace]:
         growths = self._growths(device, together)
         at, growth = int(self._tried[growths.argmax()]), float(growths.max())
         stiffness, damping = float(self.stiffness[at]), float(self.damping[at])
@@ -349,7 +349,7 @@ class Places(StateSpace):
             found += alike.tolist()
         return np.array(found, dtype=np.intp)
 
-    def _growths(self, device: SampledPlant, together: Together) -> Array:
+    def _growths(self, device: SampledPlant, together: ParallelStates) -> Array:
         """Return the growth at each place that is tried."""
         stiffness, damping = self.stiffness[self._tried], self.damping[self._tried]
         if len(stiffness) == 1 and stiffness[0] >= 0.0:
@@ -369,7 +369,7 @@ class Places(StateSpace):
 
 
 @lru_cache(maxsize=64)
-def _matrices(device: SampledPlant, together: Together) -> tuple[Array, Array, Array]:
+def _matrices(device: SampledPlant, together: ParallelStates) -> tuple[Array, Array, Array]:
     """Return the loop's matrix without spring and damper, and what a unit of either adds, (m, m) each."""
     free = sampled.loop_matrix(device, together.free)
     springs, dampers = (sampled.loop_matrix(device, each) - free for each in (together.spring, together.damper))

@@ -141,7 +141,7 @@ MOST_NAMED = 4
 
 
 @dataclass(frozen=True)
-class Heard:
+class FrameCounts:
     """The frames that came while nothing was sent, as numbers by CAN-ID."""
 
     bus: str
@@ -181,7 +181,7 @@ class ForeignLoad:
     On SocketCAN no frame of theirs wakes us in the loop, so those from before it are all that is known.
     """
 
-    def __init__(self, wire: Wire, heard: Heard, nodes: Collection[int], bitrate: int) -> None:
+    def __init__(self, wire: Wire, heard: FrameCounts, nodes: Collection[int], bitrate: int) -> None:
         """Take what was heard before, the nodes whose frames are part of the exchange, and the bit rate [bit/s]."""
         own = {base + node for base in FROM_A_NODE for node in nodes}
         bits = sum(bits for can_id, bits in heard.bits.items() if can_id not in own)
@@ -201,7 +201,7 @@ class ForeignLoad:
         return max(since, self._before)
 
 
-def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
+def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> FrameCounts:
     """Receive for this time [s] and send nothing; raises BusError when the bus fails."""
     frames: Counter[int] = Counter()
     masters: Counter[int] = Counter()
@@ -217,7 +217,7 @@ def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
     with wire.overhear(note):
         while wire.clock.now_ns() < deadline_ns:
             wire.pump(deadline_ns)
-    return Heard(bus, seconds, frames, masters, bits)
+    return FrameCounts(bus, seconds, frames, masters, bits)
 
 
 def _named(frames: Mapping[int, int]) -> str:

@@ -9,7 +9,7 @@ from haptic_fieldbus.sim.hand import Hand
 
 
 @dataclass(frozen=True)
-class Slot:
+class DriveOnBus:
     """A drive to put on the bus under a node-ID; `position` [rad] and `velocity` [rad/s] are those of its shaft."""
 
     node: int

@@ -8,7 +8,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import SceneError, UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.changed import changed
+from haptic_fieldbus.scenes.parameter_changes import changed
 from haptic_fieldbus.scenes.registry import quantities
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal

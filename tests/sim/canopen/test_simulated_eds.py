@@ -16,7 +16,7 @@ from haptic_fieldbus.eds import EdsType, NodeOffset, eds_text, read_eds
 from haptic_fieldbus.eds.names import member_name, parameter_name
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.sim.canopen.sheet import dictionary_of, sheet
+from haptic_fieldbus.sim.canopen.simulated_eds import dictionary_of, sheet
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
 from tests.builders import shipped
 from tests.eds.vendor_files import both, path_of

@@ -13,8 +13,9 @@ from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.drive.broken import faulty_hand, inject_drive, until
+from haptic_fieldbus.sim.drive.drive_faults import faulty_hand, inject_drive, until
 from haptic_fieldbus.sim.drive.settings import drawn_settings
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import (
     AnswerFault,
     Fault,
@@ -25,8 +26,7 @@ from haptic_fieldbus.sim.faults import (
     faults_of,
     kinds_of,
 )
-from haptic_fieldbus.sim.schedule import Agenda, FaultSchedule, Plan, TimedFault
-from haptic_fieldbus.sim.slot import Slot
+from haptic_fieldbus.sim.schedule import FaultSchedule, Plan, TimedFault, TimerQueue
 
 # Application of each kind of fault to the simulated slave or to its bus.
 
@@ -134,7 +134,7 @@ KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 """Kinds of faults that a bus and its drives may have."""
 
 
-class Rack:
+class SimulatedDrives:
     """The slaves by node-ID; all times are those of one clock [ns].
 
     At least the `longest` latest segments of the true motion are kept, None: all.
@@ -148,11 +148,11 @@ class Rack:
         """Time of the next timer or planned action; NEVER_NS when there is none."""
         self._line = line
         self._longest = longest
-        self._agenda = Agenda()
+        self._agenda = TimerQueue()
         self.plan = self._agenda.plan
         self._schedule = FaultSchedule(self.plan)
 
-    def add(self, slot: Slot, port: Port, t_ns: int) -> Slave:
+    def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
         drawn = drawn_settings(self._seed, slot.node)

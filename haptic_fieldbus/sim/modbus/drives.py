@@ -13,11 +13,11 @@ from typing import Protocol
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.drive.broken import faulty_hand, inject_drive, until
+from haptic_fieldbus.sim.drive.drive_faults import faulty_hand, inject_drive, until
 from haptic_fieldbus.sim.drive.settings import drawn_settings
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.sim.schedule import Action, Agenda, FaultSchedule, Plan, TimedFault
-from haptic_fieldbus.sim.slot import Slot
+from haptic_fieldbus.sim.schedule import Action, FaultSchedule, Plan, TimedFault, TimerQueue
 
 # Faults of answers on their way to the master: what arrives, and when.
 
@@ -110,7 +110,7 @@ class FaultyLine(Protocol):
     def host_fault(self, fault: faults.HostFault) -> None: ...
 
 
-class UnitRack:
+class SimulatedUnits:
     """The drives by unit id; all times are those of one clock [ns].
 
     At least the `longest` latest segments of the true motion are kept, None: all.
@@ -118,13 +118,13 @@ class UnitRack:
 
     def __init__(self, line: FaultyLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         self.units: dict[int, Unit] = {}
-        self.agenda = Agenda()
+        self.agenda = TimerQueue()
         self.now_ns = 0
         """Up to where timers and actions have been served."""
         self._line, self._seed, self._longest = line, seed, longest
         self._schedule = FaultSchedule(self.agenda.plan)
 
-    def add(self, slot: Slot, t_ns: int) -> Unit:
+    def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
         """Power a drive on; raises ValueError when its unit id is taken."""
         if slot.node in self.units:
             raise ValueError(f"unit {slot.node} is on this line already")
@@ -160,7 +160,7 @@ class UnitRack:
         """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""
         self.agenda.plan(t_ns + round(fault.at * 1e9), self._action(self.units[number], fault))
 
-    def _install(self, unit: Unit, slot: Slot) -> list[TimedFault]:
+    def _install(self, unit: Unit, slot: DriveOnBus) -> list[TimedFault]:
         """Apply the faults of a drive that exist from power-on; return those that happen later."""
         timed: list[TimedFault] = []
         for fault in slot.faults:

@@ -10,7 +10,7 @@ from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.numerals import percent, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.protocols.canopen.bus import CanSection
-from haptic_fieldbus.report.words import (
+from haptic_fieldbus.report.texts import (
     announcement,
     bench_text,
     energy_text,

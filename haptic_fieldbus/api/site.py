@@ -19,11 +19,11 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.protocols.registry import added
 from haptic_fieldbus.running.session import Site
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Fault, HostFault, faults_on
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.host import HostClock
 from haptic_fieldbus.sim.simulation import Simulation
-from haptic_fieldbus.sim.slot import Slot
 
 # Objects as texts, so that a run imports only the protocols of its buses.
 ACCESS = {
@@ -146,7 +146,7 @@ def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, l
     faults = [fault for fault in faults_on(conditions.faults, bus.name) if fault.kind in simulation.kinds]
     for axis in plan.on(bus).axes:
         waiting = hand.after(axis.limits.fade_in) if hand is not None and plan.scene.holds(axis.name) else None
-        slots.append(Slot(axis.node, axis.profile, axis.rig, waiting, tuple(faults)))
+        slots.append(DriveOnBus(axis.node, axis.profile, axis.rig, waiting, tuple(faults)))
     channel = bus.name if len(plan.buses) > 1 else ""
     return simulation.simulate(plan.rig.bus[bus.name], channel, slots, clock, _seed(plan, bus, conditions.seed), log)
 

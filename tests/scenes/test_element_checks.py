@@ -15,8 +15,8 @@ from haptic_fieldbus.errors import SceneError
 from haptic_fieldbus.numerals import rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.checked import check_elements, check_kinds
 from haptic_fieldbus.scenes.element import STRICT
+from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass

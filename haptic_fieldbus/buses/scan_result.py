@@ -66,7 +66,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Glimpse:
+class DriveReading:
     """What one drive said when it was looked at, in its own steps."""
 
     t_ns: int

@@ -6,7 +6,7 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.api.judging import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.margins import Plant, Verdict, stiffness_limit
 from haptic_fieldbus.scenes.catalogue import scene_names

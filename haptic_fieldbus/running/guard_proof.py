@@ -22,7 +22,7 @@ from functools import partial
 from haptic_fieldbus.assessing.result import Proof
 from haptic_fieldbus.buses.bus import Bus, DriveFacts
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD, T_NS
+from haptic_fieldbus.cycle.axis_checks import EMERGENCY, FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.power import PowerState

@@ -20,8 +20,8 @@ from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
-from haptic_fieldbus.protocols.canopen.beside import ASK_EVERY
 from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.canopen.watch_traffic import ASK_EVERY
 from haptic_fieldbus.protocols.traffic import answer_time
 
 LATEST = 2
@@ -40,7 +40,7 @@ def check_asked(node: Node, entry: ObjectEntry) -> None:
         ) from error
 
 
-class Asking:
+class TargetReadback:
     """The questions to one drive; the answer lies at `offset` of the image, the periods that it took after it."""
 
     def __init__(

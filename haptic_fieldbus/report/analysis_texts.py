@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import INTEGRATION, Estimation
-from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.api.model import EnvironmentModel, LinearModel, Poles
 from haptic_fieldbus.api.open_loop import Response
+from haptic_fieldbus.api.stability_limits import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.transfer import difference_equation, fraction
 from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
-from haptic_fieldbus.report.words import Line, parameter_units
+from haptic_fieldbus.report.texts import Line, parameter_units
 from haptic_fieldbus.signals import Workspace
 
 # Open-loop response in words, as lines of a key and a text.

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.buses.found import Glimpse
+from haptic_fieldbus.buses.scan_result import DriveReading
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.cia402 import MappedObject, VelocitySection
 from haptic_fieldbus.drive.objects import DataType
@@ -15,16 +15,16 @@ from haptic_fieldbus.drive.rig import LinearMechanism, RigAxis, RotaryMechanism
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402
-from haptic_fieldbus.running.watching import ENABLED, Viewer, Watched, watch_axes
+from haptic_fieldbus.running.watch import ENABLED, Viewer, Watched, watch_axes
 from haptic_fieldbus.signals import Signal
 
 PROFILE = canopen_profile(load_profile("generic_cia402"))
 LINEAR = RigAxis("bus", 5, PROFILE.name, LinearMechanism("linear", 0.05, sign=-1, zero=1000), 4000, rated_torque=0.4)
 
 
-def seen(t_ns: int = 0, status: int = 0x0270, **values: int) -> Glimpse:
+def seen(t_ns: int = 0, status: int = 0x0270, **values: int) -> DriveReading:
     named = {Signal.STATUSWORD: status, **{Signal[name.upper()]: value for name, value in values.items()}}
-    return Glimpse(t_ns, named, age=0.004)
+    return DriveReading(t_ns, named, age=0.004)
 
 
 def test_counts_become_metres_of_the_handle_and_permille_become_torque_at_the_shaft() -> None:
@@ -72,7 +72,7 @@ def test_a_statusword_has_the_words_of_cia_402(status: int, words: str) -> None:
 def test_values_that_did_not_come_are_none_and_leave_no_velocity_behind() -> None:
     viewer = Viewer(Watched(LINEAR, PROFILE, CIA402))
     viewer.view(seen(position=0))
-    lost = viewer.view(Glimpse(50_000_000, note="no answer"))
+    lost = viewer.view(DriveReading(50_000_000, note="no answer"))
     assert (lost.position, lost.state, lost.note, lost.age_s) == (None, None, "no answer", None)
     assert viewer.view(seen(t_ns=100_000_000, position=9999)).velocity is None
 
@@ -86,7 +86,7 @@ class Slow:
         self._clock, self._takes_ns = clock, takes_ns
         self.looks: list[int] = []
 
-    def look(self) -> Mapping[str, Glimpse]:
+    def look(self) -> Mapping[str, DriveReading]:
         self.looks.append(self._clock.now_ns())
         self._clock.compute(self._takes_ns)
         return {"handle": seen(position=0)}

@@ -20,7 +20,7 @@ from haptic_fieldbus.protocols.canopen.profile import (
     SimulatedObject,
 )
 from haptic_fieldbus.protocols.catalogue import profile_file
-from haptic_fieldbus.sim.canopen.proof import proof_of
+from haptic_fieldbus.sim.canopen.eds_proof import proof_of
 from tests.builders import canopen, shipped
 from tests.eds.peculiar import DRIVES
 from tests.eds.sheets import changed, generic, own, without, without_member
