@@ -54,24 +54,26 @@ GUARDS = {
     "after a trip the voltage is disabled": _cycle(
         "axis", "self.state.controlword = self._axis.power.off", "pass", "test_a_trip_is_final"
     ),
-    "faults of the link": _cycle("watch", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"),
+    "faults of the link": _cycle(
+        "axis_checks", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"
+    ),
     "age of the feedback": _cycle(
-        "watch",
+        "axis_checks",
         "if rendering and feedback[AGE_NS] > self._oldest_ns:",
         "if False:",
         "test_stale_feedback_is_held_then_fades_to_zero_and_trips_at_its_age",
     ),
     "clock that goes back": _cycle(
-        "watch", "if elapsed_ns < 0:", "if False:", "test_samples_whose_time_goes_back_are_given_up"
+        "axis_checks", "if elapsed_ns < 0:", "if False:", "test_samples_whose_time_goes_back_are_given_up"
     ),
     "periods missed in a row": _cycle(
-        "watch",
+        "axis_checks",
         "if not lost and passed > self._limits.age:",
         "if False:",
         "test_a_loop_that_slept_for_longer_than_feedback_may_be_old_is_given_up",
     ),
     "too many gaps": _cycle(
-        "watch",
+        "axis_checks",
         "if self._gaps.too_many:",
         "if False:",
         "test_a_loop_that_misses_a_fifth_of_its_periods_is_given_up",
@@ -84,19 +86,19 @@ GUARDS = {
         of="tests/cycle/test_gaps.py",
     ),
     "speed": _cycle(
-        "watch",
+        "axis_checks",
         "if abs(way) > limits.speed * passed + self._resolution:",
         "if False:",
         "test_a_position_jump_beyond_the_speed_limit_trips",
     ),
     "range": _cycle(
-        "watch",
+        "axis_checks",
         "if not self._lowest <= here <= self._highest:",
         "if False:",
         "test_leaving_the_position_limits_trips",
     ),
     "acceleration": _cycle(
-        "watch",
+        "axis_checks",
         "if change > self._jump * widest**2",
         "if False and change > self._jump * widest**2",
         "test_a_jump_that_no_motion_can_make_trips",
@@ -362,7 +364,7 @@ GUARDS = {
         "link",
         "if self.owed < 0:",
         "if False:",
-        "test_foreign",
+        "test_other_master",
         "TestDuplicates::test_feedback_that_comes_twice_for_one_sync_is_flagged",
     ),
     "bus-off": _bus(
@@ -380,10 +382,10 @@ GUARDS = {
         "test_a_full_queue_drops_set_points_and_is_an_exception_when_it_lasts",
     ),
     "somebody else in the loop": _bus(
-        "foreign",
+        "other_master",
         "if weight is Severity.COMMAND and self.cob_id is None:",
         "if False:",
-        "test_foreign",
+        "test_other_master",
         "test_a_command_of_somebody_else_is_flagged_with_its_cob_id_and_stays_so",
     ),
     "somebody else before": _bus(
@@ -397,7 +399,7 @@ GUARDS = {
         "master",
         'self._foreign.refuse(self._wire.name, "Nothing was written")',
         "pass",
-        "test_foreign",
+        "test_other_master",
         "TestBeforeTheLoop::test_a_master_that_came_while_a_person_thought_is_refused_before_anything_is_written",
     ),
     "life guarding begins with our requests": _bus(
@@ -415,7 +417,7 @@ GUARDS = {
         "TestAnswers::test_a_toggle_bit_that_stands_still_is_no_sign_of_life",
     ),
     "a request of somebody else feeds the guard": _bus(
-        "foreign",
+        "other_master",
         "Severity.COMMAND for node in guarded",
         "Severity.QUESTION for node in guarded",
         "test_guard",
@@ -432,10 +434,10 @@ GUARDS = {
         of="tests/cycle/test_asked_echo.py",
     ),
     "answers that belong to another question": _bus(
-        "asking",
+        "target_readback",
         "LATEST * self._patience_ns if self._repeated else self._every_ns",
         "self._every_ns",
-        "test_asking",
+        "test_target_readback",
         "TestAnswers::test_after_a_repetition_nothing_is_asked_until_the_other_answer_can_come_no_more",
     ),
     "the drive's watch on us": _bus(
@@ -727,21 +729,21 @@ GUARDS = {
         "exchange",
         "    if target:\n",
         "    if False:\n",
-        "test_set_up",
+        "test_setup",
         "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
     ),
     "Modbus: a command that is not ours": _line(
         "exchange",
         "if command in enabling:",
         "if False:",
-        "test_set_up",
+        "test_setup",
         "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
     ),
     "Modbus: a power stage that somebody switched on": _line(
         "exchange",
         "if state in ENERGISED:",
         "if False:",
-        "test_set_up",
+        "test_setup",
         "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
     ),
     "Modbus: answers that belong to another question": _line(
@@ -803,17 +805,17 @@ GUARDS = {
         "link", "flags | EXCEPTION", "flags", "test_exchange", "test_an_exception_is_flagged_with_its_code"
     ),
     "Modbus: the drive's watch on us": _line(
-        "set_up",
+        "setup",
         "self.watchdog.arm()",
         "pass",
-        "test_set_up",
+        "test_setup",
         "test_what_is_written_is_what_the_profile_asks_for_and_it_is_put_back",
     ),
     "Modbus: read-back of what was written": _line(
         "unit",
         "if held != value:",
         "if False:",
-        "test_set_up",
+        "test_setup",
         "test_a_register_that_keeps_another_value_ends_the_set_up",
     ),
     "Modbus: the way to zero feeds no watchdog": _line(

@@ -7,12 +7,12 @@ each (an element, an integrator, an estimator, a drive mode) and `__init__.py` a
 import ast
 import statistics
 import sys
-import tokenize
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[1] / "haptic_fieldbus"
+from tests.source import PACKAGE, nodes_of
+
 KINDS = ("scenes", "numerics/integrators", "numerics/estimators", "sim/drive/modes")
 """Folders in which each kind is a file of its own."""
 SMALL, LARGE = 40, 600
@@ -31,25 +31,30 @@ def is_text(node: ast.AST) -> bool:
 
 def lines_by_kind(path: Path) -> dict[int, str]:
     """Return what each line of a file is that is not blank."""
-    text = path.read_text()
-    with path.open("rb") as file:
-        tokens = [*tokenize.tokenize(file.readline)]
-    kinds = {number: "code" for number, line in enumerate(text.splitlines(), 1) if line.strip()}
-    for token in tokens:
-        if token.type == tokenize.COMMENT and token.line.lstrip().startswith("#"):
-            kinds[token.start[0]] = "comment"
-    for node in ast.walk(ast.parse(text)):
-        kind = "docstring" if is_text(node) else "import" if isinstance(node, ast.Import | ast.ImportFrom) else ""
+    lines = {number: line.strip() for number, line in enumerate(path.read_text().splitlines(), 1) if line.strip()}
+    kinds = {number: "comment" if line.startswith("#") else "code" for number, line in lines.items()}
+    # Texts come before what is made of them: `ast.walk` goes from a statement to its parts.
+    for node in reversed(nodes_of(path)):
+        kind = kind_of(node)
         if kind:
             kinds.update((number, kind) for number in lines_of(node) if number in kinds)
     return kinds
 
 
-def called_once(trees: Iterable[ast.AST]) -> int:
+def kind_of(node: ast.AST) -> str:
+    """Return what the lines of a node are where it decides that, else nothing; a text with a # in it is no comment."""
+    if is_text(node):
+        return "docstring"
+    if isinstance(node, ast.Import | ast.ImportFrom):
+        return "import"
+    return "code" if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
+def called_once(paths: Iterable[Path]) -> int:
     """Return how many private functions and methods are named once beside their definition."""
     named: Counter[str] = Counter()
     defined: Counter[str] = Counter()
-    for node in (inner for tree in trees for inner in ast.walk(tree)):
+    for node in (inner for path in paths for inner in nodes_of(path)):
         if isinstance(node, ast.FunctionDef) and node.name.startswith("_") and not node.name.startswith("__"):
             defined[node.name] += 1
         elif isinstance(node, ast.Attribute | ast.Name):
@@ -62,7 +67,7 @@ def importers(package: Path) -> Counter[str]:
     found: Counter[str] = Counter()
     for path in package.rglob("*.py"):
         names = set()
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes_of(path):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package.name):
                 home = package.joinpath(*(node.module or "").split(".")[1:])
                 modules = [each.name for each in node.names if (home / f"{each.name}.py").exists()]
@@ -88,7 +93,7 @@ def shape(package: Path = PACKAGE) -> dict[str, float]:
         f"files above {LARGE} lines": sum(length > LARGE for length in lengths.values()),
         f"files of {SMALL} code lines or fewer": len(small),
         "modules with one importer": sum(count == 1 for count in importers(package).values()),
-        "private functions called once": called_once(ast.parse(path.read_text()) for path in paths),
+        "private functions called once": called_once(paths),
         "code lines": every["code"],
         "docstring and comment lines": every["docstring"] + every["comment"],
         "share of them, %": round(100.0 * (every["docstring"] + every["comment"]) / filled, 1),

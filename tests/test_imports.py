@@ -11,6 +11,8 @@ from pathlib import Path
 import grimp
 import pytest
 
+from tests.source import nodes_of, reads_the_source
+
 PACKAGE = Path(__file__).resolve().parents[1] / "haptic_fieldbus"
 MODULE = re.compile(r"haptic_fieldbus(?:\.\w+)+")
 
@@ -28,13 +30,14 @@ def loaded_by_name(modules: set[str]) -> Iterator[tuple[str, str]]:
         if "import_module(" not in text:
             continue
         own = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
-        for node in ast.walk(ast.parse(text)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 name = node.value.partition(":")[0]
                 if MODULE.fullmatch(name) and name in modules:
                     yield own, name
 
 
+@reads_the_source
 def test_no_module_imports_itself_by_any_way_round() -> None:
     found = imports()
     for module, name in loaded_by_name(set(found)):
@@ -112,7 +115,7 @@ def imported_in_functions() -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for path in PACKAGE.rglob("*.py"):
         own = ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
-        functions = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)]
+        functions = [node for node in nodes_of(path) if isinstance(node, ast.FunctionDef)]
         for node in (inner for function in functions for inner in ast.walk(function)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE.name):
                 home = PACKAGE.joinpath(*(node.module or "").split(".")[1:])
@@ -123,6 +126,7 @@ def imported_in_functions() -> dict[str, set[str]]:
     return found
 
 
+@reads_the_source
 def test_a_function_imports_only_what_something_does_without() -> None:
     listed: dict[str, set[str]] = {}
     for importers in DOES_WITHOUT.values():

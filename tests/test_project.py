@@ -22,6 +22,7 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
 from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP
 from tests.cases import every
+from tests.source import modules, nodes_of, reads_the_source, tree_of
 
 PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "haptic_fieldbus"
@@ -262,8 +263,8 @@ def test_the_change_log_tells_of_what_comes_next() -> None:
 def imported() -> set[str]:
     """Packages from elsewhere that any module of this one imports."""
     names: set[str] = set()
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+    for path in modules():
+        for node in nodes_of(path):
             if isinstance(node, ast.Import):
                 names |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
@@ -272,6 +273,7 @@ def imported() -> set[str]:
     return names - set(sys.stdlib_module_names) - {"haptic_fieldbus", "pytest"}
 
 
+@reads_the_source
 def test_every_import_is_a_declared_dependency_and_the_other_way_round() -> None:
     project = SETTINGS["project"]
     required = [*project["dependencies"], *project["optional-dependencies"]["plot"]]
@@ -300,10 +302,11 @@ ON_BOTH_SIDES = {"NmtState", "Node", "Pdo", "Plant", "Wire"}
 """Of the wire: the master's and the simulation's (docs/explanation/decisions/0018)."""
 
 
+@reads_the_source
 def test_a_class_name_occurs_once_but_for_what_stands_on_both_sides_of_the_wire() -> None:
     places: dict[str, list[bool]] = {}
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+    for path in modules():
+        for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(path.is_relative_to(PACKAGE / "sim"))
     twice = {name for name, found in places.items() if len(found) > 1}
@@ -348,18 +351,19 @@ SAME_QUESTION = {
 }
 
 
+@reads_the_source
 def test_a_function_name_occurs_once_but_for_the_same_question() -> None:
     where: dict[str, set[str]] = {}
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for path in modules():
+        for node in tree_of(path).body:
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
                 where.setdefault(node.name, set()).add(str(path))
     assert {name for name, paths in where.items() if len(paths) > 1} == set(SAME_QUESTION)
 
 
+@reads_the_source
 def test_every_module_fits_on_a_few_screens_and_says_what_it_is() -> None:
-    texts = {str(path.relative_to(PROJECT)): path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
-    lines = {name: len(text.splitlines()) for name, text in texts.items()}
+    lines = {str(path.relative_to(PROJECT)): len(path.read_text().splitlines()) for path in modules()}
     assert {name: count for name, count in lines.items() if count > LONGEST_FILE} == {}
-    silent = [name for name, text in texts.items() if not ast.get_docstring(ast.parse(text))]
+    silent = [str(path) for path in modules() if not ast.get_docstring(tree_of(path))]
     assert silent == [], "a module begins with one sentence about itself"

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from tests.shape import KINDS, PACKAGE, importers, lines_by_kind, shape
+from tests.shape import KINDS, importers, lines_by_kind, shape
+from tests.source import PACKAGE, reads_the_source
 
 TEXT = '''"""One sentence."""
 
@@ -42,6 +43,7 @@ def test_a_package_is_counted(tmp_path: Path) -> None:
     assert importers(package) == {"a_package.one": 1}
 
 
+@reads_the_source
 def test_the_package_keeps_to_decision_0050() -> None:
     found = shape()
     assert found["files"] <= 380

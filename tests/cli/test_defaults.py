@@ -20,6 +20,7 @@ from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.sim.host_request import HostRequest
 from tests.cases import every
 from tests.cli.command import Command
+from tests.source import modules, nodes_of, reads_the_source, tree_of
 
 PACKAGE = Path(defaults.__file__).parent
 REQUESTS = (Task, Inquiry, OpenLoop, api.Trial, HostRequest)
@@ -56,9 +57,9 @@ def literal(node: ast.expr | None) -> object:
     return value if isinstance(value, int | float | str) and not isinstance(value, bool) else None
 
 
-def written_defaults(tree: ast.AST) -> Iterator[tuple[int, str, object]]:
+def written_defaults(path: Path) -> Iterator[tuple[int, str, object]]:
     """(line, name, value) of each parameter and field whose default is a literal."""
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.arguments):
             plain = [*node.posonlyargs, *node.args]
             pairs = [*zip(reversed(plain), reversed(node.defaults), strict=False)]
@@ -72,28 +73,28 @@ def written_defaults(tree: ast.AST) -> Iterator[tuple[int, str, object]]:
                     yield line.lineno, line.target.id, literal(line.value)
 
 
-def fallbacks(tree: ast.AST) -> Iterator[tuple[int, object]]:
+def fallbacks(path: Path) -> Iterator[tuple[int, object]]:
     """(line, value) of each literal behind an `or`."""
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.Or):
             for value in node.values[1:]:
                 yield from ((node.lineno, literal(each)) for each in getattr(value, "elts", [value]))
 
 
-@every("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
+@reads_the_source
+@every("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_no_module_writes_a_default_of_its_own(path: Path) -> None:
     if path == Path(defaults.__file__):
         return
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     is_below = path.relative_to(PACKAGE).as_posix().startswith(BELOW)
     parameters = [
         (line, name)
-        for line, name, value in written_defaults(tree)
+        for line, name, value in written_defaults(path)
         if (name in SETTABLE and value is not None and not is_below) or value in TEXTS
     ]
     assert parameters == []
-    assert [line for line, value in fallbacks(tree) if value in TEXTS] == []
-    constants = [target.id for node in tree.body if isinstance(node, ast.Assign)
+    assert [line for line, value in fallbacks(path) if value in TEXTS] == []
+    constants = [target.id for node in tree_of(path).body if isinstance(node, ast.Assign)
                  for target in node.targets if isinstance(target, ast.Name)]  # fmt: skip
     assert [name for name in constants if name.startswith("DEFAULT_")] == []
 

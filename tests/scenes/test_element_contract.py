@@ -36,8 +36,8 @@ from tests.margins.own_drawn import BoundedPolynomial, Stated
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
 NOT_ELEMENTS = {
-    "__init__", "catalogue", "changed", "checked", "element", "files", "local", "own", "own_faults",
-    "parameters", "parts", "renamed", "registry", "scene",
+    "__init__", "catalogue", "element", "element_checks", "files", "own", "own_faults", "parameter_changes",
+    "registry", "scene",
 }  # fmt: skip
 SHEETS: dict[str, Sheet] = {}
 for _kind in ELEMENTS:

@@ -160,7 +160,7 @@ PLANTED = {
         ("tests/cycle/test_safety.py::test_back_in_contact_the_force_stays_below_that_before_the_gap",),
     ),
     "stiffest place alone is judged": Planted(
-        f"{MARGINS}/places.py",
+        f"{MARGINS}/stiffness_map.py",
         "at, growth = int(self._tried[growths.argmax()]), float(growths.max())",
         "at, growth = int(self._tried[self.stiffness[self._tried].argmax()]), "
         "float(growths[self.stiffness[self._tried].argmax()])",
@@ -207,7 +207,7 @@ PLANTED = {
         (f"{TESTS}/test_cautious.py::{WORST_CORNER}",),
     ),
     "estimator's weight gone from the passivity bound": Planted(
-        f"{MARGINS}/resting.py",
+        f"{MARGINS}/resting_points.py",
         "            damping *= weight(self.estimator, self.period)",
         "            pass",
         ("estimator-weight",),
