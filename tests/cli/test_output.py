@@ -138,9 +138,8 @@ for words in sys.argv[1:]:
         print("status", ended.code)
 """
 LINES = (
-    "--help", "run --help", "run wall --duration 0.2", "plan damped_wall", "stability wall", "scenes list",
-    "scenes show wall", "profiles list", "profiles show maxon_epos4", "response sprung_mass", "scan",
-    "stability wall --json", "run wäll", "run wall --set wall.stiffness=1e9", "plan ½.toml",
+    "run --help", "run wall --duration 0.1", "plan damped_wall", "stability wall", "scenes list",
+    "profiles show maxon_epos4", "response sprung_mass", "run wäll", "run wall --set wall.stiffness=1e9", "plan ½.toml",
 )  # fmt: skip
 
 
@@ -154,7 +153,7 @@ def test_no_text_fails_for_want_of_a_character(encoding: str) -> None:
     out, err = done.stdout.decode(encoding), done.stderr.decode(encoding)
     assert done.returncode == 0, err
     assert [line for line in out.splitlines() if line.startswith("status")] == [
-        *["status 0"] * 12, "status 2", "status 4", "status 2",
+        *["status 0"] * 7, "status 2", "status 4", "status 2",
     ], err  # fmt: skip
     assert "no scene" in err or "wall" in err
 

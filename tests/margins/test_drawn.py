@@ -26,7 +26,7 @@ def test_a_path_in_and_out_feels_the_same(name: str, seed: int) -> None:
     random = np.random.default_rng(seed)
     each = element(name, 400.0, 10.0, random)
     law, own = law_of([Drawn(Plant(1.0, 1.0), 0.0, 10.0, (each,))]), felt(each)
-    turns = np.linspace(0.0, 14.0, 1200)
+    turns = np.linspace(0.0, 14.0, 400)
     path = getattr(each, "position", 0.0) - 0.04 * np.cos(turns) * (0.3 + random.random())
     path += np.cumsum(random.normal(0.0, 1e-4, len(path)))
     speed = np.diff(path, prepend=path[0]) / PERIOD

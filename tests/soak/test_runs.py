@@ -12,7 +12,7 @@ from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RECIPES
 from tests.soak.case import CAN, RTU, TCP, case_of, kinds, profiles, scenes
 from tests.soak.planted import PROJECT, called
 
-QUICK_RUNS, QUICK_DURATION = 16, 0.4
+QUICK_RUNS, QUICK_DURATION = 10, 0.4
 THOROUGH_RUNS, SHARE = 1000, 100
 
 
