@@ -28,13 +28,13 @@ def meanings(schema: type) -> dict[str, str]:
 
 
 def of_a_file(text: str) -> str:
-    """Return what is said of a value as it is true of a file, which leaves out what is None."""
-    text = re.sub(r"(^|\. )None:", r"\1Left out:", " ".join(text.split()))
-    return text.replace("None:", "left out:")
+    """Return the text for a value of a file: a file has no None, it omits the key."""
+    text = re.sub(r"(^|\. )None:", r"\1If omitted:", " ".join(text.split()))
+    return text.replace("None:", "if omitted:")
 
 
 def value(schema: type, name: str) -> str:
-    """Return what may stand at a key, in the words of its faults, with its unit."""
+    """Return the permitted values of a key, in the words of its error messages, with the unit."""
     measured = measured_by(get_type_hints(schema, include_extras=True)[name])
     words = Expectation(schema_of(schema)).describe((name,), {})
     return words if measured is None else f"{words}, in {units_of(measured)}"
@@ -42,7 +42,7 @@ def value(schema: type, name: str) -> str:
 
 def default(field: "Field[Any]") -> str:
     if field.default is MISSING:
-        return "must be given" if field.default_factory is MISSING else "none"
+        return "required" if field.default_factory is MISSING else "none"
     if isinstance(field.default, bool):
         return f"`{str(field.default).lower()}`"
     if isinstance(field.default, float | int):

@@ -18,21 +18,21 @@ from haptic_fieldbus.planning.request import Rendering, Task
 FILE = Path(__file__).resolve().parent / "reference" / "api.md"
 
 HEAD = """\
-# The Python API
+# Python API
 
-Everything that `haptic_fieldbus` itself offers; a name is imported when it is first used. Numbers are SI. What of it
-stays as it is: [compatibility](compatibility.md). Ready programs: [examples/](../../examples). Elements, such as
-`haptic_fieldbus.scenes.wall.Wall`, have [a page of their own](elements.md), and
-[yours](../how-to/write_your_own_element.md) may stand beside them.
+This page lists all public names of `haptic_fieldbus`. A name is imported when it is first used. Numbers are SI.
+[Compatibility](compatibility.md) lists which names are stable. [examples/](../../examples) has complete programs. Scene
+elements, such as `haptic_fieldbus.scenes.wall.Wall`, have [a page of their own](elements.md). You can also [write your
+own](../how-to/write_your_own_element.md).
 
-In types, `PositiveFloat` is a float above 0 and `NonNegativeFloat` one from 0 up; `Setting` is a float, a
-text such as "0.8 N/mm", or a bool; `Scheduled` is a time [s] with settings; `Array` is an array of numpy's float64.
+In types, `PositiveFloat` is a float above 0 and `NonNegativeFloat` a float of 0 or more. `Setting` is a float, a string
+such as "0.8 N/mm", or a bool. `Scheduled` is a pair of a time [s] and settings. `Array` is a numpy array of float64.
 
-This page is written by `make docs`.
+`make docs` writes this page.
 """
 
-GIVEN_BACK = "What they give back"
-"""Nobody makes these, so what they have by default is left out."""
+GIVEN_BACK = "Return values"
+"""Callers do not construct these classes, so the page omits their defaults."""
 SECTIONS = {
     "Functions": ("run", "plan", "stability", "response"),
     GIVEN_BACK: ("Result", "Plan", "Stability", "Verdict", "Response"),
@@ -50,12 +50,12 @@ SECTIONS = {
     ),
 }
 """All public names but the errors, in the order of the page."""
-SHARED = {Rendering: "Arguments of all functions", Task: "Arguments of the bench"}
-"""What several functions take is told once."""
+SHARED = {Rendering: "Common arguments", Task: "Bench arguments"}
+"""Arguments that several functions share, each listed once."""
 FOR_THE_LOOP = {"Changes": ("check", "open", "close", "make", "applied", "waiting", "scheduled")}
-"""What is called by the package alone."""
+"""Methods that only the package calls; the page omits them."""
 WHOLE = (haptic_fieldbus.Result, haptic_fieldbus.Stability)
-"""What these are made of is told too."""
+"""Classes whose parts the page lists too."""
 
 
 def page() -> str:
@@ -84,12 +84,12 @@ def _entry(name: str, found: Any, made: bool) -> Iterator[str]:
 
 
 def _function_of_a_value(name: str, function: Any) -> Iterator[str]:
-    """Its own arguments; those that it shares stand elsewhere."""
+    """Yield the entry with its own arguments; shared arguments have their own tables."""
     (asked,) = [each for key, each in get_type_hints(function.of).items() if key != "return"]
     own = [each for kind in reversed(asked.__mro__) if kind not in SHARED for each in _own_fields(kind)]
     shared = [f"[{title.lower()}](#{_anchor(title)})" for kind, title in SHARED.items() if kind in asked.__mro__]
     yield f"### `{name}({_first(function)}, *, …)`\n\n{_doc(function)}\n"
-    yield f"Takes the {' and the '.join(shared)}{', and by name:' if own else '.'}\n"
+    yield f"Takes the {' and the '.join(shared)}{', and these keyword arguments:' if own else '.'}\n"
     if own:
         yield from _table(own)
 
@@ -143,7 +143,7 @@ def _told(name: str, found: type) -> Iterator[str]:
 
 
 class _Source:
-    """What only the text of a class says: annotations as they are written, and the sentence below a field."""
+    """Source text of a class: its annotations as written, and the docstring below each field."""
 
     def __init__(self, found: type) -> None:
         (tree,) = ast.parse(textwrap.dedent(inspect.getsource(found))).body
@@ -199,16 +199,18 @@ def _default(field: "Field[Any]") -> str:
 
 def _table(rows: list[Row], made: bool = True) -> Iterator[str]:
     """A default is told of what a caller makes."""
-    yield "| name | type | default | |\n|---|---|---|---|" if made else "| name | type | |\n|---|---|---|"
+    yield (
+        "| name | type | default | meaning |\n|---|---|---|---|" if made else "| name | type | meaning |\n|---|---|---|"
+    )
     for name, kind, default, meaning in rows:
-        told = [default or "must be given"] if made else []
+        told = [default or "required"] if made else []
         yield f"| {' | '.join(_in_a_cell(cell) for cell in (f'`{name}`', f'`{kind}`', *told, meaning))} |"
     yield ""
 
 
 def _parts() -> Iterator[str]:
     """Dataclasses of the package that the fields of `WHOLE` name, and those in them."""
-    yield "## What they are made of\n"
+    yield "## Parts of results and scenes\n"
     found: dict[type, None] = {Fault: None}
     for whole in WHOLE:
         _collect(whole, found)
@@ -235,7 +237,7 @@ def _classes(hint: Any) -> Iterator[type]:
 
 def _errors() -> Iterator[str]:
     yield "## Errors\n"
-    yield "In brackets stands the error of Python that it is too. `result` is what was known of a run by then.\n"
+    yield "The name in brackets is a built-in base class of the error. `result` holds the results known at the error.\n"
     yield from _tree(haptic_fieldbus.HapticFieldbusError, 0)
 
 

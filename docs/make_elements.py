@@ -16,14 +16,15 @@ from haptic_fieldbus.signals import Workspace
 FILE = Path(__file__).resolve().parent / "reference" / "elements.md"
 
 HEAD = """\
-# Elements of a scene
+# Scene elements
 
-Everything that a `[[element]]` of a scene file can be. A number is SI in the workspace of its axis, the left unit on a
-linear axis and the right one on a rotary; a text with a unit is taken too, `stiffness = "0.6 N/mm"`. Each can be set on
-the command line, `--set wall.stiffness=800`. How scenes are put together: [scene files](scene_files.md). Formulas,
-energy statements and sources stand in `haptic_fieldbus/scenes/KIND.py`.
+This page lists all kinds of `[[element]]` of a scene file with their parameters. A number is in the SI unit of its
+axis: the left unit on a linear axis, the right one on a rotary axis. A string with a unit is valid too:
+`stiffness = "0.6 N/mm"`. The command line can set each parameter: `--set wall.stiffness=800`. [Scene
+files](scene_files.md) describes the format. Formulas, energy statements and sources are in
+`haptic_fieldbus/scenes/KIND.py`.
 
-This page is written by `make docs`.
+`make docs` writes this page.
 """
 
 
@@ -37,7 +38,7 @@ def _element(kind: str) -> Iterator[str]:
     module = import_module(element.__module__)
     yield f"## `{kind}`\n"
     yield f"{_first_paragraph(module.__doc__)}\n"
-    yield "| parameter | unit or words | default |\n|---|---|---|"
+    yield "| parameter | unit or values | default |\n|---|---|---|"
     for field in fields(cast(Any, element)):
         if field.name not in NOT_SETTABLE:
             yield f"| `{field.name}` | {_unit(kind, field.name)} | {_default(field)} |"
@@ -47,7 +48,7 @@ def _element(kind: str) -> Iterator[str]:
         yield f"{body}\n"
     using = [name for name in scene_names() if any(type(part) is element for part in load_scene(name).elements)]
     if using:
-        yield f"To be felt in: {', '.join(f'`{name}`' for name in using)}.\n"
+        yield f"Used in the scenes: {', '.join(f'`{name}`' for name in using)}.\n"
 
 
 def _first_paragraph(text: str | None) -> str:
@@ -67,7 +68,7 @@ def _unit(kind: str, name: str) -> str:
 
 def _default(field: "Field[Any]") -> str:
     if field.default is MISSING:
-        return "must be given" if field.default_factory is MISSING else f"`{field.default_factory()}`"
+        return "required" if field.default_factory is MISSING else f"`{field.default_factory()}`"
     if isinstance(field.default, float):
         return exactly(field.default)
     return "none" if field.default in (None, ()) else f"`{field.default}`"

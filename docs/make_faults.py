@@ -16,45 +16,45 @@ GROUPS = {
     "Frames and the bus": (kinds, faults.LineFault),
     "Answers and other masters on Modbus": (kinds, faults.AnswerFault),
     "Drive and node": (kinds, faults.DriveFaultKind),
-    "Computer of the master": (kinds, faults.HostFault),
+    "Host computer": (kinds, faults.HostFault),
     "Hand": (kinds, faults.HandFault),
-    "From power-on": (kinds, faults.LastingFault),
+    "Present from power-on": (kinds, faults.LastingFault),
 }
 WITHOUT = {
-    "duration": "for ever",
+    "duration": "without end",
     "count": "all",
     "vendor_id": "the right one",
     "product_code": "the right one",
     "factor": "never",
 }
-"""What a key means that is left out and has no value then."""
+"""Meaning of an omitted key whose default is None."""
 CODES = ("code", "object", "can_id", "vendor_id", "product_code")
 """Keys whose values are read as hexadecimal numbers."""
 SHARED = ("kind", "node", "bus")
 """Keys that are told once for all kinds."""
 
 HEAD = """\
-# Faults of a simulated bench
+# Fault injection: kinds of faults
 
-Everything that a `[[fault]]` of `run --faults FILE` can be. How to use them:
-[How to let things go wrong](../how-to/simulate_faults.md). `simulate --faults FILE` takes those of drives and hands.
+This page lists all kinds of `[[fault]]` for `run --faults FILE` on a simulated bench. The guide is
+[Inject faults](../how-to/simulate_faults.md). `simulate --faults FILE` accepts the faults of drives and hands.
 
-| key of every kind | what it is |
+| key of every kind | meaning |
 |---|---|
-| `kind` | one of those below |
-| `at` | s after *operation enabled* (the latest, as long as nothing has happened); kinds of *From power-on* have none |
-| `node` | node-ID of the drive that is meant; without it every drive. For frames: whose frames |
-| `bus` | the bus of a rig that is meant; without it every bus |
+| `kind` | one of the kinds below |
+| `at` | s after *operation enabled*; counting restarts if a drive is enabled again before the first fault |
+| `node` | node-ID of the affected drive, or of the drive whose frames are affected; if omitted: every drive |
+| `bus` | name of the affected bus of the rig; if omitted: every bus |
 
-A service of frames, where a kind has `frames`, is one of {services}.
+Kinds of *Present from power-on* have no `at`. The key `frames` selects the service of the affected frames: {services}.
 
-*Frames and the bus* are faults of CANopen, as are those of a drive that name TPDOs, RPDOs, SYNC, heartbeat, emergency,
-SDO or a second node. A kind that no bus of a run can have is refused.
+The faults under *Frames and the bus* exist on CANopen only. So do the faults of a drive that name TPDOs, RPDOs, SYNC,
+heartbeat, emergency, SDO or a second node. A kind that no bus of the run supports is refused.
 
-What is not seen of `foreign_set_points`, and for how long each acts then, stands with a test for each in
-[Faults and what becomes of them](fmea.md#set-points-of-another-master-on-modbus-that-are-not-seen).
+The FMEA lists the [undetected cases](fmea.md#undetected-set-points-of-another-modbus-master) of `foreign_set_points`,
+with the time for which each acts and a test.
 
-This page is written by `make docs`.
+`make docs` writes this page.
 """
 
 
@@ -66,7 +66,7 @@ def page() -> str:
 
 def _group(title: str) -> Iterator[str]:
     yield f"## {title}\n"
-    yield "| kind | what happens | keys |\n|---|---|---|"
+    yield "| kind | effect | keys |\n|---|---|---|"
     for kind in get_args(GROUPS[title][1]):
         hints = get_type_hints(kind, include_extras=True)
         (name,) = get_args(hints["kind"])
@@ -80,8 +80,8 @@ def _key(field: Field[Any], hint: Any) -> str:
     """A key with its range and default."""
     if field.name == "at":
         return ""
-    words = "a service, see above" if field.name == "frames" else _words(hint, hexadecimal=field.name in CODES)
-    default = "" if field.default is MISSING else f", else {_default(field.name, field.default)}"
+    words = "one of the services above" if field.name == "frames" else _words(hint, hexadecimal=field.name in CODES)
+    default = "" if field.default is MISSING else f", default {_default(field.name, field.default)}"
     return f"`{field.name}`{f' {words}' if words else ''}{default}"
 
 

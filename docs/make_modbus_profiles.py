@@ -26,22 +26,22 @@ from haptic_fieldbus.protocols.modbus.profile import (
 
 FILE = Path(__file__).resolve().parent / "reference" / "modbus_profiles.md"
 SECTIONS: dict[str, type] = {
-    "`[line]`, needed": LineSection,
-    "`[power]`, needed": PowerSection,
-    "`[torque]`, needed": ModbusTorque,
-    "`[position]`, `[velocity]`, one of them needed": ModbusMotion,
+    "`[line]`, required": LineSection,
+    "`[power]`, required": PowerSection,
+    "`[torque]`, required": ModbusTorque,
+    "`[position]`, `[velocity]`, at least one required": ModbusMotion,
     "`[mode]`": ModeSection,
     "`[watchdog]`": WatchdogSection,
     "A register": Register,
-    "`[[setup]]` and `watchdog.writes`, a register each": WrittenRegister,
-    "`[[identity]]`, a register each": IdentityRegister,
+    "`[[setup]]` and `watchdog.writes`, one entry per register": WrittenRegister,
+    "`[[identity]]`, one entry per register": IdentityRegister,
 }
 HEAD = """\
-# Profiles of Modbus drives
+# Modbus drive profiles
 
-A profile of a Modbus drive says which registers it has and how fast its line is. `[drive]`, `[timing]` and `[sources]`
-are those of [every profile](../../profiles/README.md#keys); the other tables are below. An address is the one on the
-wire, which counts from 0; manuals often print a number that is one higher.
+A profile of a Modbus drive lists its registers and the timing of its line. `[drive]`, `[timing]` and `[sources]` are
+the tables of [every profile](../../profiles/README.md#keys); the other tables are below. An address is the address on
+the wire, which counts from 0. Manuals often print a number that is higher by one.
 
 ```sh
 haptic-fieldbus profiles show simplex_motion
@@ -50,8 +50,8 @@ haptic-fieldbus profiles check simplex_motion
 
 ## Shipped drives
 
-None of them was tried on hardware here. `generic_cia402_modbus` is a table of our own, that of the simulated drive; the
-others rest on what their vendors have published.
+None of the profiles was tested on hardware by this project. `generic_cia402_modbus` has a register table of our own,
+that of the simulated drive. The other profiles follow the vendors' published documents.
 """
 UNITS = """\
 ## Units
@@ -62,18 +62,18 @@ A torque has one of the [units of every profile](../../profiles/README.md#units-
 |---|---|
 | `µN·m`, `mN·m`, `N·m` | that torque |
 | `full_scale/32767` | `torque.full_scale` of the profile, divided by 32767 |
-| `mN` | that force, of a motor that goes straight |
+| `mN` | that force, for a linear motor |
 
-A position in `µm` is one of a motor that goes straight too. In a rig such a drive has a linear mechanism with any
-`metres_per_revolution`, and what is given at the motor shaft is that of a wheel with this way in a turn.
+The position unit `µm` is for a linear motor too. In a rig a linear motor has a linear mechanism with any
+`metres_per_revolution`. Values at the motor shaft are then those of a wheel that travels this distance per turn.
 
 ## Power tables
 
-`power.table = "cia402"`: status and command are statusword and controlword of CiA 402. `"rows"`: a mode register or an
-opcode; each row has the bits of the status under a mask, the state of CiA 402 that they stand for, and the command that
-is sent in it. A status that fits no row is *unknown*, and is answered with `power.off`. `power.reset` is the command
-that clears a fault. It is sent after a proof of the watchdog, when a drive is in fault because it was left alone, and
-never else.
+With `power.table = "cia402"`, status and command are statusword and controlword of CiA 402. `"rows"` is for a mode
+register or an opcode: each row has the bits of the status under a mask, their state of CiA 402, and the command for
+this state. A status that matches no row is *unknown*; the master then sends `power.off`. `power.reset` is the command
+that clears a fault. The master sends it only after a watchdog proof, when the drive is in fault because its master was
+silent.
 
 ```toml
 [power]
@@ -89,18 +89,25 @@ rows = [
 
 ## The command stream of Iris ORCA
 
-Its vendor's library sends force by function 100, and gets position, force and temperature back with one answer. The
-profile uses plain registers instead: what is missing is the handshake by which function 65 opens the stream, and what
-the motor does when the stream ends. The same library says that force mode needs a stream; whether writing FORCE_CMD
-each period counts as one is assumed. Where it does not, no set-point acts, and the run ends by that.
+The vendor's library sends force with function 100. One answer then returns position, force and temperature. The profile
+uses plain registers instead, because two facts are not published: the handshake by which function 65 opens the stream,
+and the reaction of the motor to the end of the stream. The same library states that force mode needs a stream. The
+profile assumes that writing FORCE_CMD in each period counts as a stream. If it does not, set-points do not act, and the
+run trips for this reason.
 
-## Faults
+## Errors in a profile
 
-`profiles check` tells all faults at once, with key and line: two keys for one register, a type or a unit that cannot be
-scaled, functions with which nothing can be read or no target torque be written, facts of a serial line about a drive
-that has none, an echo without its register, `usable = false` without its reason.
+`profiles check` prints all errors of a profile at once, with key and line. It detects:
 
-The tables are written by `make docs`; the [JSON Schema](schemas/profile.modbus.schema.json) says the same to editors.
+- two keys for one register
+- a type or a unit that cannot be scaled
+- function codes without a read function, or without a function that can write the target torque
+- serial settings of a drive without a serial line
+- an echo without its register
+- `usable = false` without a reason
+
+`make docs` writes the tables. Editors can use the [JSON Schema](schemas/profile.modbus.schema.json), which has the same
+keys.
 """
 
 

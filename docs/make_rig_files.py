@@ -18,7 +18,7 @@ FILE = Path(__file__).resolve().parent / "reference" / "rig_files.md"
 HEAD = """\
 # Rig files
 
-A rig says what is on your bench: its buses, and on each axis a drive, a motor and what it moves. It is one TOML file:
+A rig file describes your bench: its buses, and for each axis the drive, the motor and the mechanism. It is a TOML file:
 
 ```toml
 [bus.can0]
@@ -46,17 +46,18 @@ speed = 1.0
 position = [-0.10, 0.10]
 ```
 
-`haptic-fieldbus run wall --rig rig.toml` renders a scene on it, `--bus sim` added simulates the same bench. The axes of
-the scene are looked for by their names, or by those that `--axis knob=handle` gives them.
-`haptic-fieldbus simulate --write-rig rig.toml` writes such a file.
+`haptic-fieldbus run wall --rig rig.toml` renders a scene on this bench. With `--bus sim` it simulates the same bench.
+An axis of the scene uses the axis of the rig with the same name; `--axis knob=handle` assigns another one.
+`haptic-fieldbus simulate --write-rig rig.toml` writes a rig file.
 
-**Units.** A number is SI; a text with a unit is taken too: `rated_torque = "94 mN·m"`, `inertia = "60 g·cm²"`,
-`bitrate = "500 kbit/s"`, `position = ["-10 cm", "10 cm"]`. All is at the motor shaft, but for `limits`, which are those
-of the handle: N, m/s, m on a linear mechanism, N·m, rad/s, rad on a rotary one. A unit that measures something else is
-refused with the one that was expected.
+**Units.** A number is SI. A string with a unit is valid too: `rated_torque = "94 mN·m"`, `inertia = "60 g·cm²"`,
+`bitrate = "500 kbit/s"`, `position = ["-10 cm", "10 cm"]`. Values are at the motor shaft, except `limits`, which are at
+the handle: N, m/s, m for a linear mechanism; N·m, rad/s, rad for a rotary one. A unit of another quantity is refused;
+the message names the expected unit.
 
-**Adapters.** `interface` is one of [python-can](https://python-can.readthedocs.io/en/stable/interfaces.html), and
-`channel` what it takes there, a text or a number (`channel = 0`). Its other arguments go into a table:
+**CAN adapters.** `interface` is an [interface of
+python-can](https://python-can.readthedocs.io/en/stable/interfaces.html). `channel` is the channel of this interface, a
+string or a number (`channel = 0`). The table `arguments` holds further arguments of the interface:
 
 ```toml
 [bus.desk]
@@ -65,8 +66,8 @@ channel = "can0"
 arguments = { host = "192.168.1.20", port = 29536 }
 ```
 
-**Modbus.** `interface` is then "modbus-tcp", with a host and its port as `channel`, or "modbus-rtu", with a device. An
-axis has its unit id as `node`.
+**Modbus.** `interface` is "modbus-tcp" with `HOST:PORT` as `channel`, or "modbus-rtu" with a serial device as
+`channel`. The `node` of an axis is its unit id.
 
 ```toml
 [bus.line]
@@ -81,34 +82,38 @@ channel = "192.168.0.10:502"
 round_trip = "0.4 ms"
 ```
 
-**What is left out** is unknown, or has the default that is shown. On a real bus a run needs `rated_torque`, `inertia`
-and `viscous_damping`; without them it is refused, and names the keys that are missing.
+**Missing keys.** A missing key has the default below; a key without a default is unknown. On a real bus a run needs
+`rated_torque`, `inertia` and `viscous_damping`. Without them the run is refused, and the message names the missing
+keys.
 
-**Limits.** `haptic-fieldbus plan wall --rig rig.toml` tells which limits hold, and to a rig without limits of its own
-those to begin with.
+**Limits.** `haptic-fieldbus plan wall --rig rig.toml` prints the limits of the run. If the rig has no limits, it
+suggests limits to start with.
 
-**Faults.** Each command that is given the file tells all its faults at once, with line, key, value and what was
-expected, and ends with status 2.
+**Errors in the file.** Each command that reads the file prints all its errors at once, with line, key, value and the
+expected value, and ends with status 2.
 
-The tables are written by `make docs`; the [JSON Schema](schemas/rig.schema.json) says the same to editors.
+`make docs` writes the tables. Editors can use the [JSON Schema](schemas/rig.schema.json), which has the same keys.
 """
 
 
 RANGES_HEAD = """\
-## Values that benches have
+<a id="values-that-benches-have"></a>
 
-A value beyond these is refused with its range, and with the unit in which it would be within: `rated_torque = 400` asks
-whether 400 mN·m were meant. For a bench that really has such a value the axis says so:
+## Plausible values
+
+A value outside its range below is refused. The message states the range, and the unit in which the value would be
+inside:
+for `rated_torque = 400` it suggests 400 mN·m. If your bench really has such a value, list its key in the axis:
 
 ```toml
 i_know = ["inertia", "mechanism.metres_per_revolution"]
 ```
 
-The ends of the ranges lie well beyond the smallest and the largest motor that were looked at, a brushless one of 10 mm
-(Orbray BMS10) and an AC servo motor of 5 kW (Yaskawa SGMSH-50), so that a factor of 1000 is found. `coulomb_friction`
-is always below `rated_torque`, and `torque_constant` times `rated_current` is `rated_torque` within a factor of 10. A
-slip within the range is found where the drive tells its rated torque or current, which must be those of the rig within
-2 %.
+The ranges extend well beyond the smallest and the largest motor that were considered: a brushless motor of 10 mm
+(Orbray BMS10) and an AC servo motor of 5 kW (Yaskawa SGMSH-50). They are narrow enough to detect an error by a factor
+of 1000. `coulomb_friction` must be below `rated_torque`. `torque_constant` times `rated_current` must equal
+`rated_torque` within a factor of 10. An error inside the range is detected if the drive reports its rated torque or
+current: these must match the rig within 2 %.
 """
 
 
@@ -125,9 +130,9 @@ def _lines() -> Iterator[str]:
 
 
 def _ranges() -> Iterator[str]:
-    """Yield the section of the values that benches have."""
+    """Yield the section of the plausible values."""
     yield RANGES_HEAD
-    yield "| key | values | because of | unit that is asked for |\n|---|---|---|---|"
+    yield "| key | range | reason | suggested units |\n|---|---|---|---|"
     rows: list[tuple[str, Typical]] = list(RANGES.items())
     for space, ranges in OF_HANDLE.items():
         rows += [(f"{key}, {space.value}", each) for key, each in ranges.items()]

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from tests.soak.parts import Found
 
-HEAD = """# What ten thousand bad days have shown
+HEAD = """# Soak test results
 
-`make soak` runs seeded faults over all library scenes and shipped profiles, gives damaged frames to the master and to
-the simulated drive and damaged files to every reader, and lets one loop run for an hour of virtual time. Every run is
-judged by [its invariants](../how-to/simulate_faults.md#what-every-simulated-run-must-hold). `SOAK_RUNS` scales all
-parts. This page is written by the command.
+`make soak` runs all library scenes on all shipped profiles with random faults from seeds. It sends damaged frames to
+the master and to the simulated drive, gives damaged files to every reader, and runs one loop for an hour of virtual
+time. Every run is checked against the [invariants](../how-to/simulate_faults.md#what-every-simulated-run-must-hold).
+`SOAK_RUNS` scales all parts. The command writes this page.
 """
 
 
@@ -66,8 +66,8 @@ def _times(found: Sequence[Found]) -> Iterable[str]:
     rates = sorted({int(key.rpartition("|")[2]) for key in times}, reverse=True)
     yield "## Longest time to zero torque"
     yield ""
-    yield "Of runs with one fault that must end them: longest time at the motor, and in how many runs. 0 ms: there was"
-    yield "no torque at the event."
+    yield "Each cell is the longest time until the motor had zero torque, and the number of runs. Only runs with one"
+    yield "fault that must end them are counted. 0 ms: there was no torque at the event."
     yield ""
     yield f"| fault | cause | {' | '.join(f'{rate} Hz' for rate in rates)} |"
     yield "|" + "---|" * (2 + len(rates))

@@ -88,5 +88,5 @@ def test_the_page_states_what_the_plans_state_and_more_than_was_measured() -> No
 
 
 def test_the_page_tells_of_every_cause_and_of_no_other() -> None:
-    ways = PAGE.read_text(encoding="utf-8").partition("## The ways to zero")[2].partition("\n## ")[0]
+    ways = PAGE.read_text(encoding="utf-8").partition("## Causes and reactions")[2].partition("\n## ")[0]
     assert re.findall(r"^\| ([^|]+?) \|", ways, re.MULTILINE)[1:] == [cause.value for cause in EndCause]
