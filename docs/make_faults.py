@@ -37,7 +37,7 @@ HEAD = """\
 # Fault injection: kinds of faults
 
 This page lists all kinds of `[[fault]]` for `run --faults FILE` on a simulated bench. The guide is
-[Inject faults](../how-to/simulate_faults.md). `simulate --faults FILE` accepts the faults of drives and hands.
+[Simulate faults](../how-to/simulate_faults.md). `simulate --faults FILE` accepts the faults of drives and hands.
 
 | key of every kind | meaning |
 |---|---|

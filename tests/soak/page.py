@@ -11,7 +11,7 @@ HEAD = """# Soak test results
 
 `make soak` runs all library scenes on all shipped profiles with random faults from seeds. It sends damaged frames to
 the master and to the simulated drive, gives damaged files to every reader, and runs one loop for an hour of virtual
-time. Every run is checked against the [invariants](../how-to/simulate_faults.md#what-every-simulated-run-must-hold).
+time. Every run is checked against the [invariants](../how-to/simulate_faults.md#invariants).
 `SOAK_RUNS` scales all parts. The command writes this page.
 """
 
