@@ -44,7 +44,7 @@ def _page(file: Path, table: Iterable[Sequence[str]]) -> str:
 
 
 def _methods() -> Iterable[Sequence[str]]:
-    yield ("method", "order", "free motion", "input samples", "a step", "oscillator stable to h", "decay stable to T·λ")
+    yield ("method", "order", "free motion", "input samples", "step", "stable oscillator: h", "stable decay: T·λ")
     yield ("---",) * 7
     yield from (_method(method) for method in METHODS.values())
 
@@ -56,11 +56,11 @@ def _method(method: Integrator) -> Sequence[str]:
 
 
 def _limit(limit: float) -> str:
-    return "never" if limit == 0.0 else "every" if math.isinf(limit) else rounded(limit, LIMIT_DIGITS)
+    return "none" if limit == 0.0 else "any" if math.isinf(limit) else rounded(limit, LIMIT_DIGITS)
 
 
 def _estimators() -> Iterable[Sequence[str]]:
-    yield ("name", "what it is", "parameters (default)", "noise gain · T", "delay / T")
+    yield ("name", "method", "parameters (default)", "noise gain · T", "delay / T")
     yield ("---",) * 5
     for name in ESTIMATORS:
         estimator = chosen(name).estimator
@@ -81,7 +81,7 @@ def _default(parameter: Parameter) -> str:
 
 
 def _noise_gain(name: str) -> str:
-    """Of a linear one, the norm of its answer to an impulse."""
+    """Return the norm of the impulse response of a linear estimator."""
     if chosen(name).estimator.system is None:
         return "see below"
     step = bind(name, PERIOD)
