@@ -1,6 +1,6 @@
 """Write docs/how-to/one_scene_on_four_buses.md: one scene planned and run on four buses: `python docs/make_buses.py`.
 
-All runs are in virtual time, so that the figures are those of no machine.
+All runs are in virtual time, so the figures do not depend on the machine.
 """
 
 import sys
@@ -15,44 +15,47 @@ from haptic_fieldbus.study.page.buses import BUSES
 
 FILE = Path(__file__).resolve().parent / "how-to" / "one_scene_on_four_buses.md"
 STIFFNESS, HAND, DURATION = 60.0, "tap", 3.0
-"""The wall that all of them can render [N/m], the hand and the time [s]."""
+"""Stiffness of a wall that all buses can render [N/m], hand, and duration of the run [s]."""
 
 TEXT = """\
-# One scene on four buses
+# Compare CANopen and Modbus
 
-The same wall, the same motor and the same hand, once on CANopen and three times on Modbus. What differs is how often
-the loop can exchange feedback and set-point, and how long a torque is under way. The table is written by `make docs`,
-from plans and runs in virtual time; the figures are the same on every machine.
+This page compares the same wall, motor and hand on four buses: CANopen, Modbus TCP and two Modbus RTU lines. The buses differ
+in the rate at which the loop can exchange feedback and set-point, and in the delay of the torque. `make docs` writes the
+table from plans and from runs in virtual time. The figures are the same on every machine.
 
 {table}
 
-*Time on the bus* is that of all frames of one period with the silence between them, and their share of the period.
-*Age* is half a period and the longest delay; the limit is about b/(T/2 + delay), with b = 1.58 N·s/m of friction at
-this handle. *Felt error* is that of `run wall --hand {hand}` at {stiffness} N/m, a wall soft enough for all four: the
-share of the force by which a hand in motion feels another one than that of the scene. Below 8 % nobody can tell.
+- *Time on the bus*: all frames of one period with the silence between them, and their share of the period.
+- *Age*: half a period plus the longest delay. The stability limit is about b/(T/2 + delay), where b = 1.58 N·s/m is the friction
+  at this handle.
+- *Stable to*: stiffness up to which the loop is stable. *Recommended to*: stiffness up to which the loop is stable for every
+  value that the profile leaves open, and friction holds the handle between two encoder counts.
+- *Felt error*: force error of `run wall --hand {hand}` at {stiffness} N/m, in motion, as a share of the force. All four buses can
+  render this soft wall. People notice errors from 8 %.
 
 ```sh
 haptic-fieldbus stability wall --bus sim-modbus-rtu@115200
 haptic-fieldbus run wall --bus sim-modbus-rtu@115200 --hand {hand} --set wall.stiffness={stiffness}
 ```
 
-## What it says
+## Conclusions
 
-- **A wall of 600 N/m, as the library has it, is one for CANopen and for TCP.** On a serial line it is refused, with
-  the number that would be stable. `--set wall.stiffness=max/2` asks for half of whatever the limit is.
-  At 115200 bit/s a push of 6 N is then more than 80 mm deep in the wall, beyond the 0.1 m of the bench; the run
-  tells so (`handle from 0 to …, … deep in wall`, in JSON `travel`), and `--hand tap` stays within.
-- **Ten times the bit rate is not ten times the stiffness.** At 1 Mbit/s the characters of a period take a third of a
-  millisecond, and silence and the drive's answer take the rest: a drive that needs less silence than the standard's
-  1.75 ms gains more than one with a faster line. `silence` in the rig and in the profile says so.
-- **Which requests are best depends on the line.** On TCP a request that reads and another one that writes within the
-  same period are better; on a serial line the period counts most, and one request does both, with the torque of the
-  period before. [Why](../explanation/modbus.md)
-- **CANopen and TCP are equal here by chance.** Both have half a millisecond from the latch of the encoder to the
-  torque: CANopen waits for the drive's next control tick, TCP for two ways through the network. What is recommended
-  differs more, since the generic profile of CANopen leaves open to what its control tick is locked.
-- **The answer time of your drive is not that of this table.** The generic drive answers after {answer_time} ms. Many
-  take 1 to 5 ms; then read the limit of your own profile.
+- **The library's wall of 600 N/m needs CANopen or Modbus TCP.** On a serial line it is refused, and the message states a stable
+  value. `--set wall.stiffness=max/2` sets half of the limit. At 115200 bit/s, a push of 6 N then moves the handle more than
+  80 mm into the wall, beyond the 0.1 m of the bench. The run reports this (`handle from 0 to …, … deep in wall`, in JSON
+  `travel`). With `--hand tap` the handle stays within the bench.
+- **Ten times the bit rate does not give ten times the stiffness.** At 1 Mbit/s the characters of a period take only a third of a
+  millisecond. Silence and the drive's answer time take the rest. If your drive needs less silence than the 1.75 ms of the
+  standard, set `silence` in the rig and in the profile. This gains more than a faster line.
+- **The best requests depend on the line.** On TCP, one request reads and another writes within the same period. On a serial
+  line a short period matters most: one request reads and writes, and the torque is the one of the period before.
+  [Why](../explanation/modbus.md)
+- **CANopen and TCP are equal here by chance.** Both need half a millisecond from the latch of the encoder to the torque. CANopen
+  waits for the next control tick of the drive. TCP needs two ways through the network. The recommended stiffness differs
+  more, because the generic CANopen profile does not state what its control tick is synchronised to.
+- **Your drive may answer later.** The generic drive answers after {answer_time} ms. Many drives take 1 to 5 ms. Compute the limit
+  with the profile of your drive.
 """
 
 

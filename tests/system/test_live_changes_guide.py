@@ -37,6 +37,6 @@ def test_its_program_changes_a_running_wall_and_is_told_why_not(capsys: pytest.C
 
 
 def test_its_figure_is_that_of_its_formula() -> None:
-    assert "300 N/m more at 10 mm, over 100 periods, is 0.03 N a period" in " ".join(TEXT.split())
+    assert "300 N/m more at 10 mm, over 100 periods, is 0.03 N per period" in " ".join(TEXT.split())
     force = 300.0 * 0.010
     assert force / 100 == pytest.approx(0.03)
