@@ -20,19 +20,19 @@ STIFFNESS, HAND, DURATION = 60.0, "tap", 3.0
 TEXT = """\
 # Compare CANopen and Modbus
 
-This page compares the same wall, motor and hand on four buses: CANopen, Modbus TCP and two Modbus RTU lines. The buses differ
-in the rate at which the loop can exchange feedback and set-point, and in the delay of the torque. `make docs` writes the
-table from plans and from runs in virtual time. The figures are the same on every machine.
+This page compares the same wall, motor and hand on four buses: CANopen, Modbus TCP and two Modbus RTU lines. The buses
+differ in the rate at which the loop can exchange feedback and set-point, and in the delay of the torque. `make docs`
+writes the table from plans and from runs in virtual time. The figures are the same on every machine.
 
 {table}
 
 - *Time on the bus*: all frames of one period with the silence between them, and their share of the period.
-- *Age*: half a period plus the longest delay. The stability limit is about b/(T/2 + delay), where b = 1.58 N·s/m is the friction
-  at this handle.
-- *Stable to*: stiffness up to which the loop is stable. *Recommended to*: stiffness up to which the loop is stable for every
-  value that the profile leaves open, and friction holds the handle between two encoder counts.
-- *Felt error*: force error of `run wall --hand {hand}` at {stiffness} N/m, in motion, as a share of the force. All four buses can
-  render this soft wall. People notice errors from 8 %.
+- *Age*: half a period plus the longest delay. The stability limit is about b/(T/2 + delay), where b = 1.58 N·s/m is the
+  friction at this handle.
+- *Stable to*: stiffness up to which the loop is stable. *Recommended to*: stiffness up to which the loop is stable for
+  every value that the profile leaves open, and friction holds the handle between two encoder counts.
+- *Felt error*: force error of `run wall --hand {hand}` at {stiffness} N/m, in motion, as a share of the force. All four
+  buses can render this soft wall. People notice errors from 8 %.
 
 ```sh
 haptic-fieldbus stability wall --bus sim-modbus-rtu@115200
@@ -41,21 +41,21 @@ haptic-fieldbus run wall --bus sim-modbus-rtu@115200 --hand {hand} --set wall.st
 
 ## Conclusions
 
-- **The library's wall of 600 N/m needs CANopen or Modbus TCP.** On a serial line it is refused, and the message states a stable
-  value. `--set wall.stiffness=max/2` sets half of the limit. At 115200 bit/s, a push of 6 N then moves the handle more than
-  80 mm into the wall, beyond the 0.1 m of the bench. The run reports this (`handle from 0 to …, … deep in wall`, in JSON
-  `travel`). With `--hand tap` the handle stays within the bench.
-- **Ten times the bit rate does not give ten times the stiffness.** At 1 Mbit/s the characters of a period take only a third of a
-  millisecond. Silence and the drive's answer time take the rest. If your drive needs less silence than the 1.75 ms of the
-  standard, set `silence` in the rig and in the profile. This gains more than a faster line.
-- **The best requests depend on the line.** On TCP, one request reads and another writes within the same period. On a serial
-  line a short period matters most: one request reads and writes, and the torque is the one of the period before.
+- **The library's wall of 600 N/m needs CANopen or Modbus TCP.** On a serial line it is refused, and the message states
+  a stable value. `--set wall.stiffness=max/2` sets half of the limit. At 115200 bit/s, a push of 6 N then moves the
+  handle more than 80 mm into the wall, beyond the 0.1 m of the bench. The run reports this
+  (`handle from 0 to …, … deep in wall`, in JSON `travel`). With `--hand tap` the handle stays within the bench.
+- **Ten times the bit rate does not give ten times the stiffness.** At 1 Mbit/s the characters of a period take only a
+  third of a millisecond. Silence and the drive's answer time take the rest. If your drive needs less silence than the
+  1.75 ms of the standard, set `silence` in the rig and in the profile. This gains more than a faster line.
+- **The best requests depend on the line.** On TCP, one request reads and another writes within the same period. On a
+  serial line a short period matters most: one request reads and writes, and the torque is the one of the period before.
   [Why](../explanation/modbus.md)
-- **CANopen and TCP are equal here by chance.** Both need half a millisecond from the latch of the encoder to the torque. CANopen
-  waits for the next control tick of the drive. TCP needs two ways through the network. The recommended stiffness differs
-  more, because the generic CANopen profile does not state what its control tick is synchronised to.
-- **Your drive may answer later.** The generic drive answers after {answer_time} ms. Many drives take 1 to 5 ms. Compute the limit
-  with the profile of your drive.
+- **CANopen and TCP are equal here by chance.** Both need half a millisecond from the latch of the encoder to the
+  torque. CANopen waits for the next control tick of the drive. TCP needs two ways through the network. The recommended
+  stiffness differs more, because the generic CANopen profile does not state what its control tick is synchronised to.
+- **Your drive may answer later.** The generic drive answers after {answer_time} ms. Many drives take 1 to 5 ms. Compute
+  the limit with the profile of your drive.
 """
 
 

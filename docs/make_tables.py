@@ -97,7 +97,7 @@ def _delay(name: str) -> str:
 
 def _drives() -> Iterable[Sequence[str]]:
     """Of CANopen; the example stands for no drive."""
-    yield ("profile", "drive", "mode of operation", "set-point", "guard on a lost master", "echo", "evidence")
+    yield ("profile", "drive", "mode of operation", "set-point", "drive watchdog", "echo", "evidence")
     yield ("---",) * 7
     for name in profile_names():
         profile = load_profile(name)
