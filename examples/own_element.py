@@ -1,6 +1,6 @@
-"""An element of one's own: a spring that grows stiffer up to a reach, F = −k·x − h·x³, and goes on straight from there.
+"""Define your own element: a hardening spring, F = −k·x − h·x³, which is linear beyond its reach.
 
-A hand pushes with 6 N and stays; the handle comes to rest where the spring bears that, k·x + h·x³ = 6 N.
+A hand pushes with a constant 6 N. The handle comes to rest where k·x + h·x³ = 6 N.
 """
 
 from dataclasses import dataclass

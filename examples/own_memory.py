@@ -1,7 +1,7 @@
-"""An element of one's own that remembers: clay, which keeps the dent that is pressed into it.
+"""Define your own element with a memory: clay, which keeps a dent.
 
-Clay yields where the force would pass its limit, and springs back by no more than limit over stiffness when it is let
-go. A hand goes in and comes back; the handle is free again where the clay was left, not where it was first met.
+Clay yields at a limit of force. When the handle moves back, the clay springs back by limit/stiffness. A hand presses
+the handle in and pulls it back. The handle leaves the clay at the dent, not at the original surface.
 """
 
 from dataclasses import dataclass

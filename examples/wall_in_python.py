@@ -1,6 +1,6 @@
-"""A wall without any file: scene, bench and run are made in Python.
+"""Render a wall without any file: define scene, bench and run in Python.
 
-A hand pushes with 6 N. The wall yields until its spring bears that: the handle rests 6 N / 800 N/m = 7.5 mm inside.
+A hand pushes with 6 N. The handle comes to rest 6 N / 800 N/m = 7.5 mm inside the wall.
 """
 
 from haptic_fieldbus import CanSection, Limits, LinearMechanism, Rig, RigAxis, Scene, SceneAxis, Workspace, run

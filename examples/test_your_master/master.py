@@ -8,8 +8,8 @@
         ...
         master.stop()
 
-Every 10 ms a SYNC goes out, the drive answers with its statusword and position, and that answer is answered with the
-controlword and the torque.
+Every 10 ms the master sends a SYNC. The drive sends its statusword and position. The master then sends the controlword
+and the target torque.
 """
 
 import struct
@@ -22,9 +22,9 @@ from canopen.emcy import EmcyError
 MASTER_ID = 0x7F
 SYNC_PERIOD = 0.01  # s
 HEARTBEAT_PERIOD = 0.02  # s
-HEARTBEAT_LIMIT = 250  # ms: without a heartbeat for so long the drive switches itself off
-SILENCE = 0.25  # s: without an answer for so long the drive counts as silent
-PATIENCE = 2.0  # s: longest time that a change of state may take
+HEARTBEAT_LIMIT = 250  # ms; the drive switches itself off after this time without a heartbeat
+SILENCE = 0.25  # s; the drive counts as silent after this time without an answer
+PATIENCE = 2.0  # s; longest time of a change of state
 
 NOT_VALID = 1 << 31
 DISABLE_VOLTAGE, FAULT_RESET = 0x00, 0x80
@@ -47,11 +47,11 @@ WAY = (
 
 
 class MasterError(Exception):
-    """The drive did not do what it was told."""
+    """The drive did not follow a command."""
 
 
 class Master:
-    """The master of one drive; leaving its `with` block stops the drive."""
+    """Control one drive. The drive is stopped at the end of the `with` block."""
 
     def __init__(self, network: canopen.Network, node_id: int) -> None:
         self.network = network
@@ -84,14 +84,14 @@ class Master:
 
     @property
     def state(self) -> str:
-        """The state of the drive, "silent" when it does not answer."""
+        """The state of the drive; "silent" if it does not answer."""
         if time.monotonic() - self._heard > SILENCE:
             return "silent"
         word = self._statusword
         return STATES.get(word & 0x6F) or STATES.get(word & 0x4F, "not ready to switch on")
 
     def enable(self) -> None:
-        """Bring the drive to *operation enabled*, with no torque."""
+        """Bring the drive to *operation enabled* with zero torque."""
         self._target = 0
         for controlword, state in WAY:
             self._controlword = controlword
@@ -99,7 +99,7 @@ class Master:
 
     @property
     def torque(self) -> float:
-        """The torque that the drive is asked for [N·m]."""
+        """The target torque of the drive [N·m]."""
         return self._target * self._rated_torque / 1000
 
     @torque.setter
@@ -107,19 +107,19 @@ class Master:
         self._target = round(1000 * torque / self._rated_torque)
 
     def stop(self) -> None:
-        """Take the torque away and free the shaft."""
+        """Switch the torque off; the shaft is free then."""
         self._target, self._controlword = 0, DISABLE_VOLTAGE
         self._wait_for("switch on disabled")
 
     def reset(self) -> None:
-        """Acknowledge a fault; the drive is not enabled by that."""
+        """Acknowledge a fault. This does not enable the drive."""
         self._controlword = FAULT_RESET
         self._wait_for("switch on disabled")
         self._controlword = DISABLE_VOLTAGE
 
     def _configure(self) -> None:
         self._write("<I", MASTER_ID << 16 | HEARTBEAT_LIMIT, 0x1016, 1)
-        self._write("<h", 2, 0x6007)  # a lost master: disable voltage
+        self._write("<h", 2, 0x6007)  # reaction to a lost master: disable voltage
         self._map(0x1800, 0x4000_0180, 1, [0x6041_0010, 0x6064_0020])  # statusword, position; at every SYNC
         self._map(0x1400, 0x200, 255, [0x6040_0010, 0x6071_0010])  # controlword, target torque; at once
         self._write("<b", TORQUE_MODE, 0x6060)

@@ -1,6 +1,6 @@
-"""Tests of master.py against the simulated drive of haptic-fieldbus; run them by `pytest` in this folder.
+"""Tests of master.py with the simulated drive of haptic-fieldbus. Run them with `pytest` in this folder.
 
-They look at the drive from both sides: `master` is what the program believes, `simulated_drive` is the truth.
+`master` is the view of the program. `simulated_drive` is the true state of the drive.
 """
 
 from collections.abc import Iterator
