@@ -56,6 +56,7 @@ READ = (
     "docs/make_tables.py",
     "docs/tutorials/*.md",
     "docs/how-to/*.md",
+    "docs/explanation/decisions/*.md",
     "examples/**/*.md",
     "examples/**/*.py",
     "profiles/*.md",
@@ -71,13 +72,11 @@ def prose(path: Path) -> Iterator[str]:
     """Yield the texts of a page without its code, or the docstrings and other strings of a Python file."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
-        yield from (node.value for node in ast.walk(ast.parse(text)) if _is_text(node))
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
     else:
         yield CODE.sub(" … ", text)
-
-
-def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
 def phrases_in(text: str) -> list[str]:
