@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
@@ -128,9 +129,22 @@ def test_every_make_target_in_the_documents_exists() -> None:
 
 @every("document", DOCUMENTS, ids=lambda path: str(path.relative_to(PROJECT)))
 def test_every_link_between_documents_leads_somewhere(document: Path) -> None:
-    for link in re.findall(r"\]\(([^)#]+)", document.read_text()):
+    for link, anchor in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", document.read_text()):
         if not link.startswith(("http://", "https://")):
-            assert (document.parent / link).exists(), link
+            leads_to = document.parent / link if link else document
+            assert leads_to.exists(), link
+            assert not anchor or leads_to.suffix != ".md" or anchor in anchors_of(leads_to), f"{link}#{anchor}"
+
+
+@cache
+def anchors_of(document: Path) -> set[str]:
+    """The anchors of a document: of its headings, as GitHub makes them, and those written as `<a id="…">`."""
+    text = re.sub(r"^```.*?^```", "", document.read_text(), flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    plain = [re.sub(r"\]\([^)]*\)", "]", each).strip().lower() for each in headings]
+    made = [re.sub(r"[^\w\- ]", "", each).replace(" ", "-") for each in plain]
+    again = {f"{each}-{number}" for each in made for number in range(1, made.count(each))}
+    return {*made, *again, *re.findall(r'<a id="([^"]+)"', text)}
 
 
 @every("document", CURRENT, ids=lambda path: str(path.relative_to(PROJECT)))
