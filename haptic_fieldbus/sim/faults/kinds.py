@@ -26,6 +26,43 @@ class FaultTargets:
     __pydantic_config__: ClassVar = STRICT
 
 
+@dataclass(frozen=True)
+class AtInstant(FaultTargets):
+    """A fault that happens once, `at` seconds after *operation enabled*; each kind adds its name and its own keys."""
+
+    kind: str
+    at: NonNegativeTime
+
+
+@dataclass(frozen=True)
+class CountAtInstant(AtInstant):
+    """A fault of the next `count` frames, answers or messages."""
+
+    count: Count = 1
+
+
+@dataclass(frozen=True)
+class OpenCountAtInstant(AtInstant):
+    """A fault of the next `count` messages; None: of all."""
+
+    count: Count | None = None
+
+
+@dataclass(frozen=True)
+class OpenEndAtInstant(AtInstant):
+    """A fault that lasts for `duration` [s]; None: for ever."""
+
+    duration: Time | None = None
+
+
+@dataclass(frozen=True)
+class DelayAtInstant(AtInstant):
+    """A delay [s], `count` times."""
+
+    delay: Time
+    count: Count = 1
+
+
 # Faults of the bus: frames that do not arrive as they were sent, other frames, and the controller of the master.
 #
 # A disturbed frame is on the wire as its sender sent it; what its receivers get is something else, or nothing.
@@ -35,64 +72,62 @@ FrameGroup = Literal["tpdo", "rpdo", "sync", "heartbeat", "emergency", "sdo", "n
 
 
 @dataclass(frozen=True)
-class FrameDropped(FaultTargets):
-    """The loss of the next `count` frames of a service between sender and receivers."""
+class FramesAtInstant(AtInstant):
+    """A fault of the next `count` frames of a service."""
 
-    kind: Literal["frame_dropped"]
-    at: NonNegativeTime
     frames: FrameGroup = "tpdo"
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class FrameDelayed(FaultTargets):
+class FrameDropped(FramesAtInstant):
+    """The loss of the next `count` frames of a service between sender and receivers."""
+
+    kind: Literal["frame_dropped"]
+
+
+@dataclass(frozen=True)
+class FrameDelayed(AtInstant):
     """The late arrival of the next `count` frames of a service, by `delay` [s]."""
 
     kind: Literal["frame_delayed"]
-    at: NonNegativeTime
     delay: Time
     frames: FrameGroup = "tpdo"
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class FrameDuplicated(FaultTargets):
+class FrameDuplicated(FramesAtInstant):
     """The next `count` frames of a service arrive twice."""
 
     kind: Literal["frame_duplicated"]
-    at: NonNegativeTime
-    frames: FrameGroup = "tpdo"
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class FrameWrongLength(FaultTargets):
+class FrameWrongLength(AtInstant):
     """The next `count` frames of a service arrive with another length: cut off, or filled up with zeros."""
 
     kind: Literal["frame_wrong_length"]
-    at: NonNegativeTime
     length: Annotated[int, Ge(0), Le(8)]
     frames: FrameGroup = "tpdo"
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class FrameWrongNode(FaultTargets):
+class FrameWrongNode(AtInstant):
     """The next `count` frames of a service arrive under the identifier of the node `to`."""
 
     kind: Literal["frame_wrong_node"]
-    at: NonNegativeTime
     to: Node
     frames: FrameGroup = "tpdo"
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class ForeignFrame(FaultTargets):
+class ForeignFrame(AtInstant):
     """A frame of another program, `count` times, one every `interval` [s]."""
 
     kind: Literal["foreign_frame"]
-    at: NonNegativeTime
     can_id: CanId
     data: Annotated[tuple[Octet, ...], Len(0, 8)] = ()
     count: Count = 1
@@ -100,29 +135,24 @@ class ForeignFrame(FaultTargets):
 
 
 @dataclass(frozen=True)
-class BusOff(FaultTargets):
+class BusOff(OpenEndAtInstant):
     """Bus-off of the master's controller: an error frame, then it neither sends nor receives."""
 
     kind: Literal["bus_off"]
-    at: NonNegativeTime
-    duration: Time | None = None
 
 
 @dataclass(frozen=True)
-class InterfaceDown(FaultTargets):
+class InterfaceDown(OpenEndAtInstant):
     """The interface of the master is down: to send and to receive fails with "Network is down"."""
 
     kind: Literal["interface_down"]
-    at: NonNegativeTime
-    duration: Time | None = None
 
 
 @dataclass(frozen=True)
-class ErrorFrame(FaultTargets):
+class ErrorFrame(AtInstant):
     """A disturbed frame that the master's controller reports; no frame is lost."""
 
     kind: Literal["error_frame"]
-    at: NonNegativeTime
 
 
 Disturbance = FrameDropped | FrameDelayed | FrameDuplicated | FrameWrongLength | FrameWrongNode
@@ -137,97 +167,80 @@ LineFault = Disturbance | ForeignFrame | BusOff | InterfaceDown | ErrorFrame
 
 
 @dataclass(frozen=True)
-class AnswerLost(FaultTargets):
+class AnswerLost(CountAtInstant):
     """No answer comes."""
 
     kind: Literal["answer_lost"]
-    at: NonNegativeTime
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerDelayed(FaultTargets):
+class AnswerDelayed(DelayAtInstant):
     """Answers come later by `delay` [s]."""
 
     kind: Literal["answer_delayed"]
-    at: NonNegativeTime
-    delay: Time
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerSwapped(FaultTargets):
+class AnswerSwapped(CountAtInstant):
     """Each answer comes when the next request was sent: the master gets the answer to an earlier one."""
 
     kind: Literal["answer_swapped"]
-    at: NonNegativeTime
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerGarbage(FaultTargets):
+class AnswerGarbage(CountAtInstant):
     """Random octets come in the place of answers."""
 
     kind: Literal["answer_garbage"]
-    at: NonNegativeTime
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerCorrupted(FaultTargets):
+class AnswerCorrupted(CountAtInstant):
     """One bit of each answer is another: on RTU the checksum shows it; on TCP it is in the header."""
 
     kind: Literal["answer_corrupted"]
-    at: NonNegativeTime
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerTruncated(FaultTargets):
+class AnswerTruncated(AtInstant):
     """Answers end after `length` octets."""
 
     kind: Literal["answer_truncated"]
-    at: NonNegativeTime
     length: Annotated[int, Ge(0), Le(260)] = 4
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerWrongUnit(FaultTargets):
+class AnswerWrongUnit(AtInstant):
     """Answers come under the unit id `to`."""
 
     kind: Literal["answer_wrong_unit"]
-    at: NonNegativeTime
     to: Annotated[int, Ge(1), Le(247)]
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class AnswerException(FaultTargets):
+class AnswerException(AtInstant):
     """The drive answers with an exception, and carries nothing out."""
 
     kind: Literal["answer_exception"]
-    at: NonNegativeTime
     code: Annotated[int, Ge(1), Le(255)] = 4
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class ConnectionReset(FaultTargets):
+class ConnectionReset(OpenEndAtInstant):
     """The connection is reset, or the serial adapter unplugged; for `duration` [s] there is none."""
 
     kind: Literal["connection_reset"]
-    at: NonNegativeTime
-    duration: Time | None = None
 
 
 @dataclass(frozen=True)
-class ForeignSetPoints(FaultTargets):
+class ForeignSetPoints(AtInstant):
     """Set-points of another master, which nobody on the line hears: a target torque of `share` of rated torque, `count`
     times, once every `interval` [s]. Each acts until the next one of either master."""
 
     kind: Literal["foreign_set_points"]
-    at: NonNegativeTime
     share: Annotated[float, Ge(-1), Le(1)] = 0.8
     interval: Time = 0.05
     count: Count | None = None
@@ -254,57 +267,49 @@ AnswerFault = LineDisturbance | ForeignSetPoints
 
 
 @dataclass(frozen=True)
-class HostLate(FaultTargets):
+class HostLate(DelayAtInstant):
     """A busy computer: the next `count` times that the loop waits, it wakes up `delay` [s] too late."""
 
     kind: Literal["host_late"]
-    at: NonNegativeTime
-    delay: Time
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class HostPaused(FaultTargets):
+class HostPaused(AtInstant):
     """A computer that does nothing at all for `duration` [s], as with SIGSTOP or a lid that is closed."""
 
     kind: Literal["host_paused"]
-    at: NonNegativeTime
     duration: Time
 
 
 @dataclass(frozen=True)
-class ClockStep(FaultTargets):
+class ClockStep(AtInstant):
     """A clock of the computer that steps by `step` [s]: everything but that clock goes on as before."""
 
     kind: Literal["clock_step"]
-    at: NonNegativeTime
     step: Annotated[float, Ge(-1000.0), Le(1000.0)]
 
 
 @dataclass(frozen=True)
-class SlowCompute(FaultTargets):
+class SlowCompute(AtInstant):
     """A computer that needs `extra` [s] more for each of the next `count` periods."""
 
     kind: Literal["slow_compute"]
-    at: NonNegativeTime
     extra: Time
     count: Count = 1
 
 
 @dataclass(frozen=True)
-class HandRelease(FaultTargets):
+class HandRelease(AtInstant):
     """The hand lets go of the handle."""
 
     kind: Literal["hand_release"]
-    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
-class HandHit(FaultTargets):
+class HandHit(AtInstant):
     """A blow of the hand: `force` [N], signed, more than it exerts otherwise, for `duration` [s]."""
 
     kind: Literal["hand_hit"]
-    at: NonNegativeTime
     force: Annotated[float, Ge(-1000.0), Le(1000.0)] = 100.0
     duration: Time = 0.02
 
@@ -317,156 +322,133 @@ HandFault = HandRelease | HandHit
 
 
 @dataclass(frozen=True)
-class Emergency(FaultTargets):
+class Emergency(AtInstant):
     """An emergency message, without any effect on the drive."""
 
     kind: Literal["emergency"]
-    at: NonNegativeTime
     code: ErrorCode
 
 
 @dataclass(frozen=True)
-class DriveFault(FaultTargets):
+class DriveFault(AtInstant):
     """A fault that the drive detects: emergency message, fault reaction, *fault*.
 
     Its cause lasts for `duration` [s], for which the fault cannot be reset; 0: for an instant.
     """
 
     kind: Literal["drive_fault"]
-    at: NonNegativeTime
     # 2310h: continuous over current.
     code: ErrorCode = 0x2310
     duration: NonNegativeTime | None = 0.0
 
 
 @dataclass(frozen=True)
-class SafeTorqueOff(FaultTargets):
+class SafeTorqueOff(OpenEndAtInstant):
     """Safe torque off opens, and closes after `duration` [s]; torque ends at once."""
 
     kind: Literal["safe_torque_off"]
-    at: NonNegativeTime
-    duration: Time | None = None
 
 
 @dataclass(frozen=True)
-class NodeReset(FaultTargets):
+class NodeReset(AtInstant):
     """A restart of the node by its watchdog; the boot-up message comes `duration` [s] later."""
 
     kind: Literal["node_reset"]
-    at: NonNegativeTime
     duration: Time = 0.001
 
 
 @dataclass(frozen=True)
-class Silence(FaultTargets):
+class Silence(OpenEndAtInstant):
     """A disconnected cable of the node: it neither sends nor receives."""
 
     kind: Literal["silence"]
-    at: NonNegativeTime
-    duration: Time | None = None
 
 
 @dataclass(frozen=True)
-class MissingTpdos(FaultTargets):
+class MissingTpdos(CountAtInstant):
     """The loss of the next `count` TPDOs inside the node."""
 
     kind: Literal["missing_tpdos"]
-    at: NonNegativeTime
-    count: Count = 1
 
 
 @dataclass(frozen=True)
-class MissingRpdos(FaultTargets):
+class MissingRpdos(OpenCountAtInstant):
     """The loss of the next `count` RPDOs inside the node; the drive keeps its last set-point."""
 
     kind: Literal["missing_rpdos"]
-    at: NonNegativeTime
-    count: Count | None = None
 
 
 @dataclass(frozen=True)
-class SyncIgnored(FaultTargets):
+class SyncIgnored(OpenCountAtInstant):
     """The loss of the next `count` SYNC messages inside the node."""
 
     kind: Literal["sync_ignored"]
-    at: NonNegativeTime
-    count: Count | None = None
 
 
 @dataclass(frozen=True)
-class HeartbeatLost(FaultTargets):
+class HeartbeatLost(AtInstant):
     """The end of the node's own heartbeat; everything else continues."""
 
     kind: Literal["heartbeat_lost"]
-    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
-class DuplicateNode(FaultTargets):
+class DuplicateNode(AtInstant):
     """A second node with the same node-ID joins: whatever this one sends is sent twice."""
 
     kind: Literal["duplicate_node"]
-    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
-class EncoderJump(FaultTargets):
+class EncoderJump(AtInstant):
     """A loss or gain of encoder counts."""
 
     kind: Literal["encoder_jump"]
-    at: NonNegativeTime
     counts: Counts
 
 
 @dataclass(frozen=True)
-class PositionStuck(FaultTargets):
+class PositionStuck(OpenEndAtInstant):
     """An encoder that keeps its last counts while the shaft moves."""
 
     kind: Literal["position_stuck"]
-    at: NonNegativeTime
-    duration: Time | None = None
 
 
 @dataclass(frozen=True)
-class EncoderScaling(FaultTargets):
+class EncoderScaling(AtInstant):
     """An encoder that counts `factor` times as much for the same motion from here on; negative: backwards."""
 
     kind: Literal["encoder_scaling"]
-    at: NonNegativeTime
     factor: Annotated[float, Ge(-1000.0), Le(1000.0)]
 
 
 @dataclass(frozen=True)
-class EncoderReversed(FaultTargets):
+class EncoderReversed(AtInstant):
     """An encoder that counts backwards from here on."""
 
     kind: Literal["encoder_reversed"]
-    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
-class TorqueDead(FaultTargets):
+class TorqueDead(AtInstant):
     """A current loop that makes no torque any more; the drive reports nothing but the torque actual value 0."""
 
     kind: Literal["torque_dead"]
-    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
-class TorqueSaturated(FaultTargets):
+class TorqueSaturated(AtInstant):
     """A current loop that reaches no more than `share` of rated torque."""
 
     kind: Literal["torque_saturated"]
-    at: NonNegativeTime
     share: Share = 0.1
 
 
 @dataclass(frozen=True)
-class TorqueReversed(FaultTargets):
+class TorqueReversed(AtInstant):
     """A motor that turns the other way: the current, and the torque actual value, are as commanded."""
 
     kind: Literal["torque_reversed"]
-    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
