@@ -102,7 +102,7 @@ DOES_WITHOUT = {
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
-        "buses.canopen.access": "buses.canopen.fitting",
+        "buses.canopen.access": "protocols.canopen.upload",
         "running.session": "running.direction running.guard_proof running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },

@@ -1,16 +1,27 @@
 """Opening the buses of one protocol, and the questions to a drive that come before a plan."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DocumentError, UsageError
+from haptic_fieldbus.protocols.catalogue import known_names, load_profile
+from haptic_fieldbus.signals import Signal
+
+SHOWN = (Signal.STATUSWORD, Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTUAL)
+"""Signals that a look at a drive reads, where the drive offers them."""
+ANSWER_TIMEOUT = 0.1
+"""Time for which a look waits for an answer [s]: a drive that is gone must not hold up the look at another."""
+
+Entry = TypeVar("Entry")
+"""An object or a register."""
+Profile = TypeVar("Profile", bound=DriveProfile)
 
 
 class Observer(Protocol):
@@ -80,3 +91,71 @@ class BusAccess(Protocol):
         A fault of the bus is a check that fails. Raises UsageError.
         """
         return ()
+
+
+class OpenBus(Protocol):
+    """A bus that is open, with the name that users give it."""
+
+    @property
+    def name(self) -> str: ...
+
+
+Opened = TypeVar("Opened", bound=OpenBus)
+
+
+def checks_on(
+    bus: AbstractContextManager[Opened], adapter: Iterable[Check], further: Callable[[Opened], tuple[Check, ...]]
+) -> tuple[Check, ...]:
+    """Return the checks of an adapter, and the `further` ones of its bus where it can be opened."""
+    told = tuple(adapter)
+    try:
+        with bus as opened:
+            return Check("adapter", True, f"{opened.name} is open"), *told, *further(opened)
+    except BusError as error:
+        return Check("adapter", False, str(error), "see the other checks of the adapter"), *told
+
+
+def profiles_of(kind: type[Profile], profiles: str | Path | None) -> list[Profile]:
+    """Return all profiles of one protocol that can be read."""
+    found = []
+    for name in known_names(profiles):
+        try:
+            profile = load_profile(name, profiles)
+        except (DocumentError, UsageError):
+            continue  # `profiles list` tells what is wrong with it
+        if isinstance(profile, kind):
+            found.append(profile)
+    return found
+
+
+def look_at(
+    entries: Mapping[Signal, Entry],
+    read: Callable[[Entry], int],
+    now_ns: Callable[[], int],
+    *,
+    arrived_ns: Callable[[], int],
+    error_code: Callable[[Mapping[Signal, int]], int | None],
+    silent: str,
+    refused: Callable[[Entry], str] = lambda entry: "",
+) -> DriveReading:
+    """Read all that is shown of a drive; without the first answer no other is waited for.
+
+    `arrived_ns` is the instant of the last answer. `silent` and `refused` add to the note about a drive that does not
+    answer, and about an entry that it does not give. Raises BusError when the bus is dead.
+    """
+    began_ns = t_ns = now_ns()
+    values: dict[Signal, int] = {}
+    notes: list[str] = []
+    for signal, entry in entries.items():
+        try:
+            values[signal] = read(entry)
+        except BusTimeoutError as error:
+            if not values:
+                return DriveReading(t_ns, note=f"{error}; {silent}")
+            return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, note=str(error))
+        except BusConfigurationError as error:
+            notes.append(f"{error}{refused(entry)}")
+        if signal is Signal.POSITION:
+            t_ns = arrived_ns()
+    code = error_code(values)
+    return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))

@@ -83,6 +83,12 @@ class DriveReading:
     """Sentence about why values are missing."""
 
 
+def another_master(sentence: str) -> tuple[Check, Check]:
+    """Return the checks of a bus on which somebody else commands, so that nothing is measured."""
+    advice = "end the other master; while it is there nothing is asked, and the round trip is not measured"
+    return Check("other_masters", False, sentence, advice), Check("round_trip", None, "not measured")
+
+
 # The way to a device and back: is it short enough for a loop, and does it take equally long each time?
 
 LONGEST_ROUND_TRIP = 5e-3
@@ -109,20 +115,16 @@ def timing_checks(
     quick = usual <= LONGEST_ROUND_TRIP and not lost
     jitter = late - usual
     steady = jitter <= JITTER_SHARE / rate
+    fitting_rate = JITTER_SHARE / max(jitter, 1e-9)
     unsteady = (
         f"at {rounded(rate)} Hz feedback would come too late in some periods: give this program real-time rights "
-        f"(scheduling, memory), take the load from this computer, or use --rate {_fitting_rate(jitter)}"
+        f"(scheduling, memory), take the load from this computer, or use --rate {rounded(fitting_rate, 2)}"
     )
     told = f"{_ms(min(times))} ms at least, {_ms(usual)} usual, {_ms(max(times))} at most ({subject}){lost}"
     return (
         Check("round_trip", quick, told, "" if quick else slow),
         Check("round_trip_jitter", steady, f"1 of 100 takes {_ms(jitter)} ms longer", "" if steady else unsteady),
     )
-
-
-def _fitting_rate(jitter: float) -> str:
-    """Return the rate [Hz] at which a jitter [s] is no more than its share of a period, with two digits."""
-    return rounded(JITTER_SHARE / max(jitter, 1e-9), 2)
 
 
 def _ms(seconds: float) -> str:

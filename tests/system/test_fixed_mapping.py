@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus import run
-from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
+from haptic_fieldbus.buses.canopen.access import fit_to_drive
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.wire import Wire

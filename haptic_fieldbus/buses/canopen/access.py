@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from haptic_fieldbus.buses.access import BusAccess
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node, nmt_state_name, request
@@ -14,13 +15,13 @@ from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, OneMaster,
 from haptic_fieldbus.buses.canopen.scanning import scan_bus
 from haptic_fieldbus.buses.canopen.setup import DEVICE_TYPE, ERROR_CODE, NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
-from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan, timing_checks
+from haptic_fieldbus.buses.release import FAULTS
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan, another_master, timing_checks
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.objects import ObjectEntry
-from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, BusSection, RigAxis
-from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DocumentError, UsageError
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, EdsError
 from haptic_fieldbus.protocols.canopen.bus import (
     NODES,
     SDO_REQUEST_COB_ID,
@@ -30,9 +31,10 @@ from haptic_fieldbus.protocols.canopen.bus import (
 )
 from haptic_fieldbus.protocols.canopen.eds_values import PER_AXIS, axes_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
+from haptic_fieldbus.protocols.canopen.fitting import fitted
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import MASTER_NODES
-from haptic_fieldbus.protocols.catalogue import known_names, load_profile
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 
@@ -48,11 +50,6 @@ from haptic_fieldbus.signals import Signal
 #
 # Reference: CiA 301 7.2.4 (SDO), 7.2.8 (heartbeat).
 
-SHOWN = (Signal.STATUSWORD, Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTUAL)
-"""Signals that are read where the drive offers them."""
-FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
-ANSWER_TIMEOUT = 0.1
-"""Time for which an answer is waited for [s]: a drive that is gone must not hold up the look at another."""
 LONGEST_DRAIN_NS = 10_000_000
 
 
@@ -92,37 +89,25 @@ class BusObserver:
         self.masters = self.masters or f"{words}; nothing is asked any more, only heard"
 
     def _look_at(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> DriveReading:
-        glimpse = self._heard(node) if self.masters else self._asked(node, entries)
-        now_ns = self._wire.clock.now_ns()
+        now_ns = self._wire.clock.now_ns
+        if self.masters:
+            code = node.emergency
+            note = f"it sent emergency {code:04X}h ({emergency_meaning(code)})" if code else "not asked"
+            glimpse = DriveReading(now_ns(), error_code=code or None, note=note)
+        else:
+            glimpse = look_at(
+                entries,
+                lambda entry: node.read(entry, ANSWER_TIMEOUT),
+                now_ns,
+                arrived_ns=now_ns,
+                error_code=partial(_error_code, node),
+                silent=NO_ANSWER_ADVICE,
+                refused=partial(self._axes, node),
+            )
+        life_age = (now_ns() - node.heartbeat_ns) * 1e-9
         if node.state is None:
             return glimpse
-        return replace(glimpse, nmt_state=nmt_state_name(node.state), life_age=(now_ns - node.heartbeat_ns) * 1e-9)
-
-    def _heard(self, node: Node) -> DriveReading:
-        code = node.emergency
-        note = f"it sent emergency {code:04X}h ({emergency_meaning(code)})" if code else "not asked"
-        return DriveReading(self._wire.clock.now_ns(), error_code=code or None, note=note)
-
-    def _asked(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> DriveReading:
-        """Upload all that is shown; without the first answer no other is waited for."""
-        now_ns = self._wire.clock.now_ns
-        began_ns = t_ns = now_ns()
-        values: dict[Signal, int] = {}
-        notes: list[str] = []
-        for signal, entry in entries.items():
-            try:
-                values[signal] = node.read(entry, ANSWER_TIMEOUT)
-            except BusTimeoutError as error:
-                advice = "" if values else f"; {NO_ANSWER_ADVICE}"
-                return DriveReading(
-                    t_ns, values, _seconds(began_ns, now_ns()) if values else None, note=f"{error}{advice}"
-                )
-            except BusConfigurationError as error:
-                notes.append(f"{error}{self._axes(node, entry)}")
-            if signal is Signal.POSITION:
-                t_ns = now_ns()
-        code = self._error_code(node, values)
-        return DriveReading(t_ns, values, _seconds(began_ns, now_ns()), error_code=code, note="; ".join(notes))
+        return replace(glimpse, nmt_state=nmt_state_name(node.state), life_age=life_age)
 
     def _axes(self, node: Node, entry: ObjectEntry) -> str:
         """Return what to do about an object that has a value of each of several axes in sub-indices, asked once."""
@@ -131,14 +116,15 @@ class BusObserver:
             self._several[key] = entry.object in PER_AXIS and entry.subindex == 0 and _has_axes(node, entry.object)
         return f"; {axes_words([entry.object])}" if self._several[key] else ""
 
-    def _error_code(self, node: Node, values: Mapping[Signal, int]) -> int | None:
-        """Return the code of the fault that a drive is in; an emergency tells it where there is no 603Fh."""
-        if CIA402.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS:
-            return None
-        try:
-            return node.read(ERROR_CODE, ANSWER_TIMEOUT)
-        except (BusConfigurationError, BusTimeoutError):
-            return node.emergency or None
+
+def _error_code(node: Node, values: Mapping[Signal, int]) -> int | None:
+    """Return the code of the fault that a drive is in; an emergency tells it where there is no 603Fh."""
+    if CIA402.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS:
+        return None
+    try:
+        return node.read(ERROR_CODE, ANSWER_TIMEOUT)
+    except (BusConfigurationError, BusTimeoutError):
+        return node.emergency or None
 
 
 def _has_axes(node: Node, index: int) -> bool:
@@ -151,10 +137,6 @@ def _has_axes(node: Node, index: int) -> bool:
 def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:
     entries = profile.entries()
     return {signal: entries[signal] for signal in SHOWN if signal in entries}
-
-
-def _seconds(from_ns: int, to_ns: int) -> float:
-    return (to_ns - from_ns) * 1e-9
 
 
 # The way to a node and back, measured by SDO uploads of its device type.
@@ -219,9 +201,6 @@ class CanopenAccess(BusAccess):
         general = {name: each for name, each in loaded.items() if each[1].drive.evidence == STANDARD}
         if not general:
             return {}
-        # Imported here, because a run with the profile of a drive needs no reader of object dictionaries.
-        from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
-
         with _asked(can_section(section), general) as nodes:
             return {name: fit_to_drive(profile, nodes[name]) for name, (_, profile) in general.items()}
 
@@ -230,7 +209,7 @@ class CanopenAccess(BusAccess):
     ) -> Scan:
         own = can_section(section)
         with opened(own, axes) as wire:
-            return scan_bus(wire, own.listen, own.bitrate, _canopen_profiles(profiles), nodes or NODES)
+            return scan_bus(wire, own.listen, own.bitrate, profiles_of(CanopenProfile, profiles), nodes or NODES)
 
     @contextmanager
     def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[BusObserver]:
@@ -241,12 +220,24 @@ class CanopenAccess(BusAccess):
 
     def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
         own = can_section(section)
-        told = tuple(adapter_checks(own))
-        try:
-            with opened(own, axes) as wire:
-                return Check("adapter", True, f"{wire.name} is open"), *told, *_on_the_bus(wire, own, axes, rate)
-        except BusError as error:
-            return Check("adapter", False, str(error), "see the other checks of the adapter"), *told
+        return checks_on(
+            opened(own, axes), adapter_checks(own), partial(_on_the_bus, section=own, axes=axes, rate=rate)
+        )
+
+
+def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
+    """Return a profile of no particular drive with what the drive has; nothing is written.
+
+    Raises BusError, BusConfigurationError for no CiA 402 drive.
+    """
+    # Imported here, because a run with the profile of a drive needs no reader of object dictionaries.
+    from haptic_fieldbus.protocols.canopen.upload import uploaded
+
+    try:
+        return fitted(profile, uploaded(profile, node.found))
+    except EdsError as error:
+        told = "; ".join(fault.message for fault in error.faults)
+        raise BusConfigurationError(f"{node.label}: {told}. Nothing was written") from error
 
 
 @contextmanager
@@ -293,24 +284,10 @@ def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], ra
     heard = listen(wire, section.listen, OneMaster(nodes, master_node), wire.name)
     heard.refuse_noise()
     if heard.masters:
-        advice = "end the other master; while it is there nothing is asked, and the round trip is not measured"
-        return Check("other_masters", False, heard.sentence(), advice), Check("round_trip", None, "not measured")
+        return another_master(heard.sentence())
     alone = Check("other_masters", True, "none heard")
     node = nodes[0]
     return alone, *round_trip_checks(node, round_trips(wire, node), QUESTIONS, rate)
-
-
-def _canopen_profiles(profiles: str | Path | None) -> list[CanopenProfile]:
-    """Return all profiles of CANopen drives that can be read."""
-    found = []
-    for name in known_names(profiles):
-        try:
-            profile = load_profile(name, profiles)
-        except (DocumentError, UsageError):
-            continue  # `profiles list` tells what is wrong with it
-        if isinstance(profile, CanopenProfile):
-            found.append(profile)
-    return found
 
 
 ACCESS = CanopenAccess()

@@ -35,14 +35,13 @@ from haptic_fieldbus.buses.canopen.link import (
 from haptic_fieldbus.buses.canopen.node import REPEATED, NmtState, Node
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.release import DriveRelease, Release
-from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, POLL_NS, STATUSWORD, TORQUE_LIMITS, Setup
+from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, Setup
 from haptic_fieldbus.buses.canopen.target_readback import TargetReadback
 from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.drive.power import PowerState
-from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
@@ -52,20 +51,11 @@ from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 from haptic_fieldbus.signals import LinkFlag
 
-# Clearing of the fault into which a drive goes when it has lost its master, after its guard was proved.
+# Clearing of the fault into which a drive goes when it has lost its master (`buses.release`).
 #
-# Nothing else clears a fault, and this one only by its error code: a fault that came for another reason in the same
-# time stays, and is told.
-#
-# Reference: CiA 301 7.2.7.1 (8130h, life guard or heartbeat error); IEC 61800-7-201 (CiA 402-2), 603Fh, 6040h bit 7.
+# Reference: CiA 301 7.2.7.1 (8130h, life guard or heartbeat error); IEC 61800-7-201 (CiA 402-2), 603Fh.
 
 LOST_MASTER = 0x8130
-NO_CODE = 0
-"""603Fh of a drive that has no code for it, or lacks the object."""
-FAULT_RESET = 0x80
-"""Controlword; its bit 7 acts when it rises."""
-CLEARED_WITHIN = 0.5
-"""Time that a drive has to leave *fault* [s]."""
 ANSWER_TIMEOUT = 0.01
 """[s]; so long an answer is waited for in the middle of an exchange."""
 
@@ -92,34 +82,19 @@ def acknowledge(node: Node) -> None:
         node.emergency = 0
     if not _faulted(node):
         return
-    code = _error_code(node)
+    try:
+        code = node.read(ERROR_CODE)
+    except BusConfigurationError:
+        code = node.emergency or NO_CODE
     if code not in (LOST_MASTER, NO_CODE):
-        raise DriveFaultError(
-            f"{node.label} went to fault while it was left alone, and not because it lost its master: error code "
-            f"{code:04X}h ({emergency_meaning(code)}). Nothing was cleared"
-        )
+        raise other_fault(node.label, f"{code:04X}h ({emergency_meaning(code)})")
     for controlword in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
         node.send(CONTROLWORD, controlword)
-    deadline_ns = node.now_ns() + round(CLEARED_WITHIN * 1e9)
-    while _faulted(node):
-        if node.now_ns() >= deadline_ns:
-            raise DriveFaultError(
-                f"{node.label} stays in fault {exactly(CLEARED_WITHIN)} s after its lost master was acknowledged "
-                "(6040h = 80h): switch it off and on, and check its link"
-            )
-        node.wait(POLL_NS)
+    check_cleared(node, lambda: not _faulted(node), " (6040h = 80h)")
 
 
 def _faulted(node: Node) -> bool:
-    return CIA402.state(node.read(STATUSWORD)) in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
-
-
-def _error_code(node: Node) -> int:
-    """Read 603Fh; without it, the code of the last emergency."""
-    try:
-        return node.read(ERROR_CODE)
-    except BusConfigurationError:
-        return node.emergency or NO_CODE
+    return CIA402.state(node.read(STATUSWORD)) in FAULTS
 
 
 SYNC_BITS = 48

@@ -25,6 +25,7 @@ from haptic_fieldbus.buses.canopen.link import Link
 from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, NmtState, Node, address, request
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
 from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.release import BusRelease, Parting
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
@@ -45,20 +46,16 @@ DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
 
 
-class DriveRelease:
+class DriveRelease(Parting[Command]):
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
     def __init__(
         self, node: Node, wire: Wire, link: Link, word: Callable[[], int], last: Callable[[], Sequence[Command]]
     ) -> None:
         """Take a function for the statusword received last, and one for the downloads to a drive that is free."""
+        super().__init__(node.label, last)
         self.node, self.link = node, link
-        self._wire, self._word, self._last = wire, word, last
-        self.free = False
-        """True when the drive has said that its motor is off."""
-        self.refused: list[str] = []
-        """Entries that the drive kept as they were, with its SDO abort codes."""
-        self._to_undo: list[Command] = []
+        self._wire, self._word = wire, word
         self._written = b""
         """Octets that the next entry must hold when it is read back."""
         self._sent: Command | None = None
@@ -66,40 +63,23 @@ class DriveRelease:
 
     def begin(self) -> None:
         """Forget an earlier release, and take the SDO answers of the node from now on."""
-        self.free, self.refused, self._to_undo = False, [], list(self._last())
+        super().begin()
         self._sent, self._waiting_until_ns = None, 0
         self._wire.listen(SDO_RESPONSE_COB_ID + self.node.id, self._answered)
-
-    @property
-    def settled(self) -> bool:
-        """True when the motor is off, and all was undone or refused to be."""
-        return self.free and not self._to_undo
-
-    @property
-    def kept(self) -> list[str]:
-        """Entries that are still as the run had written them."""
-        return [*self.refused, *(str(entry) for entry, _ in self._to_undo)]
 
     def step(self, now_ns: int) -> None:
         """Take over a fresh statusword; send the next request when none is waited for. Raises BusError."""
         if not self.free and self.link.fresh:
             self._judge(self._word())
         if not self.settled and now_ns >= self._waiting_until_ns:
-            self._send(self._next(), now_ns)
+            command = self._undoing[0] if self.free else ASK if self._sent == DISABLE else DISABLE
+            self._sent, self._waiting_until_ns = command, now_ns + PATIENCE_NS
+            self._wire.send(SDO_REQUEST_COB_ID + self.node.id, request(*command))
 
     def to_pre_operational(self) -> None:
         """Set the node pre-operational, where it serves SDO requests whatever was done to it; raises BusError."""
         self._sent, self._waiting_until_ns = None, 0  # a stopped node has lost the request
         self.node.command(NmtState.PRE_OPERATIONAL)
-
-    def _next(self) -> Command:
-        if self.free:
-            return self._to_undo[0]
-        return ASK if self._sent == DISABLE else DISABLE
-
-    def _send(self, command: Command, now_ns: int) -> None:
-        self._sent, self._waiting_until_ns = command, now_ns + PATIENCE_NS
-        self._wire.send(SDO_REQUEST_COB_ID + self.node.id, request(*command))
 
     def _answered(self, data: bytes | bytearray) -> None:
         """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
@@ -109,11 +89,11 @@ class DriveRelease:
         self._waiting_until_ns = 0
         if command == ASK and specifier == UPLOAD_DONE:
             self._judge(data[4] | data[5] << 8)
-        elif command in self._to_undo and specifier == DOWNLOAD_DONE:
+        elif command in self._undoing and specifier == DOWNLOAD_DONE:
             self._written = request(*command)[4:8]
-            self._to_undo[self._to_undo.index(command)] = (command[0], None)  # to be read back
-        elif command in self._to_undo and specifier in (UPLOAD_DONE, ABORTED):
-            self._to_undo.remove(command)
+            self._undoing[self._undoing.index(command)] = (command[0], None)  # to be read back
+        elif command in self._undoing and specifier in (UPLOAD_DONE, ABORTED):
+            self._undoing.remove(command)
             if specifier == ABORTED:
                 self.refused.append(f"{command[0]} (it refused: {int.from_bytes(data[4:8], 'little'):08X}h)")
             elif data[4 : 4 + command[0].type.size] != self._written[: command[0].type.size]:
@@ -123,8 +103,10 @@ class DriveRelease:
         self.free = CIA402.state(statusword) not in ENERGISED
 
 
-class Release:
-    """The release of all drives of one bus; no method raises anything but KeyboardInterrupt and its like."""
+class Release(BusRelease[DriveRelease]):
+    """The release of all drives of one CAN bus."""
+
+    hint = "; with its guard on it may report an error"
 
     def __init__(
         self,
@@ -140,15 +122,13 @@ class Release:
 
         `feedback_time` is that of SYNC and all TPDOs, `guard` the longest guard of the drives.
         """
-        self.warnings: list[str] = []
-        self._wire, self._clock = wire, wire.clock
-        self._partings = tuple(partings)
+        super().__init__(wire.clock, partings)
+        self._wire = wire
         self._torque_free = tuple(set_points)
         self._sync = sync
         self._slice_ns = round(max(SLICE, 2.0 * feedback_time) * 1e9)
         self._longest_ns = round((guard + GRACE) * 1e9)
-        self._end_ns = self._looks = 0
-        self._begun = False
+        self._looks = 0
 
     def begin(self) -> None:
         """Send everything that frees the drives and needs no answer."""
@@ -173,36 +153,17 @@ class Release:
         self._looks += 1
         if not self._try("nothing was heard of the drives", partial(self._listen, deadline_ns)):
             self._clock.sleep_until(deadline_ns)  # a bus that is gone waits for nothing by itself
-        return self._settled or self._clock.now_ns() >= self._end_ns
+        return self._over()
 
     def leave(self) -> bool:
         """Set the nodes pre-operational; True when every drive said that its motor is off, or nothing was begun."""
         for parting in self._partings:
             self._to_pre_operational(parting)
-        if not self._begun:
-            return True
-        self._begun = False
-        for parting in self._partings:
-            self._tell(parting)
-        return all(parting.free for parting in self._partings)
-
-    def _tell(self, parting: DriveRelease) -> None:
-        """Warn about a drive that is not free, or that keeps its guard."""
-        if not parting.free:
-            self._warn(f"{parting.node.label} did not confirm that its motor is off")
-        elif parting.kept:
-            self._warn(
-                f"{parting.node.label} was left with {', '.join(parting.kept)} as the run had written it; with its "
-                "guard on it may report an error"
-            )
+        return self._confirmed()
 
     def undone(self, node: Node) -> bool:
         """Whether all that was written to a node for the time of the run was undone."""
         return any(parting.node is node and parting.settled and not parting.refused for parting in self._partings)
-
-    @property
-    def _settled(self) -> bool:
-        return all(parting.settled for parting in self._partings)
 
     def _send_set_points(self) -> None:
         """Send target torque 0 and controlword *disable voltage*."""
@@ -219,10 +180,10 @@ class Release:
 
     def _step(self, now_ns: int) -> None:
         for parting in self._partings:
-            self._try(f"{parting.node.label} was not reached by SDO", partial(parting.step, now_ns))
+            self._try(f"{parting.label} was not reached by SDO", partial(parting.step, now_ns))
 
     def _to_pre_operational(self, parting: DriveRelease) -> None:
-        self._try(f"{parting.node.label} was not told to go pre-operational", parting.to_pre_operational)
+        self._try(f"{parting.label} was not told to go pre-operational", parting.to_pre_operational)
 
     def _try(self, failure: str, action: Callable[[], object]) -> bool:
         """Do something that must not keep anything else from being done; False, and a warning, when it failed."""
@@ -232,7 +193,3 @@ class Release:
             self._warn(f"{failure}: {error}")
             return False
         return True
-
-    def _warn(self, sentence: str) -> None:
-        if sentence not in self.warnings:
-            self.warnings.append(sentence)

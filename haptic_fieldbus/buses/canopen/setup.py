@@ -15,10 +15,11 @@ from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.buses.canopen.target_readback import check_asked
+from haptic_fieldbus.buses.release import FAULTS, poll
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, Identity, ObjectEntry, known_number
-from haptic_fieldbus.drive.power import ENERGISED, PowerState
+from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.drive.rig import COUNTS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
@@ -241,7 +242,6 @@ SHAFT_FREE = 2  # abort connection option code (6007h): disable voltage
 SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
 NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
-POLL_NS = 5_000_000
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
 
 
@@ -341,7 +341,7 @@ class Setup:
 
     def _check_no_fault(self) -> None:
         statusword = self.node.read(STATUSWORD)
-        if CIA402.state(statusword) not in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE):
+        if CIA402.state(statusword) not in FAULTS:
             return
         code = self.node.optional(ERROR_CODE)
         cause = "" if code is None else f", error code {code:04X}h (603Fh)"
@@ -363,9 +363,10 @@ class Setup:
         """Switch the power stage off if an earlier master left it on."""
         if self.energised():
             self.node.send(CONTROLWORD, DISABLE_VOLTAGE)
-        self._poll(
-            lambda: not self.energised(),
+        poll(
+            self.node,
             DISABLE_TIMEOUT,
+            lambda: not self.energised(),
             lambda: "was found enabled and stays so although it was told to disable voltage",
         )
 
@@ -432,15 +433,9 @@ class Setup:
     def _set_mode(self) -> None:
         mode = self.member.profile.torque.mode_of_operation
         self.node.write(MODE, mode)
-        self._poll(
-            lambda: self.node.read(MODE_DISPLAY) == mode,
+        poll(
+            self.node,
             self.member.profile.timing.mode_change_timeout,
+            lambda: self.node.read(MODE_DISPLAY) == mode,
             lambda: f"did not take over mode of operation {mode}: {MODE_DISPLAY} says {self.node.read(MODE_DISPLAY)}",
         )
-
-    def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
-        deadline_ns = self.node.now_ns() + round(timeout * 1e9)
-        while not reached():
-            if self.node.now_ns() >= deadline_ns:
-                raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {exactly(timeout)} s)")
-            self.node.wait(POLL_NS)

@@ -3,19 +3,21 @@
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from haptic_fieldbus.buses.access import BusAccess
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.setup import ADVICE, FAULTS
+from haptic_fieldbus.buses.modbus.setup import ADVICE
 from haptic_fieldbus.buses.modbus.transport import SerialTransport, TcpTransport, Transport
 from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
-from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan, timing_checks
+from haptic_fieldbus.buses.release import FAULTS
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan, another_master, timing_checks
 from haptic_fieldbus.buses.torque_limits import rated_torque
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
@@ -25,13 +27,11 @@ from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import (
     BusConfigurationError,
-    BusError,
     BusTimeoutError,
-    DocumentError,
     ForeignMasterError,
     UsageError,
 )
-from haptic_fieldbus.protocols.catalogue import known_names, load_profile
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section
 from haptic_fieldbus.protocols.modbus.layout import characters, line_of
@@ -93,12 +93,6 @@ def round_trip_checks(
 # Reading feeds no watchdog, but it takes the line: as soon as octets come on a serial line that nobody here asked for,
 # somebody else uses it, and nothing more is asked. On TCP another master is not disturbed.
 
-SHOWN = (Signal.STATUSWORD, Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTUAL)
-"""Signals that are read where the drive offers them."""
-ANSWER_TIMEOUT = 0.1
-"""Time for which an answer is waited for [s]: a drive that is gone must not hold up the look at another."""
-
-
 Drive = tuple[int, ModbusProfile, PowerTable]
 """Unit id, profile, and the table of its power states."""
 
@@ -129,24 +123,14 @@ class LineObserver:
         now_ns = requester.clock.now_ns
         if self.masters:
             return DriveReading(now_ns(), note="not asked")
-        began_ns = t_ns = now_ns()
-        values: dict[Signal, int] = {}
-        notes: list[str] = []
-        for signal, register in profile.registers().items():
-            if signal not in SHOWN:
-                continue
-            try:
-                values[signal] = unit.read(register, ANSWER_TIMEOUT, 1)
-            except BusTimeoutError as error:
-                advice = "" if values else f"; {ADVICE[requester.transport.serial]}"
-                age = (now_ns() - began_ns) * 1e-9 if values else None
-                return DriveReading(t_ns, values, age, note=f"{error}{advice}")
-            except BusConfigurationError as error:
-                notes.append(str(error))
-            if signal is Signal.POSITION:
-                t_ns = requester.arrived_ns
-        code = _error_code(unit, profile, power, values)
-        return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))
+        return look_at(
+            {signal: register for signal, register in profile.registers().items() if signal in SHOWN},
+            lambda register: unit.read(register, ANSWER_TIMEOUT, 1),
+            now_ns,
+            arrived_ns=lambda: requester.arrived_ns,
+            error_code=partial(_error_code, unit, profile, power),
+            silent=ADVICE[requester.transport.serial],
+        )
 
 
 def _error_code(
@@ -328,7 +312,8 @@ class ModbusAccess(BusAccess):
         self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
     ) -> Scan:
         own = modbus_section(section)
-        fitting = _profiles_for(own, profiles)
+        transport = "rtu" if own.serial else "tcp"
+        fitting = [each for each in profiles_of(ModbusProfile, profiles) if transport in each.line.transports]
         on_it = [modbus_profile(load_profile(axis.profile, profiles)) for axis in axes.values()]
         with opened(own, on_it) as requester:
             return scan_line(requester, nodes or [axis.node for axis in axes.values()], fitting)
@@ -344,14 +329,10 @@ class ModbusAccess(BusAccess):
 
     def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
         own = modbus_section(section)
-        told = tuple(adapter_checks(own))
         profiles = [modbus_profile(load_profile(axis.profile)) for axis in axes.values()]
-        try:
-            with opened(own, profiles) as requester:
-                line = Check("adapter", True, f"{requester.name} is open")
-                return line, *told, *_on_the_line(requester, next(iter(axes.values())), profiles[0], rate)
-        except BusError as error:
-            return Check("adapter", False, str(error), "see the other checks of the adapter"), *told
+        first = next(iter(axes.values()))
+        further = partial(_on_the_line, axis=first, profile=profiles[0], rate=rate)
+        return checks_on(opened(own, profiles), adapter_checks(own), further)
 
 
 @contextmanager
@@ -377,23 +358,9 @@ def _on_the_line(requester: Requester, axis: RigAxis, profile: ModbusProfile, ra
     try:
         alone = Check("other_masters", True if requester.transport.serial else None, listen(requester))
     except ForeignMasterError as error:
-        advice = "end the other master; while it is there nothing is asked, and the round trip is not measured"
-        return Check("other_masters", False, str(error), advice), Check("round_trip", None, "not measured")
+        return another_master(str(error))
     unit = UnitClient(requester, axis.node, f"unit {axis.node}", profile.line)
     return alone, *round_trip_checks(requester, unit, profile, rate)
-
-
-def _profiles_for(section: ModbusSection, profiles: str | Path | None) -> list[ModbusProfile]:
-    """Return all profiles of drives on such a line that can be read."""
-    found = []
-    for name in known_names(profiles):
-        try:
-            profile = load_profile(name, profiles)
-        except (DocumentError, UsageError):
-            continue  # `profiles list` tells what is wrong with it
-        if isinstance(profile, ModbusProfile) and ("rtu" if section.serial else "tcp") in profile.line.transports:
-            found.append(profile)
-    return found
 
 
 ACCESS = ModbusAccess()

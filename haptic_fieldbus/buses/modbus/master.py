@@ -36,14 +36,15 @@ from haptic_fieldbus.buses.modbus.link import (
 )
 from haptic_fieldbus.buses.modbus.release import LineRelease, UnitRelease
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.setup import FAULTS, POLL_NS, SetUp
+from haptic_fieldbus.buses.modbus.setup import SetUp
 from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
+from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.errors import DriveFaultError
-from haptic_fieldbus.numerals import exactly, in_unit
+from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.limits import effort_step
@@ -55,18 +56,8 @@ from haptic_fieldbus.protocols.modbus.register_traffic import Block, RegisterReq
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
-# Clearing of the fault into which a drive goes when it has lost its master, after its guard was proved.
-#
-# Nothing else clears a fault, and this one only by the code that the profile names for it: a fault that came for
-# another reason in the same time stays, and is told.
-#
-# Reference: IEC 61800-7-201 (CiA 402-2), 6040h bit 7.
-
-NO_CODE = 0
-FAULT_RESET = 0x80
-"""Controlword of CiA 402; its bit 7 acts when it rises."""
-CLEARED_WITHIN = 0.5
-"""Time that a drive has to leave *fault* [s]."""
+# Clearing of the fault into which a drive goes when it has lost its master (`buses.release`), by the code that its
+# profile names for it.
 
 
 def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
@@ -77,10 +68,7 @@ def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> 
     code = NO_CODE if profile.power.error is None else unit.optional(profile.power.error) or NO_CODE
     expected = None if profile.watchdog is None else profile.watchdog.fault
     if expected is not None and code not in (expected, NO_CODE):
-        raise DriveFaultError(
-            f"{unit.label} went to fault while it was left alone, and not because it lost its master: error code "
-            f"{code:04X}h. Nothing was cleared"
-        )
+        raise other_fault(unit.label, f"{code:04X}h")
     reset = FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
     if reset is None:
         raise DriveFaultError(
@@ -89,14 +77,7 @@ def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> 
         )
     for each in (power.off, reset, power.off):
         unit.send(command, each)
-    deadline_ns = unit.requester.clock.now_ns() + round(CLEARED_WITHIN * 1e9)
-    while power.state(unit.read(status)) in FAULTS:
-        if unit.requester.clock.now_ns() >= deadline_ns:
-            raise DriveFaultError(
-                f"{unit.label} stays in fault {exactly(CLEARED_WITHIN)} s after its lost master was acknowledged: "
-                "switch it off and on, and check its link"
-            )
-        unit.requester.quiet(POLL_NS)
+    check_cleared(unit, lambda: power.state(unit.read(status)) not in FAULTS)
 
 
 UNGUARDED = 1.0

@@ -20,7 +20,8 @@ from haptic_fieldbus.buses.modbus.framing import Answer, Question
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK
 from haptic_fieldbus.buses.modbus.unit import UnitClient, from_words
-from haptic_fieldbus.drive.power import ENERGISED, PowerState, PowerTable
+from haptic_fieldbus.buses.release import FAULTS, NO_CODE, BusRelease, Parting
+from haptic_fieldbus.drive.power import ENERGISED, PowerTable
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 
@@ -44,40 +45,31 @@ class _Move:
     done: Callable[[Answer], None]
 
 
-class UnitRelease:
+class UnitRelease(Parting[Undone]):
     """A drive that is to be freed; `last` gives what it held before, when it is asked for."""
 
     def __init__(
         self, unit: UnitClient, profile: ModbusProfile, power: PowerTable, last: Callable[[], Sequence[Undone]]
     ) -> None:
+        super().__init__(unit.label, last)
         self.unit = unit
-        self.free = False
-        """True when the drive has said that its motor is off."""
         self.fault: int | None = None
         """Code of the fault in which the drive was when it was first asked; 0 without a code."""
-        self.refused: list[str] = []
-        """Registers that the drive kept as they were."""
-        self._profile, self._power, self._last = profile, power, last
+        self._profile, self._power = profile, power
         self._order = profile.line.word_order
         self._status = unit.reading(profile.power.status)
         self._zero = unit.writing(profile.torque.target, 0)
         self._off = unit.writing(profile.power.command, power.off)
         self._to_do: list[_Move] = []
-        self._undoing: list[Undone] = []
         self._asked = False
         self._zeros = 0
         """How often zero torque is still sent, unless it is answered."""
 
     def begin(self) -> None:
         """Forget an earlier way to zero."""
-        self.free, self.fault, self.refused, self._asked = False, None, [], False
-        self._undoing = list(self._last())
+        super().begin()
+        self.fault, self._asked = None, False
         self.again()
-
-    @property
-    def settled(self) -> bool:
-        """True when the motor is off, and all was put back or refused to be."""
-        return self.free and not self._undoing
 
     @property
     def freed(self) -> bool:
@@ -88,11 +80,6 @@ class UnitRelease:
     def zeroed(self) -> bool:
         """True when zero torque was answered, or sent as often as it may be."""
         return not self._zeros
-
-    @property
-    def kept(self) -> list[str]:
-        """Registers that are still as the run had written them."""
-        return [*self.refused, *(str(register) for register, _ in self._undoing)]
 
     def question(self) -> Question:
         """Return what is to be asked next; the drive must not be settled."""
@@ -128,15 +115,11 @@ class UnitRelease:
 
     def _judge(self, answer: Answer) -> None:
         state = self._power.state(from_words(self._profile.power.status, answer.registers, self._order))
-        if not self._asked and state in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE):
-            self._look_for_cause()
+        if not self._asked and state in FAULTS:
+            self.fault, register = NO_CODE, self._profile.power.error
+            if register is not None:
+                self._to_do.append(_Move(self.unit.reading(register), partial(self._note_fault, register)))
         self._asked, self.free = True, state not in ENERGISED
-
-    def _look_for_cause(self) -> None:
-        self.fault = 0
-        register = self._profile.power.error
-        if register is not None:
-            self._to_do.append(_Move(self.unit.reading(register), partial(self._note_fault, register)))
 
     def _note_fault(self, register: Register, answer: Answer) -> None:
         self.fault = from_words(register, answer.registers, self._order)
@@ -179,23 +162,22 @@ GRACE = 0.05
 """Time from the end of the longest watchdog to the last look [s]."""
 
 
-class LineRelease:
-    """The release of all drives of one line; no method raises anything but KeyboardInterrupt and its like."""
+class LineRelease(BusRelease[UnitRelease]):
+    """The release of all drives of one line."""
 
     def __init__(self, requester: Requester, partings: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
         """Take the longest times of a request with its answer and of a watchdog [s]."""
-        self.warnings: list[str] = []
-        self._requester, self._clock = requester, requester.clock
-        self._partings = tuple(partings)
+        super().__init__(requester.clock, partings)
+        self._requester = requester
         self._slice_ns = round(1e9 * max(SLICE, 2.0 * exchange))
         self._patience_ns = round(1e9 * max(PATIENCE, 2.0 * exchange))
         self._held_ns = 0 if requester.transport.serial else round(1e9 * DELAYED_ACK)
         # The watchdog runs from the last write of zero torque.
         zeros_ns = MOST_ZEROS * QUESTIONS * len(self._partings) * self._patience_ns
         self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns + len(self._partings) * self._held_ns
-        self._end_ns = self._waiting_until_ns = 0
+        self._waiting_until_ns = 0
         self._asked: UnitRelease | None = None
-        self._begun = self._dead = False
+        self._dead = False
 
     def begin(self, missing: Sequence[int]) -> None:
         """Send zero torque to a drive; what is under way on a serial line is waited for, some milliseconds.
@@ -224,21 +206,13 @@ class LineRelease:
                 self._clock.sleep_until(end_ns)
             elif not self._try(lambda: self._step(end_ns)):
                 self._clock.sleep_until(min(end_ns, self._clock.now_ns() + 1_000_000))
-        return self._settled or self._clock.now_ns() >= self._end_ns
+        return self._over()
 
     def leave(self) -> bool:
         """Tell what is left to tell; True when every drive said that its motor is off, or nothing was begun."""
-        if not self._begun:
-            return True
-        self._begun = False
-        self._requester.forget()
-        for parting in self._partings:
-            self._tell(parting)
-        return all(parting.free for parting in self._partings)
-
-    @property
-    def _settled(self) -> bool:
-        return all(parting.settled for parting in self._partings)
+        if self._begun:
+            self._requester.forget()
+        return self._confirmed()
 
     def _ask(self) -> None:
         """Send the next question: to the drives that were not freed yet before all others."""
@@ -276,23 +250,9 @@ class LineRelease:
         """Do something that must not keep anything else from being done; False, and a warning, when it failed."""
         try:
             action()
-        except BusError as error:
+        except Exception as error:  # of the line, or of a driver
             self._dead = True
-            self._warn(f"on the way to zero torque: {error}")
-            return False
-        except Exception as error:  # of a driver
-            self._dead = True
-            self._warn(f"on the way to zero torque: {type(error).__name__}: {error}")
+            kind = "" if isinstance(error, BusError) else f"{type(error).__name__}: "
+            self._warn(f"on the way to zero torque: {kind}{error}")
             return False
         return True
-
-    def _tell(self, parting: UnitRelease) -> None:
-        """Warn about a drive that is not free, or that keeps what the run had written."""
-        if not parting.free:
-            self._warn(f"{parting.unit.label} did not confirm that its motor is off")
-        elif parting.kept:
-            self._warn(f"{parting.unit.label} was left with {', '.join(parting.kept)} as the run had written it")
-
-    def _warn(self, sentence: str) -> None:
-        if sentence not in self.warnings:
-            self.warnings.append(sentence)

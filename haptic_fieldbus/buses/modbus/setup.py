@@ -4,22 +4,18 @@ Inspection writes nothing, so a wrong drive, or one that somebody else commands,
 is read back, and nothing is stored for good.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.modbus.exchange import refuse_unrest
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient
+from haptic_fieldbus.buses.release import FAULTS, poll
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
 from haptic_fieldbus.drive.objects import Identity, known_number
-from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
-from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 
-FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
-POLL_NS = 5_000_000
 ADVICE = {
     True: "check that the drive has power, its unit id, bit rate and parity, and that A and B are not swapped",
     False: "check that the drive has power, and its unit id (behind a host of its own often 1 or 255)",
@@ -146,16 +142,9 @@ class SetUp:
         self.unit.ensure(mode.write, mode.value)
         display = mode.display
         if display is not None:
-            self._poll(
-                lambda: self.unit.read(display) == mode.value,
+            poll(
+                self.unit,
                 self.profile.timing.mode_change_timeout,
+                lambda: self.unit.read(display) == mode.value,
                 lambda: f"did not take over mode {mode.value}: {display} says {self.unit.read(display)}",
             )
-
-    def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
-        clock = self.unit.requester.clock
-        deadline_ns = clock.now_ns() + round(timeout * 1e9)
-        while not reached():
-            if clock.now_ns() >= deadline_ns:
-                raise BusConfigurationError(f"{self.unit.label} {complaint()} (waited {exactly(timeout)} s)")
-            self.unit.requester.quiet(POLL_NS)

@@ -55,6 +55,14 @@ class UnitClient:
         self.requester = requester
         self._section = section
 
+    def now_ns(self) -> int:
+        """Return the time of the clock of the line."""
+        return self.requester.clock.now_ns()
+
+    def wait(self, duration_ns: int) -> None:
+        """Send nothing for this time."""
+        self.requester.quiet(duration_ns)
+
     def read(self, register: Register, timeout: float = ANSWER_TIMEOUT, tries: int = TRIES) -> int:
         """Return the value of a register.
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
+from haptic_fieldbus.buses.canopen.access import fit_to_drive
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.wire import Wire

@@ -1,0 +1,145 @@
+"""The way to zero torque as far as every bus goes it, and the clearing of the fault that a lost master leaves.
+
+A `Parting` is one drive on its way to zero, a `BusRelease` all drives of one bus. Each bus adds by what frames it frees
+a drive, and asks it whether its motor is off.
+
+A drive goes to fault when it has lost its master, as when its guard was proved. Nothing else clears a fault, and this
+one only by its error code: a fault that came for another reason in the same time stays, and is told.
+
+Reference: IEC 61800-7-201 (CiA 402-2), 6040h bit 7.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, Protocol, TypeVar
+
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.errors import BusConfigurationError, DriveFaultError
+from haptic_fieldbus.numerals import exactly
+
+FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
+POLL_NS = 5_000_000
+NO_CODE = 0
+"""Error code of a drive that has none for its fault, or no object or register for it."""
+FAULT_RESET = 0x80
+"""Controlword of CiA 402; its bit 7 acts when it rises."""
+CLEARED_WITHIN = 0.5
+"""Time that a drive has to leave *fault* [s]."""
+
+Undone = TypeVar("Undone", bound=tuple[object, object])
+"""An object or a register, and the value that it held before the run."""
+
+
+class PolledDrive(Protocol):
+    """A drive that is asked again and again."""
+
+    @property
+    def label(self) -> str: ...
+
+    def now_ns(self) -> int: ...
+
+    def wait(self, duration_ns: int, /) -> None: ...
+
+
+def reached_within(drive: PolledDrive, timeout: float, reached: Callable[[], bool]) -> bool:
+    """Ask a drive until `reached()` is True; False when it is not within `timeout` [s]. Raises what `reached` does."""
+    deadline_ns = drive.now_ns() + round(timeout * 1e9)
+    while not reached():
+        if drive.now_ns() >= deadline_ns:
+            return False
+        drive.wait(POLL_NS)
+    return True
+
+
+def poll(drive: PolledDrive, timeout: float, reached: Callable[[], bool], complaint: Callable[[], str]) -> None:
+    """Ask a drive until `reached()` is True; raises BusConfigurationError with the complaint after `timeout` [s]."""
+    if not reached_within(drive, timeout, reached):
+        raise BusConfigurationError(f"{drive.label} {complaint()} (waited {exactly(timeout)} s)")
+
+
+def other_fault(label: str, code: str) -> DriveFaultError:
+    """Return the error for a drive whose fault does not come from the loss of its master."""
+    return DriveFaultError(
+        f"{label} went to fault while it was left alone, and not because it lost its master: error code {code}. "
+        "Nothing was cleared"
+    )
+
+
+def check_cleared(drive: PolledDrive, cleared: Callable[[], bool], how: str = "") -> None:
+    """Wait until a drive has left *fault*; raises DriveFaultError when it stays in it."""
+    if not reached_within(drive, CLEARED_WITHIN, cleared):
+        raise DriveFaultError(
+            f"{drive.label} stays in fault {exactly(CLEARED_WITHIN)} s after its lost master was acknowledged{how}: "
+            "switch it off and on, and check its link"
+        )
+
+
+class Parting(Generic[Undone]):
+    """One drive on its way to zero torque; `last` gives what it held before the run, when it is asked for."""
+
+    def __init__(self, label: str, last: Callable[[], Sequence[Undone]]) -> None:
+        self.label = label
+        self.free = False
+        """True when the drive has said that its motor is off."""
+        self.refused: list[str] = []
+        """Objects or registers that the drive kept as they were."""
+        self._last = last
+        self._undoing: list[Undone] = []
+
+    def begin(self) -> None:
+        """Forget an earlier release."""
+        self.free, self.refused, self._undoing = False, [], list(self._last())
+
+    @property
+    def settled(self) -> bool:
+        """True when the motor is off, and all was put back or refused to be."""
+        return self.free and not self._undoing
+
+    @property
+    def kept(self) -> list[str]:
+        """Objects or registers that are still as the run had written them."""
+        return [*self.refused, *(str(each[0]) for each in self._undoing)]
+
+
+P = TypeVar("P", bound=Parting[Any])
+
+
+class BusRelease(Generic[P]):
+    """The release of all drives of one bus; no method raises anything but KeyboardInterrupt and its like."""
+
+    hint = ""
+    """End of the sentence about a drive that keeps what the run had written."""
+
+    def __init__(self, clock: Clock, partings: Sequence[P]) -> None:
+        self.warnings: list[str] = []
+        self._clock, self._partings = clock, tuple(partings)
+        self._end_ns = 0
+        self._begun = False
+
+    @property
+    def _settled(self) -> bool:
+        return all(parting.settled for parting in self._partings)
+
+    def _over(self) -> bool:
+        """Return whether all drives are settled, or the time is over."""
+        return self._settled or self._clock.now_ns() >= self._end_ns
+
+    def _confirmed(self) -> bool:
+        """End the release; True when every drive said that its motor is off, or nothing was begun.
+
+        Each drive that did not is told, and each that keeps what the run had written.
+        """
+        if self._begun:
+            self._begun = False
+            for parting in self._partings:
+                if not parting.free:
+                    self._warn(f"{parting.label} did not confirm that its motor is off")
+                elif parting.kept:
+                    kept = ", ".join(parting.kept)
+                    self._warn(f"{parting.label} was left with {kept} as the run had written it{self.hint}")
+            return all(parting.free for parting in self._partings)
+        return True
+
+    def _warn(self, sentence: str) -> None:
+        if sentence not in self.warnings:
+            self.warnings.append(sentence)
