@@ -124,8 +124,12 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
     for drive in drives:
         with _collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
-            slot = _on(bus, slot_of(*bench, booted=False, profiles=request.profiles))
-            slots.append(replace(slot, led=hand is not None and slot.profile.drive.protocol in _TELL_EXCHANGE))
+            slot = slot_of(*bench, booted=False, profiles=request.profiles)
+            spoken = slot.profile.drive.protocol
+            if bus is not None and spoken != bus.section.protocol:
+                wrong = f"{slot.axis.profile} speaks {spoken}, and {bus.text} is a bus of {bus.section.protocol}"
+                raise UsageError(wrong)
+            slots.append(replace(slot, led=hand is not None and spoken in _TELL_EXCHANGE))
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
@@ -209,16 +213,6 @@ def joined_bus(text: str | None) -> BusName:
     if name.simulated:
         raise UsageError(f'bus "{text}": no other program can join it; host on {example} or virtual:CHANNEL')
     return name
-
-
-def _on(bus: BusName | None, slot: DriveOnBus) -> DriveOnBus:
-    """Return the slot; raises UsageError when its drive does not speak the protocol of the bus."""
-    if bus is not None and slot.profile.drive.protocol != bus.section.protocol:
-        raise UsageError(
-            f"{slot.axis.profile} speaks {slot.profile.drive.protocol}, and {bus.text} is a bus of "
-            f"{bus.section.protocol}"
-        )
-    return slot
 
 
 def numbered(texts: Sequence[str], first: int, nodes: range) -> list[NamedDrive]:

@@ -132,7 +132,7 @@ def _lend(interface: str, taken_back: ExitStack) -> bool:
         if not _add(interface):
             return False
         taken_back.callback(_ip, "link", "del", interface)
-    elif not _is_vcan(interface):
+    elif not _ip("-details", "link", "show", "dev", interface, "type", "vcan", shows=interface):  # no file tells it
         raise UsageError(
             f'interface "{interface}" exists and is no vcan: commands may do anything to theirs, so name another one'
         )
@@ -150,11 +150,6 @@ def _add(interface: str) -> bool:
             subprocess.run(["modprobe", "vcan"], capture_output=True, check=False)
         return _ip("link", "add", interface, "type", "vcan")
     return False
-
-
-def _is_vcan(interface: str) -> bool:
-    """As the kernel tells it; a file of the interface does not say."""
-    return _ip("-details", "link", "show", "dev", interface, "type", "vcan", shows=interface)
 
 
 def _ip(*words: str, shows: str = "") -> bool:
@@ -263,7 +258,9 @@ def run(errand: GuestTask, note: Callable[[str], None]) -> int:
             with closing(HostCommand(errand.command, _environment("host"), wakeup)) as place:
                 return _attend(place, errand.limit_s, arrived)
         require_guest()
-        job = GuestCommand(errand.command, _environment("guest"), errand.interfaces, errand.writable, _terminal())
+        # Without a terminal at both outputs the command writes into pipes.
+        terminal = os.get_terminal_size() if os.isatty(1) and os.isatty(2) else None
+        job = GuestCommand(errand.command, _environment("guest"), errand.interfaces, errand.writable, terminal)
         job.require_folders()
         note(f"{names} in a guest kernel; {_writable(errand.writable)}")
         with written(job) as folder, closing(Guest(folder, _writer(1), _writer(2), wakeup)) as guest:
@@ -342,11 +339,6 @@ def _check(errand: GuestTask) -> None:
 
 def _environment(place: str) -> dict[str, str]:
     return {**os.environ, PLACE_VARIABLE: place}
-
-
-def _terminal() -> os.terminal_size | None:
-    """Size of the terminal when standard output and error both are one; else the command writes into pipes."""
-    return os.get_terminal_size() if os.isatty(1) and os.isatty(2) else None
 
 
 def _writable(folders: Sequence[Path]) -> str:

@@ -249,14 +249,11 @@ class CanopenBus(InSteps):
             asking.begin()
         self._wire.drain(deadline_ns)
         if not self._exchange.begun:
-            self._begin_watch()
+            # From now on nodes are missed: the loop looks regularly, and asks those that answer only then.
+            self._exchange.begun = True
+            for setup in self._setups:
+                setup.node.heartbeat_ns = self._clock.now_ns()
         self._exchange.missing = sum([link.begin() for link in self._links])
-
-    def _begin_watch(self) -> None:
-        """Begin to miss nodes: from now on the loop looks regularly, and asks those that answer only then."""
-        self._exchange.begun = True
-        for setup in self._setups:
-            setup.node.heartbeat_ns = self._clock.now_ns()
 
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""

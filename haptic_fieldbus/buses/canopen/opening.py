@@ -62,7 +62,10 @@ def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_
         told = f"{section.bitrate} bit/s asked for; the adapter does not tell what it does"
         yield Check("bit_rate", None, told)
         yield Check("queue", None, f"{section.interface} tells no queue")
-    yield _latency_timer(section, root)
+    if section.interface in SERIAL:
+        yield latency_timer(section.channel.split("@")[0], root)
+    else:
+        yield Check("usb_latency_timer", None, "none, the bus is on no serial port")
 
 
 @dataclass(frozen=True)
@@ -145,12 +148,6 @@ def _up(section: CanSection, *, virtual: bool) -> str:
     if virtual:
         return f"ip link set {channel} up"
     return f"ip link set {channel} down; ip link set {channel} up type can bitrate {section.bitrate} restart-ms 100"
-
-
-def _latency_timer(section: CanSection, root: Path) -> Check:
-    if section.interface not in SERIAL:
-        return Check("usb_latency_timer", None, "none, the bus is on no serial port")
-    return latency_timer(section.channel.split("@")[0], root)
 
 
 _SOCKETCAN = "under Linux type socketcan:can0"

@@ -61,7 +61,8 @@ def scan_bus(
     heard.refuse_noise()
     if heard.masters:
         words = ", ".join(frame_words(can_id) for can_id in sorted(heard.masters))
-        return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), _only_listened(wire.name, words))
+        told = f"another master on {wire.name}: {words}. Nothing was asked, and only what was heard is shown"
+        return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), told)
     others: list[str] = []
     foreign = ForeignMaster(wire, one, others.append)
     answered = _answering(wire, bitrate, nodes)
@@ -74,10 +75,6 @@ def scan_bus(
     began = [] if foreign.cob_id is None else [f"another master on {wire.name}: {frame_words(foreign.cob_id)}"]
     in_order = tuple(found[node] for node in sorted(found))
     return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
-
-
-def _only_listened(bus: str, words: str) -> str:
-    return f"another master on {bus}: {words}. Nothing was asked, and only what was heard is shown"
 
 
 def _note_state(states: dict[int, int], node: int, data: bytes | bytearray) -> None:
@@ -163,13 +160,13 @@ def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]
 
 def _axes_of(node: Node) -> str:
     """Return what to do about a node with several axes in the sub-indices of its objects; empty for any other."""
-    found = [index for index in PER_AXIS if _axes_in(node, index)]
+    axes = {index: [ObjectEntry(index, DataType.UINT16, subindex) for subindex in (1, 2)] for index in PER_AXIS}
+    found = [
+        index
+        for index, entries in axes.items()
+        if all(_unless_refused(partial(node.read, entry)) is not None for entry in entries)
+    ]
     return f"; {axes_words(found)}" if found else ""
-
-
-def _axes_in(node: Node, index: int) -> bool:
-    entries = [ObjectEntry(index, DataType.UINT16, subindex) for subindex in (1, 2)]
-    return all(_unless_refused(partial(node.read, entry)) is not None for entry in entries)
 
 
 def _lacking(node: Node, profile: CanopenProfile) -> list[ObjectEntry]:

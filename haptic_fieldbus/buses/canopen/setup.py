@@ -80,7 +80,8 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
             shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
             told.extend(_slower(node, each, value, axis))
     if profile.torque.rated_current is not None:
-        _check_rated_current(node, profile.torque.rated_current.entry, axis)
+        entry = profile.torque.rated_current.entry
+        check_rating(node.label, axis, str(entry), "current", node.read(entry) * 1e-3, axis.rig.rated_current, "A")
     told.extend(_other_counts(node, profile, axis))
     if shown:
         yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
@@ -145,11 +146,6 @@ def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> f
     rated = rated_torque(profile.title, str(mapped.entry), mapped.unit, node.read(mapped.entry))
     check_rating(node.label, axis, str(mapped.entry), "torque", rated, axis.rig.rated_torque, "N·m")
     return rated
-
-
-def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
-    held = node.read(entry) * 1e-3
-    check_rating(node.label, axis, str(entry), "current", held, axis.rig.rated_current, "A")
 
 
 # The PDOs of one drive, configured by SDO: those that the plan uses are mapped and switched on, the others are off.

@@ -202,7 +202,10 @@ class Turns:
                 self._clear(reading, until_ns)
             form = requester.outstanding
             if form is None:
-                self._wait_for_quiet(reading.link, until_ns)
+                # Ask nothing, and drop what comes; when nothing did, no answer is late any more.
+                reading.link.missing += 1
+                if not requester.listen(until_ns):
+                    reading.link.late.clear()
             else:
                 self._take(reading, form, until_ns)
             if at < last:
@@ -249,12 +252,6 @@ class Turns:
             return None, b""
         place, octets = set_point.take()
         return link.writing[place], octets
-
-    def _wait_for_quiet(self, link: UnitLink, until_ns: int) -> None:
-        """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
-        link.missing += 1
-        if not self._requester.listen(until_ns):
-            link.late.clear()
 
     def _clear(self, reading: Reading, until_ns: int) -> None:
         """Wait for the answer to another request, of an earlier period; then ask for this reading, if there is time."""

@@ -204,10 +204,6 @@ class Framing:
         if isinstance(pdu, ExceptionResponse):
             return Answer(exception=pdu.exception_code)
         if asked.count:
-            return self._fitting(pdu, len(body), asked.count)
+            fits = len(pdu.registers) == asked.count and len(body) == 2 + 2 * asked.count
+            return Answer(struct.pack(f">{asked.count}H", *pdu.registers)) if fits else DroppedOctets.SIZE
         return DroppedOctets.EARLIER  # a write that is another one, since the right answer has been told by its octets
-
-    def _fitting(self, pdu: ModbusPDU, size: int, count: int) -> Answer | DroppedOctets:
-        """Return the registers that were read, if they are as many as were asked for."""
-        fits = len(pdu.registers) == count and size == 2 + 2 * count
-        return Answer(struct.pack(f">{count}H", *pdu.registers)) if fits else DroppedOctets.SIZE

@@ -251,18 +251,15 @@ class WideValue:
         if self._before is None:
             self._before, self._at_ns = value, t_ns
             return False
-        way, passed_ns = _between(self._before, value), t_ns - self._at_ns
+        # The way from one position to the other [counts]; 32 bits may have run over.
+        way = (value - self._before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
+        passed_ns = t_ns - self._at_ns
         strange = abs(abs(way - self._speed * passed_ns) - TORN) <= TORN_WITHIN
         self._doubted = strange and not self._doubted
         if not self._doubted:
             self._before, self._at_ns = value, t_ns
             self._speed = way / passed_ns if passed_ns > 0 else 0.0
         return self._doubted
-
-
-def _between(before: int, value: int) -> int:
-    """Return the way from one position to another [counts]; 32 bits may have run over."""
-    return (value - before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
 
 
 def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, int, int]]:

@@ -294,16 +294,17 @@ class ModbusBus(InSteps):
         for each, parting in zip(self._set_ups, self._partings, strict=True):
             if parting.settled and not parting.refused:
                 each.torque_limits.restored()
-        told = [*self._release.warnings, *self._surprises(), *self._late(), *self._torn()]
+        dropped = ", ".join(f"{number} {kind.value}" for kind, number in self._requester.surprises.items())
+        self._requester.surprises.clear()
+        told = [
+            *self._release.warnings,
+            *([f"{self._transport.name}: answers were dropped: {dropped}"] if dropped else []),
+            *self._late(),
+            *self._torn(),
+        ]
         self.warnings += [sentence for sentence in told if sentence not in self.warnings]
         self._plan = None
         return confirmed
-
-    def _surprises(self) -> list[str]:
-        """Return a sentence about octets that were dropped, and forget them."""
-        words = [f"{number} {kind.value}" for kind, number in self._requester.surprises.items()]
-        self._requester.surprises.clear()
-        return [f"{self._transport.name}: answers were dropped: {', '.join(words)}"] if words else []
 
     def _late(self) -> list[str]:
         """Return a sentence about answers that came too late for their period."""

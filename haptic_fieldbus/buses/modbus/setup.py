@@ -59,7 +59,11 @@ class SetUp:
 
     def configure(self) -> None:
         """Write all registers and read each back; the drive stays off. Raises BusError or ForeignMasterError."""
-        self._guarded()
+        if self.watchdog is None and self.axis.rig.emergency_stop != "power":
+            raise BusConfigurationError(
+                f"{self.profile.title} has no watch on its master (profile: watchdog): it could hold the last torque "
+                "when the cable breaks; refused"
+            )
         refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
         self.unit.write(self.profile.torque.target, 0)
         for each in self.profile.setup:
@@ -77,13 +81,6 @@ class SetUp:
     def parting(self) -> tuple[tuple[Register, int], ...]:
         """Return what is written at the end: no watch on us, so that leaving is no fault, and the limits of before."""
         return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.restoring)
-
-    def _guarded(self) -> None:
-        if self.watchdog is None and self.axis.rig.emergency_stop != "power":
-            raise BusConfigurationError(
-                f"{self.profile.title} has no watch on its master (profile: watchdog): it could hold the last torque "
-                "when the cable breaks; refused"
-            )
 
     def _check_fault(self) -> None:
         """Raise DriveFaultError for a drive in fault; the first question, so it also finds a unit that is not there."""

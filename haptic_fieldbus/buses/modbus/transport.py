@@ -136,7 +136,11 @@ class TcpTransport:
     def receive(self, deadline_ns: int) -> bytes:
         try:
             if self._unacknowledged:
-                self._acknowledge()
+                # Acknowledge what has come, as more is waited for: the drive may hold it back until then.
+                self._unacknowledged = False
+                if QUICKACK is not None:
+                    # It lasts until the kernel changes its mind, so it is set each time.
+                    self._socket.setsockopt(socket.IPPROTO_TCP, QUICKACK, 1)
             wait_ns = deadline_ns - self._clock.now_ns()
             # poll is twice as fast as select, but counts in milliseconds: select waits for the rest.
             if self._poll is not None and wait_ns >= 1_000_000 and self._poll.poll(wait_ns // 1_000_000):
@@ -145,13 +149,6 @@ class TcpTransport:
             return self._taken() if select.select((self._socket,), (), (), wait_ns * 1e-9)[0] else b""
         except (OSError, ValueError) as error:
             raise translate(error, self.name) from error
-
-    def _acknowledge(self) -> None:
-        """Acknowledge what has come, as more is waited for: the drive may hold it back until then."""
-        self._unacknowledged = False
-        if QUICKACK is not None:
-            # It lasts until the kernel changes its mind, so it is set each time.
-            self._socket.setsockopt(socket.IPPROTO_TCP, QUICKACK, 1)
 
     def _taken(self) -> bytes:
         try:

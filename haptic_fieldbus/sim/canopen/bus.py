@@ -113,7 +113,8 @@ class SimulatedBus(can.BusABC):
         clock between attempts. Raises can.CanOperationError when the bus is shut down meanwhile; with a virtual clock
         and without a time-out also when no frame can come, or none came within 60 s.
         """
-        accept = self._is_accepted if self._filters is not None else None
+        filters = self._filters
+        accept = None if filters is None else lambda received: self._matches_filters(self._message(received))
         received = self._pace.receive(self._controller, timeout, accept)
         return None if received is None else self._message(received)
 
@@ -124,9 +125,6 @@ class SimulatedBus(can.BusABC):
             self._pace.detach(self._controller)
             if self._channel is not None:
                 _release(self._channel)
-
-    def _is_accepted(self, received: Received) -> bool:
-        return self._matches_filters(self._message(received))
 
     def _message(self, received: Received) -> can.Message:
         t_ns, frame, own, error = received

@@ -4,7 +4,6 @@ Frames come from a wire, simulated or real, and leave through the ports. Everyth
 the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Protocol, assert_never
@@ -13,20 +12,17 @@ from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.drive.drive_faults import faulty_hand, inject_drive, until
-from haptic_fieldbus.sim.drive.settings import drawn_settings
+from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import (
     AnswerFault,
+    DriveFaultKind,
     Fault,
-    HandFault,
     HostFault,
-    LastingFault,
     LineFault,
-    faults_of,
     kinds_of,
 )
-from haptic_fieldbus.sim.schedule import FaultSchedule, Plan, TimedFault, TimerQueue
+from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 # Application of each kind of fault to the simulated slave or to its bus.
 
@@ -71,8 +67,12 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
     match fault:
         case faults.Emergency(code=code):
             slave.error(code, t_ns)
-        case faults.DriveFault():
-            _inject_fault(fault, slave, plan, t_ns)
+        case faults.DriveFault(code=code, duration=duration):
+            errors = slave.node.emergencies
+            slave.drive.fault(code, t_ns)
+            if duration != 0.0:  # its cause lasts
+                errors.raise_error(code, fault)
+                plan(until(t_ns, duration), lambda _t_ns: errors.clear(code, fault))
         case faults.NodeReset(duration=duration):
             slave.node.reset(t_ns, round(duration * 1e9))
         case faults.Silence(duration=duration):
@@ -91,17 +91,6 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
             inject_drive(fault, slave.drive, plan, t_ns)
 
 
-def _inject_fault(fault: faults.DriveFault, slave: Slave, plan: Plan, t_ns: int) -> None:
-    """Apply a fault that the drive detects, whose cause may last."""
-    errors = slave.node.emergencies
-    slave.drive.fault(fault.code, t_ns)
-    if fault.duration == 0.0:
-        return
-    errors.raise_error(fault.code, fault)
-    if fault.duration is not None:
-        plan(until(t_ns, fault.duration), lambda _t_ns: errors.clear(fault.code, fault))
-
-
 def inject_line(fault: faults.LineFault | faults.HostFault, line: Line, plan: Plan, t_ns: int) -> None:
     """Apply a fault of the bus or of the host that happens at `t_ns`."""
     match fault:
@@ -118,61 +107,37 @@ def inject_line(fault: faults.LineFault | faults.HostFault, line: Line, plan: Pl
                 plan(until(t_ns, interval), lambda next_ns: inject_line(rest, line, plan, next_ns))
         case faults.HostLate() | faults.HostPaused() | faults.ClockStep() | faults.SlowCompute():
             line.host_fault(fault)
-        case (
-            faults.FrameDropped()
-            | faults.FrameDelayed()
-            | faults.FrameDuplicated()
-            | faults.FrameWrongLength()
-            | faults.FrameWrongNode()
-        ):
-            line.disturb(fault)
         case _:
-            assert_never(fault)
+            line.disturb(fault)
 
 
 KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 """Kinds of faults that a bus and its drives may have."""
 
 
-class SimulatedDrives:
+class SimulatedDrives(DriveBench):
     """The slaves by node-ID; all times are those of one clock [ns].
 
-    At least the `longest` latest segments of the true motion are kept, None: all.
+    `line` is the simulated bus; None for a real one, whose faults cannot be let happen.
     """
 
-    def __init__(self, line: Line, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
-        self._seed = seed
+    def __init__(self, line: Line | None, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+        super().__init__(seed, longest)
         self.slaves: dict[int, Slave] = {}
         self.attached: list[tuple[Port, Slave]] = []
         self.due_ns = NEVER_NS
         """Time of the next timer or planned action; NEVER_NS when there is none."""
         self._line = line
-        self._longest = longest
-        self._agenda = TimerQueue()
-        self.plan = self._agenda.plan
-        self._schedule = FaultSchedule(self.plan)
+        self.plan = self.agenda.plan
 
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
-        drawn = drawn_settings(self._seed, slot.node)
-        settings = replace(drawn, position=slot.position, velocity=slot.velocity, led=slot.led)
-        hand = faulty_hand(slot.hand, faults_of(slot.faults, slot.node))
+        settings, hand = self.drawn(slot)
+        settings = replace(settings, led=slot.led)
         slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
-        slave.drive.plant.recorder.longest = self._longest
-        timed: list[TimedFault] = []
-        for fault in slot.faults:
-            if isinstance(fault, LineFault | HostFault):
-                timed.append(fault)
-            elif fault.node not in (None, slot.node):
-                continue
-            elif isinstance(fault, LastingFault):
-                install_fault(fault, slave)
-            elif not isinstance(fault, HandFault):
-                timed.append(fault)
-        # The time of a fault counts from *operation enabled*, which is not known yet.
-        slave.drive.on_enabled = partial(self._schedule.begin, timed, slot.node, partial(self._action, slave))
-        slave.drive.on_freed = lambda _t_ns: self._schedule.freed(slot.node)
+        install, action = partial(install_fault, slave=slave), partial(self._action, slave)
+        self.follow(slave.drive, slot, LineFault | HostFault, install, action)
         self.slaves[slot.node] = slave
         self.attached.append((port, slave))
         slave.power_on(t_ns, booted=slot.booted)
@@ -194,7 +159,7 @@ class SimulatedDrives:
 
     def timers(self, t_ns: int) -> None:
         """Run the planned actions and timers that are due."""
-        self._agenda.run(t_ns)
+        self.agenda.run(t_ns)
         for _port, slave in self.attached:
             if slave.due_ns <= t_ns:
                 slave.timer(t_ns)
@@ -202,20 +167,20 @@ class SimulatedDrives:
 
     def find_due(self) -> None:
         """Update `due_ns`; call it after anything that may have changed a slave's timers."""
-        due_ns = self._agenda.due_ns
+        due_ns = self.agenda.due_ns
         for _port, slave in self.attached:
             due_ns = min(due_ns, slave.due_ns)
         self.due_ns = due_ns
 
     def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:
         """Plan a fault of a drive or of the bus, whose `at` counts from `t_ns`."""
-        self.plan(t_ns + round(fault.at * 1e9), self._action(self.slaves[node], fault))
+        self.plan_fault(fault, self._action(self.slaves[node], fault), t_ns)
         self.find_due()
 
-    def _action(self, slave: Slave, fault: TimedFault) -> Callable[[int], None]:
+    def _action(self, slave: Slave, fault: TimedFault) -> Action:
         """Return what a fault does, to its drive or to the line."""
-        if isinstance(fault, LineFault | HostFault):
+        if isinstance(fault, LineFault | HostFault) and self._line is not None:
             return partial(inject_line, fault, self._line, self.plan)
-        if isinstance(fault, AnswerFault):
+        if not isinstance(fault, DriveFaultKind):
             raise ValueError(f"{fault.kind} is no fault of a drive on CAN")
         return partial(inject, fault, slave, self.plan)

@@ -11,7 +11,7 @@ exponential is computed and no module imported afterwards, and what exists then 
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from operator import is_
 
@@ -31,7 +31,6 @@ from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Disturbance, HostFault
 from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 
 # The outlet of hosted drives to a python-can bus that may go down, and come back.
@@ -259,7 +258,7 @@ class Host:
         self._bitrate = bitrate
         self._served_ns = clock.now_ns()
         """Up to here all has been served."""
-        self._rack = SimulatedDrives(_Elsewhere(), seed, LONGEST_REMEMBERED)
+        self._rack = SimulatedDrives(None, seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
         """Handlers of the nodes when the bus was told last which frames concern them."""
 
@@ -304,7 +303,7 @@ class Host:
         # Before an answer is sent that lets a master use what has changed.
         self._focus()
         for _ in range(_BURST):
-            waiting = [port for port in self._ports() if port.waiting]
+            waiting = [port for port, _slave in self._rack.attached if port.waiting]
             if not waiting:
                 return
             port = min(waiting, key=lambda port: port.candidate()[0])
@@ -319,28 +318,3 @@ class Host:
         if not all(map(is_, (slave.node.handlers for slave in slaves), self._routes)):
             self._routes = [slave.node.handlers for slave in slaves]
             self._outlet.focus(frozenset().union(*(slave.concerns for slave in slaves)))
-
-    def _ports(self) -> Iterator[Port]:
-        return (port for port, _slave in self._rack.attached)
-
-
-class _Elsewhere:
-    """Stand-in for the bus and the master's controller; `resolve` refuses the faults that concern them."""
-
-    def bus_off(self, t_ns: int, until_ns: int) -> None:
-        """Never called: `resolve` refuses this fault."""
-
-    def interface_down(self, t_ns: int, until_ns: int) -> None:
-        """Never called: `resolve` refuses this fault."""
-
-    def error_frame(self, t_ns: int) -> None:
-        """Never called: `resolve` refuses this fault."""
-
-    def disturb(self, fault: Disturbance) -> None:
-        """Never called: `resolve` refuses this fault."""
-
-    def foreign_frame(self, can_id: int, data: bytes) -> None:
-        """Never called: `resolve` refuses this fault."""
-
-    def host_fault(self, fault: HostFault) -> None:
-        """Never called: `resolve` refuses this fault."""

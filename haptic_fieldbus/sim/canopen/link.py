@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -152,15 +153,7 @@ class Port:
 
     def candidate(self) -> tuple[int, Frame]:
         """Return the frame that takes part in the next arbitration; of equal priorities the older one."""
-        return self.waiting[0] if self.in_order or len(self.waiting) == 1 else min(self.waiting, key=_key)
-
-
-def _key(item: tuple[int, Frame]) -> int:
-    return item[0]
-
-
-def _port_key(port: Port) -> int:
-    return port.candidate()[0]
+        return self.waiting[0] if self.in_order or len(self.waiting) == 1 else min(self.waiting, key=itemgetter(0))
 
 
 class Wire:
@@ -204,7 +197,7 @@ class Wire:
     def start(self, t_ns: int) -> None:
         """Arbitrate at `t_ns` and put the winning frame on the wire."""
         contenders = [port for port in self.ports if port.waiting]
-        winner = contenders[0] if len(contenders) == 1 else min(contenders, key=_port_key)
+        winner = contenders[0] if len(contenders) == 1 else min(contenders, key=lambda port: port.candidate()[0])
         item = winner.candidate()
         winner.waiting.remove(item)
         self.sender, self._frame = winner, item[1]

@@ -2,7 +2,7 @@
 
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -134,11 +134,13 @@ _LEFT_OPEN = {0: 2, 1: INVALID, 2: 255}
 """Values of a communication record by sub-index where the file gives none: no identifier, event-driven."""
 _DUMMIES = range(2, 8)
 _MAX_BITS = 64
-_ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
-_WAYS = {
+ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
+"""Access type of an EDS → access of an entry."""
+WAYS = {
     "ro": Mappable.TPDO, "const": Mappable.TPDO, "rwr": Mappable.TPDO,
     "wo": Mappable.RPDO, "rww": Mappable.RPDO, "rw": Mappable.BOTH,
 }  # fmt: skip
+"""Access type of an EDS → PDOs into which a mappable entry may be mapped."""
 
 
 def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
@@ -147,32 +149,28 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
     Returns notes, in words, on the PDOs that could not be taken over.
     """
     implemented = {(entry.index, entry.subindex): entry for entry in dictionary}
-    pdos = _records(eds)
-    _take_away(dictionary, eds)
+    # The records of all PDOs that have both.
+    first = [COMMUNICATION[way].start - 1 + number for way in Direction for number in pdo_shape(eds, way)]
+    pdos = frozenset(index + part for index in first for part in (0, MAPPING))
+    for key in implemented:
+        if key not in MANDATORY and eds.find(*key) is None:
+            dictionary.remove(*key)
     for described in eds:
         entry = implemented.get((described.index, described.subindex))
         if entry is not None and _understood(entry, described):
             _take_over(entry, described, node)
         elif described.index not in _PDO_RECORDS or (described.index in pdos and not _beyond(described)):
             dictionary.add(_stored_entry(described, node))
-    notes = (*_lone(eds, pdos), *_set_up_pdos(dictionary, implemented, eds, node))
+    lone = [
+        f"{index:04X}h: the other record of this PDO is missing; it is left out"
+        for index in eds.objects
+        if index in _PDO_RECORDS and index not in pdos
+    ]
+    notes = (*lone, *_set_up_pdos(dictionary, implemented, eds, node))
     for entry in dictionary:
         source = eds.find(entry.index, entry.subindex)
         entry.numbered = source is not None and isinstance(source.formula, NodeOffset)
     return notes
-
-
-def _records(eds: Eds) -> frozenset[int]:
-    """Return the indices of the records of all PDOs that have both."""
-    first = (COMMUNICATION[way].start - 1 + number for way in Direction for number in pdo_shape(eds, way))
-    return frozenset(index + part for index in first for part in (0, MAPPING))
-
-
-def _lone(eds: Eds, pdos: frozenset[int]) -> Iterator[str]:
-    """Yield a note on each record of a PDO that lacks its other one."""
-    for index in eds.objects:
-        if index in _PDO_RECORDS and index not in pdos:
-            yield f"{index:04X}h: the other record of this PDO is missing; it is left out"
 
 
 def _beyond(described: EdsEntry) -> bool:
@@ -194,17 +192,10 @@ def _understood(entry: Entry, described: EdsEntry) -> bool:
     return not shown and _limits(described, type)[0] >= entry.type.limits[0]
 
 
-def _take_away(dictionary: Dictionary, eds: Eds) -> None:
-    """Remove the entries that the file does not have."""
-    for entry in list(dictionary):
-        if eds.find(entry.index, entry.subindex) is None and (entry.index, entry.subindex) not in MANDATORY:
-            dictionary.remove(entry.index, entry.subindex)
-
-
 def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
     """Give an entry that the drive implements the properties that it has in the file."""
     shown, measured = entry.access in (Access.RO, Access.CONST), entry.access is Access.RO
-    entry.access, entry.mappable = _ACCESS[described.access], _mappable(described)
+    entry.access, entry.mappable = ACCESS[described.access], _ways(described.access, described.mappable)
     if entry.index in BENCH_VALUES or (measured and entry.index not in SHOWN_VALUES):
         return
     type, value = data_type(described), described.value(node)
@@ -214,10 +205,6 @@ def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
         entry.value = entry.default = value
     elif isinstance(value, str) and entry.type is None:
         entry.text = entry.default_text = value.encode()
-
-
-def _mappable(described: EdsEntry) -> Mappable:
-    return _WAYS[described.access] if described.mappable else Mappable.NO
 
 
 def _limits(described: EdsEntry, type: DataType) -> tuple[int, int]:
@@ -236,17 +223,25 @@ def _limits(described: EdsEntry, type: DataType) -> tuple[int, int]:
 
 def _stored_entry(described: EdsEntry, node: int) -> Entry:
     """Return an entry that only stores its value."""
-    access, value = _ACCESS[described.access], described.value(node)
+    access, value = ACCESS[described.access], described.value(node)
+    mappable = _ways(described.access, described.mappable)
     type = data_type(described)
     if type is not None:
         low, high = _limits(described, type)
         # Without a default in the file: 0, or the limit nearest to it.
         initial = value if isinstance(value, int) else max(low, min(high, 0))
         return Entry(described.index, described.subindex, type, initial, access,
-                     limits=(low, high), mappable=_mappable(described))  # fmt: skip
+                     limits=(low, high), mappable=mappable)  # fmt: skip
     if described.type is EdsType.REAL32:
         bits = int.from_bytes(struct.pack("<f", value if isinstance(value, float) else 0.0), "little")
-        return Entry(described.index, described.subindex, DataType.UINT32, bits, access, mappable=_mappable(described))
+        return Entry(
+            described.index,
+            described.subindex,
+            DataType.UINT32,
+            bits,
+            access,
+            mappable=_ways(described.access, described.mappable),
+        )
     if described.type is EdsType.BOOLEAN:
         flag = value if isinstance(value, int) else 0
         return Entry(described.index, described.subindex, DataType.UINT8, flag, access, limits=(0, 1))
@@ -255,17 +250,17 @@ def _stored_entry(described: EdsEntry, node: int) -> Entry:
 
 def _octets(described: EdsEntry, access: Access, value: int | float | str | bytes | None) -> Entry:
     size = described.type.size if described.type is not None else None
+    room = {None: UNKNOWN_OCTETS, EdsType.DOMAIN: DOMAIN_OCTETS}.get(described.type, STRING_OCTETS)
     entry = Entry(described.index, described.subindex, None, access=access, text=_initial(described, value, size),
-                  capacity=size or _room(described.type))  # fmt: skip
+                  capacity=size or room)  # fmt: skip
+
+    def accept(octets: int) -> None:
+        if octets != size:
+            raise AccessRefused(AbortCode.TOO_SHORT)
+
     if size is not None:
-        entry.accept = _whole(size)
+        entry.accept = accept
     return entry
-
-
-def _room(type: EdsType | None) -> int:
-    if type is None:
-        return UNKNOWN_OCTETS
-    return DOMAIN_OCTETS if type is EdsType.DOMAIN else STRING_OCTETS
 
 
 def _initial(described: EdsEntry, value: int | float | str | bytes | None, size: int | None) -> bytes:
@@ -280,16 +275,6 @@ def _initial(described: EdsEntry, value: int | float | str | bytes | None, size:
         return b""
     number = value if isinstance(value, int) else 0
     return number.to_bytes(size or UNKNOWN_OCTETS // 2, "little", signed=number < 0)
-
-
-def _whole(size: int) -> Callable[[int], None]:
-    """Return an `accept` that refuses fewer octets than a type of this size has."""
-
-    def accept(octets: int) -> None:
-        if octets != size:
-            raise AccessRefused(AbortCode.TOO_SHORT)
-
-    return accept
 
 
 # PDOs.
@@ -365,13 +350,6 @@ NODE_ID = re.compile(r"\$NODEID\s*\+\s*(0x[0-9A-Fa-f]+|\d+)")
 """A value that contains the node-ID."""
 OCTETS = 256
 """Capacity of an entry without a type."""
-ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
-"""Access type of an EDS → access of an entry."""
-WAYS = {
-    "ro": Mappable.TPDO, "const": Mappable.TPDO, "rwr": Mappable.TPDO,
-    "wo": Mappable.RPDO, "rww": Mappable.RPDO, "rw": Mappable.BOTH,
-}  # fmt: skip
-"""Access type of an EDS → PDOs into which a mappable entry may be mapped."""
 
 
 def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObject], node: int) -> None:

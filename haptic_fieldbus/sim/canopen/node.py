@@ -55,7 +55,7 @@ class Node:
         self._options = options
         self._alarms = alarms = Alarms()
         self._boot_alarm = alarms.new(self._boot)
-        self._sdo_alarm = alarms.new(self._sdo_timeout)
+        self._sdo_alarm = alarms.new(lambda _t_ns: self._respond(self.sdo.expire()))
         self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
         self.emergencies = Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
         self._producer = Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
@@ -150,8 +150,11 @@ class Node:
         self.sdo.reset()
         self.lss.reset(power_on=power_on)
         self._bit_timing.switch()
-        # The node-ID comes before the values: power-on values may contain it.
-        self._renumber(self.lss.active_node)
+        # The node-ID that LSS has set comes before the values, which may contain it; without one the last is kept.
+        number = self.lss.active_node
+        if number not in (self.number, UNCONFIGURED):
+            self.dictionary.renumber(number - self.number)
+            self.number = number
         self._storage.restore(*(_EVERYTHING if power_on else _COMMUNICATION))
         self.emergencies.restart(power_on=power_on)
         if power_on:
@@ -161,12 +164,6 @@ class Node:
         # Last, when all parameters have their power-on values.
         self.process.compile()
         self._route()
-
-    def _renumber(self, number: int) -> None:
-        """Take the node-ID that LSS has set; without one the dictionary keeps the last, unused."""
-        if number not in (self.number, UNCONFIGURED):
-            self.dictionary.renumber(number - self.number)
-            self.number = number
 
     def _boot(self, t_ns: int) -> None:
         self._route()
@@ -240,9 +237,6 @@ class Node:
             self._sdo_alarm.at(t_ns + TIMEOUT_NS)
         else:
             self._sdo_alarm.off()
-
-    def _sdo_timeout(self, _t_ns: int) -> None:
-        self._respond(self.sdo.expire())
 
     def _respond(self, responses: list[bytes]) -> None:
         for response in responses:

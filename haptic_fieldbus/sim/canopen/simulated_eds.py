@@ -79,7 +79,7 @@ def _entry(entry: Entry, default: EdsValue | None, described: EdsEntry | None) -
         subindex=entry.subindex,
         name=described.name if described is not None else "",
         type=type,
-        access=_access(entry),
+        access=_WRITABLE.get(entry.mappable, "rw") if entry.access is Access.RW else entry.access.value,
         default=default if described is None or type in _TYPES.values() else described.default,
         low=entry.low if narrow else None,
         high=entry.high if narrow else None,
@@ -91,10 +91,6 @@ def _type(entry: Entry) -> EdsType:
     if entry.type is not None:
         return _TYPES[entry.type]
     return EdsType.VISIBLE_STRING if entry.index in _STRINGS else EdsType.DOMAIN
-
-
-def _access(entry: Entry) -> str:
-    return _WRITABLE.get(entry.mappable, "rw") if entry.access is Access.RW else entry.access.value
 
 
 def _object(index: int, members: dict[int, EdsEntry], described: EdsObject | None) -> EdsObject:

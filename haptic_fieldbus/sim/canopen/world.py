@@ -59,29 +59,6 @@ _LEAVING_NS = 200_000_000
 """Paced: longest time that a leaving program waits until its last frames are sent."""
 
 
-class LazyWorld(Protocol):
-    """The part of a world that its pace uses."""
-
-    @property
-    def clock(self) -> Clock: ...
-
-    @property
-    def next_ns(self) -> int: ...
-
-    @property
-    def is_idle(self) -> bool: ...
-
-    def attach(self, *, receive_own: bool = False, room: int | None = None) -> Controller: ...
-
-    def detach(self, controller: Controller) -> None: ...
-
-    def run(self) -> None: ...
-
-    def send(self, controller: Controller, frame: Frame) -> bool: ...
-
-    def receive(self, controller: Controller, timeout_ns: int) -> Received | None: ...
-
-
 class Pace(Protocol):
     """The way in which programs use a world. Time-outs are in s; None waits for ever."""
 
@@ -104,7 +81,7 @@ class Pace(Protocol):
         """Bring the world to the present and hold it there for a `with` block, in which it may be read and changed."""
 
 
-def pace_of(world: LazyWorld) -> Pace:
+def pace_of(world: "World") -> Pace:
     """Return the pace for a world's clock: a MonotonicClock is followed, any other clock is advanced."""
     return PacedByClock(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
 
@@ -112,7 +89,7 @@ def pace_of(world: LazyWorld) -> Pace:
 class Stepped:
     """The pace of virtual time, for one thread."""
 
-    def __init__(self, world: LazyWorld) -> None:
+    def __init__(self, world: "World") -> None:
         self._world = world
 
     def attach(self, *, receive_own: bool) -> Controller:
@@ -157,7 +134,7 @@ class Stepped:
 class PacedByClock:
     """The pace of the wall clock, for any number of threads."""
 
-    def __init__(self, world: LazyWorld) -> None:
+    def __init__(self, world: "World") -> None:
         self._world = world
         self._turn = threading.Condition()
         # python-can's timestamps count from the Unix epoch, the world's clock from an instant of its own.
@@ -435,7 +412,12 @@ class World:
         sender = self._wire.sender
         frame = self._wire.finish()
         if self._disturbances:
-            self._pass_on_disturbed(frame, sender, t_ns)
+            for later_ns, arriving in self._disturbances.arriving(frame):
+                if later_ns:
+                    self._rack.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
+                else:
+                    self._pass_on(arriving, sender, t_ns)
+            self._rack.find_due()
         else:
             self._pass_on(frame, sender, t_ns)
         # Taps see what was sent, whatever arrives of it.
@@ -454,14 +436,6 @@ class World:
                 controller.frame_ended(frame, sender, t_ns)
         if self.adapter_ns:
             self._rack.find_due()
-
-    def _pass_on_disturbed(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
-        for later_ns, arriving in self._disturbances.arriving(frame):
-            if later_ns:
-                self._rack.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
-            else:
-                self._pass_on(arriving, sender, t_ns)
-        self._rack.find_due()
 
     # Faults.
 

@@ -169,9 +169,12 @@ class Torques:
         self.rows = tuple(dict.fromkeys(rows))
         """Indices of the speeds on which they act, each once."""
         self.inertias = tuple(load.motor_inertia if row == SPEED else load.load_inertia for row in self.rows)
-        self.scale = self._scale()
+        on_lever = abs(parts.gravity.torque) if parts.gravity is not None and load.lever is not None else 0.0
+        self.scale = sum((part.torque for part in (parts.cogging, parts.stribeck) if part is not None), on_lever)
         """Sum of the largest torques [N·m]."""
-        self.fineness = self._fineness()
+        self.fineness = max(
+            abs(load.lever or 0.0), parts.cogging.periods_per_revolution if parts.cogging is not None else 0.0
+        )
         """Largest angular frequency of the torques along the shaft's angle [rad/rad]."""
 
     def at(self, angle: Matrix, speed: Matrix, handle: Matrix, direction: int) -> Matrix:
@@ -190,15 +193,6 @@ class Torques:
             towards = math.copysign(1.0, lever)
             torques[-1] -= towards * parts.gravity.torque * np.sin(lever * handle - parts.gravity.hanging_at)
         return torques
-
-    def _scale(self) -> float:
-        parts = self._load.mechanics
-        on_lever = abs(parts.gravity.torque) if parts.gravity is not None and self._load.lever is not None else 0.0
-        return sum((part.torque for part in (parts.cogging, parts.stribeck) if part is not None), on_lever)
-
-    def _fineness(self) -> float:
-        cogging = self._load.mechanics.cogging
-        return max(abs(self._load.lever or 0.0), cogging.periods_per_revolution if cogging is not None else 0.0)
 
 
 # A leg: one stretch of motion under one law, on which the nonlinear torques are polynomials in time.
@@ -450,13 +444,10 @@ class LoadedPlant(Body):
             rows[_PULL] = self._pull[flank]
             rows[_SPRING] = (load.coupling_torque(1) + load.coupling_torque(-1)) / 2
             system = load.system(self._grip, sticking=sticking, flank=flank)
-            length_ns = _LONGEST_NS >> halvings if self._bounded else _UNBOUNDED_NS
+            bounded = load.breakaway or load.half_play or self._torques.rows
+            length_ns = _LONGEST_NS >> halvings if bounded else _UNBOUNDED_NS
             leg = self._legs[key] = Leg(system, self._torques, rows, _PULL, float(length_ns))
         return leg
-
-    @property
-    def _bounded(self) -> bool:
-        return bool(self._load.breakaway or self._load.half_play or self._torques.rows)
 
     def _fewest_halvings(self) -> int:
         """Return the number of halvings for which the fastest oscillation turns by at most `_PHASE` on a leg."""

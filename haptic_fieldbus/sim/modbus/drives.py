@@ -5,7 +5,7 @@ count) is drawn from the seed.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from random import Random
 from typing import Protocol
@@ -13,11 +13,10 @@ from typing import Protocol
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.drive.drive_faults import faulty_hand, inject_drive, until
-from haptic_fieldbus.sim.drive.settings import drawn_settings
+from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.sim.schedule import Action, FaultSchedule, Plan, TimedFault, TimerQueue
+from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 # Faults of answers on their way to the master: what arrives, and when.
 
@@ -74,18 +73,15 @@ class AnswerDisturbances:
             case faults.AnswerGarbage():
                 yield 0, self._random.randbytes(self._random.randint(*GARBAGE))
             case faults.AnswerCorrupted():
-                yield 0, self._corrupted(octets)
+                # One other bit; TCP protects its payload, so there it is one of the header.
+                bit = self._random.randrange(8 * (len(octets) if self._serial else TCP_OCTETS))
+                changed = bytearray(octets)
+                changed[bit // 8] ^= 1 << bit % 8
+                yield 0, bytes(changed)
             case faults.AnswerTruncated(length=length):
                 yield 0, octets[:length]
             case _:
                 yield 0, octets
-
-    def _corrupted(self, octets: bytes) -> bytes:
-        """Return the octets with one other bit; TCP protects its payload, so there it is one of the header."""
-        bit = self._random.randrange(8 * (len(octets) if self._serial else TCP_OCTETS))
-        changed = bytearray(octets)
-        changed[bit // 8] ^= 1 << bit % 8
-        return bytes(changed)
 
 
 _OF_CANOPEN = (
@@ -110,33 +106,25 @@ class FaultyLine(Protocol):
     def host_fault(self, fault: faults.HostFault) -> None: ...
 
 
-class SimulatedUnits:
-    """The drives by unit id; all times are those of one clock [ns].
-
-    At least the `longest` latest segments of the true motion are kept, None: all.
-    """
+class SimulatedUnits(DriveBench):
+    """The drives by unit id; all times are those of one clock [ns]."""
 
     def __init__(self, line: FaultyLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+        super().__init__(seed, longest)
         self.units: dict[int, Unit] = {}
-        self.agenda = TimerQueue()
         self.now_ns = 0
         """Up to where timers and actions have been served."""
-        self._line, self._seed, self._longest = line, seed, longest
-        self._schedule = FaultSchedule(self.agenda.plan)
+        self._line = line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
         """Power a drive on; raises ValueError when its unit id is taken."""
         if slot.node in self.units:
             raise ValueError(f"unit {slot.node} is on this line already")
-        settings = replace(drawn_settings(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
-        hand = faulty_hand(slot.hand, faults.faults_of(slot.faults, slot.node))
+        settings, hand = self.drawn(slot)
         unit = Unit(slot.node, slot.profile, slot.axis, hand, settings, t_ns)
-        unit.drive.plant.recorder.longest = self._longest
-        timed = self._install(unit, slot)
-        # The time of a fault counts from *operation enabled*, which is not known yet.
-        begin = partial(self._schedule.begin, timed, slot.node, partial(self._action, unit))
-        unit.drive.on_enabled = partial(_enabled, unit, begin)
-        unit.drive.on_freed = lambda _t_ns: self._schedule.freed(slot.node)
+        install, action = partial(_install, unit=unit), partial(self._action, unit)
+        self.follow(unit.drive, slot, faults.ConnectionReset | faults.HostFault, install, action)
+        unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
         self.units[slot.node] = unit
         unit.power_on(t_ns)
         return unit
@@ -158,20 +146,7 @@ class SimulatedUnits:
 
     def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
         """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""
-        self.agenda.plan(t_ns + round(fault.at * 1e9), self._action(self.units[number], fault))
-
-    def _install(self, unit: Unit, slot: DriveOnBus) -> list[TimedFault]:
-        """Apply the faults of a drive that exist from power-on; return those that happen later."""
-        timed: list[TimedFault] = []
-        for fault in slot.faults:
-            if isinstance(fault, faults.ConnectionReset | faults.HostFault):
-                timed.append(fault)
-            elif fault.node in (None, slot.node):
-                if isinstance(fault, faults.LastingFault):
-                    _install(fault, unit)
-                elif not isinstance(fault, faults.HandFault):
-                    timed.append(fault)
-        return timed
+        self.plan_fault(fault, self._action(self.units[number], fault), t_ns)
 
     def _action(self, unit: Unit, fault: TimedFault) -> Action:
         """Return what a fault does, to its drive or to the line."""

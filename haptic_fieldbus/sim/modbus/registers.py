@@ -6,7 +6,7 @@ refused: this drive leaves no master the choice to tear one. Registers of which 
 profile says that they can be read, and cannot be written.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -95,7 +95,9 @@ class Registers:
             return Refusal.VALUE
         for entry, value in taken.items():
             entry.value = value
-        _call_once(taken)
+        # Each listener once: a drive acts on a command and a target of one request together.
+        for listener in dict.fromkeys(entry.changed for entry in taken if entry.changed is not None):
+            listener()
         return list(taken)
 
     def _whole(self, address: int, count: int) -> dict[int, RegisterCell] | None:
@@ -117,13 +119,3 @@ def _accepted(entry: Entry, value: int) -> bool:
     except AccessRefused:
         return False
     return entry.low <= value <= entry.high
-
-
-def _call_once(written: Mapping[Entry, int]) -> None:
-    """Tell of what was written, each listener once: a drive acts on a command and a target of one request together."""
-    listeners: dict[Callable[[], None], None] = {}
-    for entry in written:
-        if entry.changed is not None:
-            listeners[entry.changed] = None
-    for listener in listeners:
-        listener()

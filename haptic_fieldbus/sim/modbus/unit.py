@@ -178,14 +178,12 @@ class PowerRegisters:
         elif command == self._reset:
             self._obey(_FAULT_RESET)
         elif command == row.controlword and self._state() in _WAY:
-            self._go_on(_WAY.index(self._state()))
-
-    def _go_on(self, place: int) -> None:
-        """Go to the next state of the table on the way."""
-        for state, word in zip(_WAY[place + 1 :], _WORDS[place + 1 :], strict=True):
-            self._obey(word)
-            if state in self._rows:
-                return
+            # Go to the next state of the table on the way.
+            place = _WAY.index(self._state()) + 1
+            for state, word in zip(_WAY[place:], _WORDS[place:], strict=True):
+                self._obey(word)
+                if state in self._rows:
+                    return
 
 
 LOST_MASTER = 0x8130

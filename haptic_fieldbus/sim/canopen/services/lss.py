@@ -61,10 +61,10 @@ class LssSlave:
         self._heard: dict[range, list[int]] = {_SELECT: [], _IDENTIFY: []}
         """Parts of an address received so far, in the order in which a selective service sends them."""
         self._position = 0
-        self._waiting = {
+        self._waiting: dict[int, Callable[[bytes], Answer]] = {
             **dict.fromkeys(_SELECT, self._select),
             **dict.fromkeys(_IDENTIFY, self._identify),
-            _IDENTIFY_NOT_CONFIGURED: self._identify_not_configured,
+            _IDENTIFY_NOT_CONFIGURED: lambda _data: (_NOT_CONFIGURED,) if self._is_unconfigured else None,
             _FASTSCAN: self._fastscan,
         }
         self._configuration: dict[int, Callable[[bytes], Answer]] = {
@@ -142,9 +142,6 @@ class LssSlave:
         own = self._identity()
         hit = own[:2] == [vendor, product] and low_revision <= own[2] <= high_revision
         return (_IDENTIFIED,) if hit and low_serial <= own[3] <= high_serial else None
-
-    def _identify_not_configured(self, _data: bytes) -> Answer:
-        return (_NOT_CONFIGURED,) if self._is_unconfigured else None
 
     def _fastscan(self, data: bytes) -> Answer:
         number, (bit, part, following) = int.from_bytes(data[1:5], "little"), data[5:8]

@@ -91,9 +91,8 @@ class Pdo:
         self.synchronous = self._sync_honoured and self._type.value <= _LAST_SYNCHRONOUS
         try:
             self.mapped = [self._resolve(entry.value) for entry in self._entries[: self._count.value]]
-        except (
-            AccessRefused
-        ):  # a described power-on value that maps what cannot be mapped; what is written was judged before
+        except AccessRefused:
+            # A described power-on value maps what cannot be mapped; what is written was judged before.
             self.mapped = []
         self.packing = struct.Struct("<" + "".join(entry.type.code for entry in self.mapped if entry.type is not None))
         self.valid = self.exists and bool(self.mapped)

@@ -50,12 +50,6 @@ def multiplexed(command: int, entry: Entry) -> bytes:
     return bytes((command, *entry.index.to_bytes(2, "little"), entry.subindex))
 
 
-def initiated(entry: Entry) -> bytes:
-    """Return the confirmation of a download initiate, which completes an expedited download."""
-    # Server command specifier 3.
-    return multiplexed(0x60, entry) + bytes(4)
-
-
 class DownloadBuffer:
     """The octets of a download as they arrive, never more than the capacity of the entry.
 
@@ -377,7 +371,8 @@ class SdoServer:
             entry.write(data[4 : 4 + (EXPEDITED - (data[0] >> 2 & 3) if sized else default)])
         else:
             self._transfer = SegmentedDownload(entry, _announced(data) if sized else None)
-        return [initiated(entry)]
+        # Server command specifier 3 confirms the initiate, and completes an expedited download.
+        return [multiplexed(0x60, entry) + bytes(4)]
 
     def _upload(self, entry: Entry, _data: bytes) -> Response:
         transfer = SegmentedUpload(entry, entry.read())
