@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.buses.access import BusAccess
-from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.buses.bus import StepwiseBus
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -56,7 +56,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
     if plan.simulated:
         _check_faults(conditions.faults, plan)
     clock = _clock(plan, conditions) if plan.simulated else MonotonicClock()
-    buses: dict[str, Bus] = {}
+    buses: dict[str, StepwiseBus] = {}
     worlds: dict[str, Truth] = {}
     faults: list[str] = []
     with ExitStack() as opened:
@@ -139,7 +139,9 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
         faults.append(getattr(error, "strerror", None) or str(error))
 
 
-def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, Truth | None]:
+def _simulated(
+    plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object
+) -> tuple[StepwiseBus, Truth | None]:
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     hand, slots = conditions.hand, []
     simulation = _simulation(bus.protocol)

@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.buses.bus import StepwiseBus
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -54,7 +54,7 @@ class BusAccess(Protocol):
         """
         return nullcontext({})
 
-    def open_bus(self, section: BusSection, clock: Clock, log: Any) -> Bus:
+    def open_bus(self, section: BusSection, clock: Clock, log: Any) -> StepwiseBus:
         """Open a real bus; raises UsageError for impossible settings, BusError when it cannot be opened."""
 
     def rated_torque(self, section: BusSection, name: str, axis: RigAxis) -> float | None:

@@ -1,7 +1,8 @@
 """The contract of a bus towards the loop, and the facts that a bus reads from its drives.
 
-The loop calls `open`, `read`, `write`, `stop` and `close`. The other methods are parts of `open`, `read` and `stop`. A
-group of buses calls each part on all of its buses before the next part, so that the buses work side by side.
+The loop calls `open`, or the parts of it with questions in between, `read`, `write`, `stop` and `close`. `read` and
+`stop` have parts as well (`StepwiseBus`). A group of buses calls each part on all of its buses before the next part, so
+that the buses work side by side.
 """
 
 from collections.abc import Mapping
@@ -56,16 +57,8 @@ class Bus(Protocol):
     def foreign_load(self) -> Mapping[str, float]:
         """By axis, the share of its bus that frames of other devices took; empty where none can be heard."""
 
-    @property
-    def fresh(self) -> bool:
-        """True when all feedback of the last exchange arrived."""
-
-    @property
-    def latch_ns(self) -> int:
-        """Instant at which the drives latched the feedback of the last exchange [ns]."""
-
     def open(self, plan: Plan) -> None:
-        """Configure the drives and start them, torque-free.
+        """Configure the drives and start them, torque-free: `inspect`, `configure` and `start`.
 
         Raises BusError or DriveFaultError; no drive then takes part in the exchange.
         """
@@ -85,15 +78,6 @@ class Bus(Protocol):
 
     def read(self, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image, by the deadline [ns]; the buffer is reused."""
-
-    def prepare(self, deadline_ns: int) -> None:
-        """Process all that arrived since the last exchange, until the deadline [ns] at the latest."""
-
-    def begin(self) -> None:
-        """Request feedback from the drives."""
-
-    def collect(self, deadline_ns: int) -> bytearray:
-        """Receive the feedback until the deadline [ns], write the headers, and return the input image."""
 
     def write(self, image: bytes | bytearray) -> None:
         """Send the output image; set-points that cannot be sent are dropped, never queued."""
@@ -116,6 +100,25 @@ class Bus(Protocol):
         Raises nothing: neither one drive nor one bus nor a log keeps another drive from being freed.
         """
 
+    def close(self) -> None:
+        """Stop unless already stopped, and release the bus; raises no BusError."""
+
+
+class StepwiseBus(Bus, Protocol):
+    """The bus of one protocol, with the parts of `read` and `stop` that a group calls one by one on all of its buses.
+
+    `collect` writes the instant at which the drives latched into the header of the image, for the group too.
+    """
+
+    def prepare(self, deadline_ns: int) -> None:
+        """Process all that arrived since the last exchange, until the deadline [ns] at the latest."""
+
+    def begin(self) -> None:
+        """Request feedback from the drives."""
+
+    def collect(self, deadline_ns: int) -> bytearray:
+        """Receive the feedback until the deadline [ns], write the headers, and return the input image."""
+
     def release(self) -> None:
         """Begin `stop`: take the torque away by every way that needs no answer. Raises nothing."""
 
@@ -127,9 +130,6 @@ class Bus(Protocol):
 
     def leave(self) -> bool:
         """End `stop`: leave the drives; True when all confirmed that their motors are off. Raises nothing."""
-
-    def close(self) -> None:
-        """Stop unless already stopped, and release the bus; raises no BusError."""
 
 
 class InSteps:
@@ -150,13 +150,13 @@ class InSteps:
             self.stop()
             raise
 
-    def read(self: Bus, deadline_ns: int) -> bytearray:
+    def read(self: StepwiseBus, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image; raises BusError only when the bus itself is dead."""
         self.prepare(deadline_ns)
         self.begin()
         return self.collect(deadline_ns)
 
-    def stop(self: Bus) -> bool:
+    def stop(self: StepwiseBus) -> bool:
         """Take the torque away from every drive, now; True when all confirmed that their motors are off."""
         self.release()
         while not self.settle():

@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import TypeVar
 
-from haptic_fieldbus.buses.bus import Bus, DriveFacts, InSteps
+from haptic_fieldbus.buses.bus import DriveFacts, InSteps, StepwiseBus
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
@@ -33,10 +33,10 @@ Returned = TypeVar("Returned")
 class BusGroup(InSteps):
     """Several buses behind the interface of one; `buses` maps the names in the plan to the buses."""
 
-    def __init__(self, buses: Mapping[str, Bus]) -> None:
+    def __init__(self, buses: Mapping[str, StepwiseBus]) -> None:
         self._named = dict(buses)
         self._buses = tuple(buses.values())
-        self._unsettled: tuple[Bus, ...] = ()
+        self._unsettled: tuple[StepwiseBus, ...] = ()
         self._failures: list[str] = []
         self._image = bytearray()
 
@@ -55,15 +55,6 @@ class BusGroup(InSteps):
     @property
     def foreign_load(self) -> dict[str, float]:
         return {axis: load for bus in self._buses for axis, load in bus.foreign_load.items()}
-
-    @property
-    def fresh(self) -> bool:
-        return all(bus.fresh for bus in self._buses)
-
-    @property
-    def latch_ns(self) -> int:
-        """Instant at which the last bus latched [ns]."""
-        return max([bus.latch_ns for bus in self._buses])
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Inspect the drives of each bus; all buses share `image`. Raises BusError or DriveFaultError."""
@@ -89,10 +80,12 @@ class BusGroup(InSteps):
             bus.begin()
 
     def collect(self, deadline_ns: int) -> bytearray:
+        latest_ns = 0
         for bus in self._buses:
             bus.collect(deadline_ns)
-        # Each bus wrote its own latch into the shared header; the instant of the image is the last of them.
-        HEADER.pack_into(self._image, 0, self.latch_ns)
+            # Each bus writes its own latch into the shared header; the instant of the image is the last of them.
+            latest_ns = max(latest_ns, HEADER.unpack_from(self._image)[0])
+        HEADER.pack_into(self._image, 0, latest_ns)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:

@@ -14,7 +14,7 @@ from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Proof, Result, Right, known_before
 from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
-from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.buses.bus import Bus, StepwiseBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
@@ -62,7 +62,7 @@ class Site:
     """The place of a run: a clock, the buses by name and, behind simulated buses, their worlds by the same names."""
 
     clock: Clock
-    buses: Mapping[str, Bus]
+    buses: Mapping[str, StepwiseBus]
     worlds: Mapping[str, Truth]
     hand: str
     """Name of the simulated hand that moves the handles; empty where there is none."""

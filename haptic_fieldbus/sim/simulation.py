@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from haptic_fieldbus.assessing.recording import Truth
-from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.buses.bus import StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
@@ -21,7 +21,7 @@ class Simulation(Protocol):
 
     def simulate(
         self, section: BusSection, channel: str, slots: Sequence[DriveOnBus], clock: Clock, seed: int | str, log: Any
-    ) -> tuple[Bus, Truth | None]:
+    ) -> tuple[StepwiseBus, Truth | None]:
         """Return a bus with these drives, and their true motion, None where it is not known.
 
         `channel` is the name of the bus in messages.

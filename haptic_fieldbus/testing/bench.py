@@ -23,6 +23,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive.dictionary import AccessRefused
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import DriveFault, DriveFaultKind, Fault, HostFault, LineFault, load_faults, toml_of
 from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RANDOM, RECIPES, drawn, seed_of
 from haptic_fieldbus.sim.hand import hand_named
@@ -264,6 +265,11 @@ class DriveRequest:
     profiles: str | None = None
     """Folder of own profiles (see `load_profile`)."""
 
+    def slot(self, default: str, bus: str, faults: tuple[Fault, ...]) -> DriveOnBus:
+        """Return the place of the drive on a bus with these faults; `default` is the profile when none was named."""
+        drive, hand = NamedDrive(self.profile or default, self.node), hand_named(self.hand)
+        return slot_of(drive, bus, Workspace(self.workspace), hand, faults, profiles=self.profiles)
+
 
 class VirtualCanBus:
     """A simulated wire with drives. Use it in a `with` block, which closes what was opened through it."""
@@ -289,7 +295,8 @@ class VirtualCanBus:
         self.bitrate = bitrate
         self.seed = seed
         self._world = World(self.clock, bitrate, seed, _LONGEST)
-        self.drives = {drive.node: self._add(drive) for drive in drives}
+        slots = (each.slot(DEFAULT_DRIVE, self.channel, self.faults.faults) for each in drives)
+        self.drives = {slot.node: SimulatedDrive(self._world, self._world.add(slot), slot.profile) for slot in slots}
         self._networks: list[SteppedNetwork] = []
         self._stack = ExitStack()
 
@@ -344,14 +351,3 @@ class VirtualCanBus:
                 return False
             self.wait(_POLL)
         return True
-
-    def _add(self, request: DriveRequest) -> SimulatedDrive:
-        slot = slot_of(
-            NamedDrive(request.profile or DEFAULT_DRIVE, request.node),
-            self.channel,
-            Workspace(request.workspace),
-            hand_named(request.hand),
-            self.faults.faults,
-            profiles=request.profiles,
-        )
-        return SimulatedDrive(self._world, self._world.add(slot), slot.profile)

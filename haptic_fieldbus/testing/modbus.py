@@ -19,11 +19,7 @@ from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.protocols.protocol import BusName
-from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
 from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.hosting import Server, device, listen
 from haptic_fieldbus.sim.modbus.registers import Refusal
@@ -60,7 +56,8 @@ class VirtualModbusLine:
         if wrong := [fault.kind for fault in self.faults.faults if fault.kind not in KINDS]:
             raise UsageError(f'fault "{wrong[0]}" is none that a Modbus line can have; leave it out')
         self._section = modbus_section(parse_bus(bus).section)
-        self._slots = [self._slot(each) for each in tuple(drives) or (DriveRequest(),)]
+        requests = tuple(drives) or (DriveRequest(),)
+        self._slots = [each.slot(DEFAULT_MODBUS_DRIVE, "line", self.faults.faults) for each in requests]
         line_of(self._section, [modbus_profile(slot.profile) for slot in self._slots])
         self.name = bus
         """The bus as the command line of haptic-fieldbus names it."""
@@ -109,16 +106,6 @@ class VirtualModbusLine:
             return action()
 
         return asyncio.run_coroutine_threadsafe(done(), self._loop).result(_PATIENCE)
-
-    def _slot(self, request: DriveRequest) -> DriveOnBus:
-        return slot_of(
-            NamedDrive(request.profile or DEFAULT_MODBUS_DRIVE, request.node),
-            "line",
-            Workspace(request.workspace),
-            hand_named(request.hand),
-            self.faults.faults,
-            profiles=request.profiles,
-        )
 
     def _run(self) -> None:
         try:

@@ -15,7 +15,7 @@ from haptic_fieldbus.api import run
 from haptic_fieldbus.api.site import Conditions, site_of
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.result import Result, Trace
-from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.buses.bus import StepwiseBus
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
@@ -234,7 +234,7 @@ class Worlds:
         return listen
 
     def run(self, cycles: int = 2000) -> None:
-        masters: dict[str, Bus] = {
+        masters: dict[str, StepwiseBus] = {
             name: CanopenBus(SimulatedBus(name, world=bus), self.clock, owned=True) for name, bus in self.worlds.items()
         }
         master = next(iter(masters.values())) if len(masters) == 1 else BusGroup(masters)

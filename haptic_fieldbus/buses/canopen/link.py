@@ -107,7 +107,9 @@ class Answers:
             self.answered = False
             self.periods += 1
             if self.unasked and self.periods >= UNASKED_WITHIN:
-                self._expect_what_was_asked()
+                # Take back what excuses one that nobody asked for, unless it has come.
+                excused = min(1, max(0, self.least))
+                self.owed, self.least, self.unasked = self.owed - excused, self.least - excused, False
             if self.periods >= window:
                 self.owed -= max(0, self.least)
                 self.periods, self.least = 0, self.owed
@@ -115,11 +117,6 @@ class Answers:
         self.pending += 1
         if self.wary:
             self.wary -= 1
-
-    def _expect_what_was_asked(self) -> None:
-        """Take back what excuses one that nobody asked for, unless it has come."""
-        excused = min(1, max(0, self.least))
-        self.owed, self.least, self.unasked = self.owed - excused, self.least - excused, False
 
     def accept(self) -> bool:
         """At the end of an exchange without a sure answer: return whether one that came is taken after all."""

@@ -338,11 +338,6 @@ class CanopenBus(InSteps):
     def foreign_load(self) -> dict[str, float]:
         return dict.fromkeys([setup.axis.name for setup in self._setups], self._load.share)
 
-    @property
-    def fresh(self) -> bool:
-        """True when all feedback of the last exchange arrived and the controller is not bus-off."""
-        return not self._wire.error_frames.bus_off and all(link.fresh for link in self._links)
-
     def close(self) -> None:
         """Stop unless already stopped, and shut down the python-can bus if it is owned; raises no BusError."""
         self.stop()

@@ -116,7 +116,6 @@ class Turns:
 
         `targets` are read back, one in each period.
         """
-        self.latch_ns = 0
         self.foreign: int | None = None
         """Address to which somebody else was heard to write; None while nobody was."""
         self.late = self.slowest_ns = 0
@@ -140,11 +139,6 @@ class Turns:
         """Link to which the last question was sent."""
         self._written: UnitLink | None = None
         """Link whose set-point is under way."""
-
-    @property
-    def fresh(self) -> bool:
-        """True when all answers of the last exchange came."""
-        return all(link.fresh for link in self._links)
 
     def forget(self) -> None:
         """Forget what was exchanged: the drives are configured anew."""
@@ -298,7 +292,6 @@ class Turns:
         for link in self._links:
             link.finish(now_ns, self._begun_ns, self.foreign)
             latch_ns = max(latch_ns, link.latch_ns)
-        self.latch_ns = latch_ns
         HEADER.pack_into(self._image, 0, latch_ns)
 
     def _overhear(self) -> None:

@@ -107,11 +107,6 @@ class UnitLink:
         self.late.clear()
         self.set_point.forget()
 
-    @property
-    def fresh(self) -> bool:
-        """True when all answers of the last exchange came."""
-        return not self.missing
-
     def begin(self) -> None:
         """Begin an exchange."""
         self.missing = 0

@@ -243,14 +243,6 @@ class ModbusBus(InSteps):
         self._exchange.write(image)
 
     @property
-    def latch_ns(self) -> int:
-        return self._exchange.latch_ns
-
-    @property
-    def fresh(self) -> bool:
-        return self._exchange.fresh
-
-    @property
     def causes(self) -> dict[str, tuple[LinkFlag, int]]:
         """By axis, the fault that a drive reported while it was freed, unless it is that of having lost us."""
         found = {}

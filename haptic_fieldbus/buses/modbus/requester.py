@@ -71,8 +71,9 @@ class Requester:
         if self._serial:
             self.keep_silence()
             dropped = self.transport.discard()
-            if dropped:
-                self._drop(dropped)
+            if dropped and self.outstanding is None:  # they came when nothing was asked, or too late
+                self.unasked = dropped[-LONGEST_FRAME:]
+                self.surprises[DroppedOctets.EARLIER] += 1
         frame = self._framing.fill(form, values)
         self._gathered, self._echo = b"", bytes(frame) if self._serial else b""
         self._replaced += self.outstanding is not None
@@ -132,12 +133,6 @@ class Requester:
     def forget(self) -> None:
         """Give up the outstanding question."""
         self.outstanding, self._gathered = None, b""
-
-    def _drop(self, octets: bytes) -> None:
-        """Note octets that came when nothing was asked, or too late."""
-        if self.outstanding is None:
-            self.unasked = octets[-LONGEST_FRAME:]
-            self.surprises[DroppedOctets.EARLIER] += 1
 
     def _taken(self) -> Answer | None:
         """Take frames from the octets that were gathered, until one is the answer."""

@@ -136,9 +136,7 @@ class SimulatedLine:
         _, asked = self._desk.station.next(frame)
         if asked is not None and not glued:
             heard_ns = end_ns + self._way_ns + self._silence_ns
-            unit = self._rack.units.get(asked.unit)
-            answer_ns = 0 if unit is None else round(unit.profile.line.answer_time * 1e9)
-            self._rack.agenda.plan(heard_ns + answer_ns, partial(self._execute, asked))
+            self._rack.agenda.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
 
     def receive(self, deadline_ns: int) -> bytes:
         """Return what has arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
@@ -210,6 +208,10 @@ class SimulatedLine:
     def _next_ns(self) -> int:
         """Arrival of the last octet of what comes first."""
         return min((coming.last_ns for coming in self._coming), default=NEVER_NS)
+
+    def _answer_ns(self, asked: ServerRequest) -> int:
+        unit = self._rack.units.get(asked.unit)
+        return 0 if unit is None else round(unit.profile.line.answer_time * 1e9)
 
     def _execute(self, asked: ServerRequest, t_ns: int) -> None:
         """Carry a request out, and send its answer."""

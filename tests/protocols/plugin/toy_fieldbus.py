@@ -11,7 +11,7 @@ from struct import Struct
 from typing import Any, ClassVar
 
 from haptic_fieldbus.buses.access import BusAccess
-from haptic_fieldbus.buses.bus import Bus, DriveFacts, InSteps
+from haptic_fieldbus.buses.bus import DriveFacts, InSteps, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.fields import STRICT
@@ -237,7 +237,6 @@ class ToyBus(InSteps):
     facts: dict[str, DriveFacts] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     causes: dict[str, tuple[LinkFlag, int]] = field(default_factory=dict)
-    fresh: bool = True
     latch_ns: int = 0
     plan: Plan | None = None
     image: bytearray = field(default_factory=bytearray)
@@ -318,7 +317,7 @@ class ToyBus(InSteps):
 
 
 class ToyAccess(BusAccess):
-    def open_bus(self, section: BusSection, clock: Clock, log: Any) -> Bus:
+    def open_bus(self, section: BusSection, clock: Clock, log: Any) -> StepwiseBus:
         raise UsageError("there are no real toys")
 
 
