@@ -483,8 +483,8 @@ GUARDS = {
     ),
     "controlword 0 by SDO at the end": _bus(
         "release",
-        "return ASK if self._sent == DISABLE else DISABLE",
-        "return ASK",
+        "ASK if self._sent == DISABLE else DISABLE",
+        "ASK",
         "test_release",
         "test_a_drive_whose_set_points_do_not_act_is_freed_within_milliseconds_at_any_rate",
     ),
