@@ -97,9 +97,9 @@ PLANTED = (
     ),
     Planted(
         "drives that confirm nothing pass for free",
-        "haptic_fieldbus/buses/canopen/release.py",
+        "haptic_fieldbus/buses/release.py",
         "return all(parting.free for parting in self._partings)",
-        "return any(parting.free for parting in self._partings) or self._looks > 0",
+        "return any(parting.free for parting in self._partings) or self._end_ns > 0",
     ),
 )
 
