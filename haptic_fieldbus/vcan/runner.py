@@ -132,7 +132,8 @@ def _lend(interface: str, taken_back: ExitStack) -> bool:
         if not _add(interface):
             return False
         taken_back.callback(_ip, "link", "del", interface)
-    elif not _ip("-details", "link", "show", "dev", interface, "type", "vcan", shows=interface):  # no file tells it
+    # The kernel tells the kind of an interface; none of its files does.
+    elif not _ip("-details", "link", "show", "dev", interface, "type", "vcan", shows=interface):
         raise UsageError(
             f'interface "{interface}" exists and is no vcan: commands may do anything to theirs, so name another one'
         )
