@@ -1,7 +1,7 @@
 """The way to zero torque as far as every bus goes it, and the clearing of the fault that a lost master leaves.
 
-A `Parting` is one drive on its way to zero, a `BusRelease` all drives of one bus. Each bus adds by what frames it frees
-a drive, and asks it whether its motor is off.
+A `DriveRelease` is one drive on its way to zero, a `BusRelease` all drives of one bus. Each bus adds by what frames it
+frees a drive, and asks it whether its motor is off.
 
 A drive goes to fault when it has lost its master, as when its guard was proved. Nothing else clears a fault, and this
 one only by its error code: a fault that came for another reason in the same time stays, and is told.
@@ -74,7 +74,7 @@ def check_cleared(drive: PolledDrive, cleared: Callable[[], bool], how: str = ""
         )
 
 
-class Parting(Generic[Undone]):
+class DriveRelease(Generic[Undone]):
     """One drive on its way to zero torque; `last` gives what it held before the run, when it is asked for."""
 
     def __init__(self, label: str, last: Callable[[], Sequence[Undone]]) -> None:
@@ -101,7 +101,7 @@ class Parting(Generic[Undone]):
         return [*self.refused, *(str(each[0]) for each in self._undoing)]
 
 
-P = TypeVar("P", bound=Parting[Any])
+P = TypeVar("P", bound=DriveRelease[Any])
 
 
 class BusRelease(Generic[P]):

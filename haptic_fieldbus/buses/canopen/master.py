@@ -34,7 +34,7 @@ from haptic_fieldbus.buses.canopen.link import (
 )
 from haptic_fieldbus.buses.canopen.node import REPEATED, NmtState, Node
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
-from haptic_fieldbus.buses.canopen.release import DriveRelease, Release
+from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, Setup
 from haptic_fieldbus.buses.canopen.target_readback import TargetReadback
 from haptic_fieldbus.buses.canopen.wire import Wire
@@ -228,7 +228,7 @@ class CanopenBus(InSteps):
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
         partings = [
-            DriveRelease(setup.node, self._wire, link, self._word_at(place), setup.parting)
+            NodeRelease(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
         free = [(output.cob_id, output.torque_free) for output in self._outputs]

@@ -25,7 +25,7 @@ from haptic_fieldbus.buses.canopen.link import Link
 from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, NmtState, Node, address, request
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.buses.release import BusRelease, Parting
+from haptic_fieldbus.buses.release import BusRelease, DriveRelease
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
@@ -46,7 +46,7 @@ DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
 
 
-class DriveRelease(Parting[Command]):
+class NodeRelease(DriveRelease[Command]):
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
     def __init__(
@@ -103,7 +103,7 @@ class DriveRelease(Parting[Command]):
         self.free = CIA402.state(statusword) not in ENERGISED
 
 
-class Release(BusRelease[DriveRelease]):
+class Release(BusRelease[NodeRelease]):
     """The release of all drives of one CAN bus."""
 
     hint = "; with its guard on it may report an error"
@@ -111,7 +111,7 @@ class Release(BusRelease[DriveRelease]):
     def __init__(
         self,
         wire: Wire,
-        partings: Sequence[DriveRelease],
+        partings: Sequence[NodeRelease],
         set_points: Sequence[tuple[int, bytearray]],
         sync: Callable[[int], None],
         *,
@@ -182,7 +182,7 @@ class Release(BusRelease[DriveRelease]):
         for parting in self._partings:
             self._try(f"{parting.label} was not reached by SDO", partial(parting.step, now_ns))
 
-    def _to_pre_operational(self, parting: DriveRelease) -> None:
+    def _to_pre_operational(self, parting: NodeRelease) -> None:
         self._try(f"{parting.label} was not told to go pre-operational", parting.to_pre_operational)
 
     def _try(self, failure: str, action: Callable[[], object]) -> bool:

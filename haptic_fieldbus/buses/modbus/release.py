@@ -20,7 +20,7 @@ from haptic_fieldbus.buses.modbus.framing import Answer, Question
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK
 from haptic_fieldbus.buses.modbus.unit import UnitClient, from_words
-from haptic_fieldbus.buses.release import FAULTS, NO_CODE, BusRelease, Parting
+from haptic_fieldbus.buses.release import FAULTS, NO_CODE, BusRelease, DriveRelease
 from haptic_fieldbus.drive.power import ENERGISED, PowerTable
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
@@ -45,7 +45,7 @@ class _Move:
     done: Callable[[Answer], None]
 
 
-class UnitRelease(Parting[Undone]):
+class UnitRelease(DriveRelease[Undone]):
     """A drive that is to be freed; `last` gives what it held before, when it is asked for."""
 
     def __init__(
