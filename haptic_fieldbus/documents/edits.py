@@ -193,8 +193,19 @@ def table_name(path: Sequence[str]) -> str:
 
 def _line(key: str, value: Value) -> str:
     """Return a line of a table; whole numbers are names of something, and are written in hexadecimal."""
-    written = quoted(value) if isinstance(value, str) else f"0x{value:08X}" if isinstance(value, int) else repr(value)
-    return f"{key} = {written}"
+    return f"{key} = {value_text(value, lambda _, each: f'0x{each:08X}' if isinstance(each, int) else repr(each))}"
+
+
+def value_text(value: object, number: Callable[[str, int | float], str], key: str = "") -> str:
+    """Return a value of TOML, a table as an inline one; `number` writes the number of a key."""
+    if isinstance(value, Mapping):
+        members = (f"{table_name((name,))} = {value_text(each, number, name)}" for name, each in value.items())
+        return f"{{ {', '.join(members)} }}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(value_text(each, number, key) for each in value)}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return number(key, value) if isinstance(value, int | float) else quoted(str(value))
 
 
 def quoted(text: str) -> str:

@@ -10,7 +10,7 @@ from dataclasses import Field, fields, is_dataclass
 from typing import Any, get_args, get_type_hints
 
 from haptic_fieldbus.documents import Document, KeyPath
-from haptic_fieldbus.documents.edits import quoted, table_name
+from haptic_fieldbus.documents.edits import table_name, value_text
 from haptic_fieldbus.documents.quantities import annotations, parse_quantity, with_units
 from haptic_fieldbus.drive.fields import Measured
 from haptic_fieldbus.drive.rig import Rig, RigAxis
@@ -56,7 +56,7 @@ def _table(path: tuple[str, ...], value: Any, units: dict[str, str]) -> Iterator
     """Yield a table and then the tables in it; a table without a line is left out."""
     held = {each.name: getattr(value, each.name) for each in fields(value) if not _is_default(each, value)}
     lines = [
-        f"{key} = {_text(one)}" + (f"  # {units[key]}" if key in units else "")
+        f"{key} = {value_text(one, _number_text)}" + (f"  # {units[key]}" if key in units else "")
         for key, one in held.items()
         if not is_dataclass(one)
     ]
@@ -72,16 +72,8 @@ def _is_default(each: Field[Any], value: Any) -> bool:
     return held is None or held == each.default or held == {}
 
 
-def _text(value: object) -> str:
-    if isinstance(value, str):
-        return quoted(value)
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(value).replace("e-0", "e-")
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{table_name((key,))} = {_text(one)}' for key, one in value.items())} }}"
-    return f"[{', '.join(map(_text, value))}]" if isinstance(value, tuple) else repr(value)
+def _number_text(_: str, number: int | float) -> str:
+    return repr(number).replace("e-0", "e-")
 
 
 REASONS = {None: None, Workspace.ROTARY: "at the motor shaft", Workspace.LINEAR: "at the handle"}

@@ -5,17 +5,16 @@ from collections.abc import Iterator
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from enum import Enum
 
-from haptic_fieldbus.documents.edits import quoted
+from haptic_fieldbus.documents.edits import quoted, value_text
 from haptic_fieldbus.drive.profile import ASSUMED
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.protocols.canopen.eds_sources import LEFT_OUT
-from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+from haptic_fieldbus.protocols.canopen.eds_values import USABLE, value_at
+from haptic_fieldbus.protocols.canopen.from_eds import LEFT_OUT, EdsProfile
 
 SECTIONS = ("drive", "identity", "torque", "position", "velocity", "pdo", "sync", "link_loss", "timing")
 HEXADECIMAL = ("object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes",
                "maps")  # fmt: skip
 """Keys whose numbers are written as in vendors' manuals."""
-USABLE = "drive.usable"
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,11 @@ def draft_of(profile: EdsProfile, file: str) -> Draft:
     written = {section: _section(profile, section) for section in SECTIONS}
     values = {f"{section}.{key}": text for section, items in written.items() for key, text in items.items()}
     sources = {key: text for key, text in profile.sources.items() if _is_told(key, text, values)}
-    assumed = tuple(Assumption(key, _value(profile, key), text) for key, text in sources.items() if ASSUMED in text)
+    assumed = tuple(
+        Assumption(key, _toml(key.rpartition(".")[2], value_at(profile, key)), text)
+        for key, text in sources.items()
+        if ASSUMED in text
+    )
     lines = [
         *_head(profile, file, assumed),
         "schema = 1",
@@ -79,28 +82,24 @@ def _usual(field: Field[object]) -> object:
 
 
 def _toml(key: str, value: object) -> str:
-    """Return a value as TOML; sub-index 0 and an empty unit are left out, as most objects have no other."""
-    if is_dataclass(value):
-        members = {name: each for name, each in vars(value).items() if each not in ("", None)}
-        items = {name: each for name, each in members.items() if (name, each) != ("subindex", 0)}
-        return f"{{ {', '.join(f'{name} = {_toml(name, each)}' for name, each in items.items())} }}"
+    """Return a value as TOML."""
+    return value_text(_plain(value), _number, key)
+
+
+def _plain(value: object) -> object:
+    """Return a value without dataclasses; sub-index 0 and an empty unit are left out, as most objects have no other."""
     if isinstance(value, tuple):
-        return f"[{', '.join(_toml(key, each) for each in value)}]"
-    if isinstance(value, Enum):
-        return quoted(str(value.value))
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int):
-        return f"0x{value:04X}" if key in HEXADECIMAL else str(value)
-    return exactly(value) if isinstance(value, float) else quoted(str(value))
+        return tuple(map(_plain, value))
+    if not is_dataclass(value):
+        return value.value if isinstance(value, Enum) else value
+    items = {name: _plain(each) for name, each in vars(value).items() if each not in ("", None)}
+    return {name: each for name, each in items.items() if (name, each) != ("subindex", 0)}
 
 
-def _value(profile: EdsProfile, key: str) -> str:
-    """Return the value at a key such as `torque.target.unit`, as it is written."""
-    value: object = profile
-    for name in key.split("."):
-        value = getattr(value, name)
-    return _toml(key.rpartition(".")[2], value)
+def _number(key: str, number: int | float) -> str:
+    if isinstance(number, float):
+        return exactly(number)
+    return f"0x{number:04X}" if key in HEXADECIMAL else str(number)
 
 
 def _table(section: str, items: dict[str, str]) -> Iterator[str]:

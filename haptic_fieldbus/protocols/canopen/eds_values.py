@@ -1,12 +1,20 @@
-"""Values and findings of an EDS in the terms of a profile."""
+"""The standard objects that the master uses, and the values and findings of an EDS in the terms of a profile.
+
+`OBJECTS` is the one table of these objects: key of the profile, index, types, use. Draft, sources, check and upload go
+over its rows, so an object of the standards that a profile names is added here, as one row.
+"""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from enum import Enum
 
-from haptic_fieldbus.drive.objects import NAMES, DataType
-from haptic_fieldbus.drive.rig import COUNTS, COUNTS_PER_SECOND, TENTH_DEGREE
+from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, OptionCode, WrittenObject
+from haptic_fieldbus.drive.objects import NAMES, DataType, ObjectEntry
+from haptic_fieldbus.drive.rig import COUNTS, COUNTS_PER_SECOND, PERMILLE, TENTH_DEGREE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import Fault
+from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.signals import Signal
 
 # Units that a drive says it counts in: 60A8h *SI unit position* and 60A9h *SI unit velocity* (CiA 402-2, 303-2).
 
@@ -37,7 +45,7 @@ class Finding:
     """Line of the file."""
     fault: str = ""
     index: int | None = None
-    """The object, by which a profile may explain a difference."""
+    """The object of the simulated drive, by which a profile may explain a difference."""
     subindex: int = 0
     is_left_out: bool = False
     """True: the profile does not give the key, although the file has what it needs."""
@@ -47,12 +55,132 @@ class Finding:
         return Fault(self.key, self.fault, self.line)
 
 
+# The standard objects, and what the master does with each.
+
+
+class Use(Enum):
+    """What the master does with an object: in words, with the access types that permit it, and the PDO for it."""
+
+    READ = "read by SDO", ("ro", "rw", "rww", "rwr", "const"), None
+    WRITTEN = "written by SDO", ("rw", "rww", "rwr", "wo"), None
+    RECEIVED = "received in a PDO", ("rw", "rww", "wo"), Direction.RPDO
+    SENT = "sent in a PDO", ("ro", "rw", "rwr", "const"), Direction.TPDO
+
+    def __init__(self, words: str, access: tuple[str, ...], direction: Direction | None) -> None:
+        self.words = words
+        self.access = access
+        self.direction = direction
+
+    def permits(self, entry: EdsEntry | None) -> bool:
+        """Return whether an entry is there, with an access type for this use."""
+        return entry is not None and entry.access in self.access
+
+
+@dataclass(frozen=True)
+class StandardObject:
+    """An object of CiA 301 or CiA 402-2 that the master uses."""
+
+    key: str
+    """Key of the profile that names the object, or that depends on it; empty: no key does."""
+    index: int
+    types: tuple[EdsType, ...]
+    """Types that the object may have, that of the standard first; empty: the object is uploaded only where a profile
+    names it."""
+    use: Use
+    _: KW_ONLY
+    subindex: int = 0
+    unit: str = ""
+    """Unit of the standard; an EDS names none."""
+    is_needed: bool = False
+    """True: no force can be rendered without it."""
+    is_offered: bool = False
+    """True: a profile that leaves the key out gives the reason, where the file has the object."""
+    is_read_back: bool = False
+    """True: the object must be readable too, because the value is read back after it is written."""
+    value: int | None = None
+    """Value that a draft gives, and that the master writes."""
+    meaning: str = ""
+    """Meaning of `value` by the standard."""
+    values: str = ""
+    """Key of the values that are written, where they stand under another key."""
+    of_current: int | None = None
+    """Object of the same meaning for a drive that takes a current."""
+
+    @property
+    def entry(self) -> ObjectEntry:
+        """The object with the type of the standard."""
+        return ObjectEntry(self.index, _TYPES[self.types[0]], self.subindex)
+
+    def found(self, eds: Eds) -> EdsEntry | None:
+        """Return the entry of a file; None where the file does not have it."""
+        return eds.find(self.index, self.subindex)
+
+    def is_usable(self, eds: Eds) -> bool:
+        """Return whether the file has the object with an access type for its use."""
+        entry = self.found(eds)
+        return self.use.permits(entry) and (not self.is_read_back or Use.READ.permits(entry))
+
+    def named(self, profile: Cia402Profile) -> ObjectEntry | None:
+        """Return the object that a profile names at the key; None where the profile names none."""
+        if self.key == "torque.echo":
+            return profile.entries().get(Signal.TARGET_ASKED)
+        value = value_at(profile, self.key)
+        if isinstance(value, MappedObject | OptionCode | WrittenObject):
+            return value.entry
+        # True stands for the object of the standard, a number is an index.
+        index = self.index if value is True else value
+        return ObjectEntry(index, self.entry.type, self.subindex) if isinstance(index, int) and index else None
+
+
+def value_at(profile: object, key: str) -> object:
+    """Return the value at a key such as `torque.target.unit`; None where a table of it is not there."""
+    for name in key.split("."):
+        profile = getattr(profile, name, None)
+    return profile
+
+
+_INTEGER8, _INTEGER16, _INTEGER32 = (EdsType.INTEGER8,), (EdsType.INTEGER16,), (EdsType.INTEGER32,)
+_UNSIGNED8, _UNSIGNED16, _UNSIGNED32 = (EdsType.UNSIGNED8,), (EdsType.UNSIGNED16,), (EdsType.UNSIGNED32,)
+_TORQUE = _INTEGER16 + _INTEGER32
+USABLE = "drive.usable"
+STEEPEST = 1_000_000
+"""Torque slope [‰ of rated torque per s]: rated torque in 1 ms."""
+OBJECTS = (
+    StandardObject(USABLE, 0x6040, _UNSIGNED16, Use.RECEIVED, is_needed=True),
+    StandardObject(USABLE, 0x6041, _UNSIGNED16, Use.SENT, is_needed=True),
+    StandardObject(USABLE, 0x6060, _INTEGER8, Use.WRITTEN, is_needed=True),
+    StandardObject(USABLE, 0x6061, _INTEGER8, Use.READ, is_needed=True),
+    StandardObject("", 0x6502, _UNSIGNED32, Use.READ),
+    StandardObject("torque.target", 0x6071, _TORQUE, Use.RECEIVED, unit=PERMILLE, is_needed=True),
+    StandardObject("torque.actual", 0x6077, _TORQUE, Use.SENT, unit=PERMILLE, is_offered=True, of_current=0x6078),
+    StandardObject("torque.demand", 0x6074, _TORQUE, Use.SENT, unit=PERMILLE, is_offered=True),
+    StandardObject("torque.rated", 0x6076, _UNSIGNED32, Use.READ, unit="mN·m", is_offered=True),
+    StandardObject("torque.rated_current", 0x6075, (), Use.READ),
+    StandardObject("position.actual", 0x6064, _INTEGER32, Use.SENT, is_needed=True),
+    StandardObject("velocity.actual", 0x606C, _INTEGER32, Use.SENT),
+    StandardObject("position.actual.unit", 0x60A8, _UNSIGNED32, Use.READ),
+    StandardObject("velocity.actual.unit", 0x60A9, _UNSIGNED32, Use.READ),
+    StandardObject("torque.echo", 0x6071, (), Use.READ),
+    StandardObject("torque.slope", 0x6087, _UNSIGNED32, Use.WRITTEN, is_read_back=True, value=STEEPEST),
+    StandardObject("link_loss.heartbeat_consumer", 0x1016, _UNSIGNED32, Use.WRITTEN, subindex=1, is_offered=True),
+    StandardObject("link_loss.life_guarding", 0x100C, _UNSIGNED16, Use.WRITTEN),
+    StandardObject("link_loss.life_guarding", 0x100D, _UNSIGNED8, Use.WRITTEN),
+    StandardObject("link_loss.abort_connection_option", 0x6007, _INTEGER16, Use.WRITTEN, is_offered=True,
+                   value=2, meaning="2 is disable voltage: the shaft is free"),
+    StandardObject("link_loss.fault_reaction_option", 0x605E, _INTEGER16, Use.WRITTEN, is_offered=True,
+                   value=0, meaning="0 is disable drive function, no ramp"),
+    StandardObject("sync.interpolation_time", 0x60C2, _UNSIGNED8, Use.WRITTEN, subindex=1, is_offered=True,
+                   is_read_back=True, values="sync.values"),
+    StandardObject("sync.interpolation_time", 0x60C2, _INTEGER8, Use.WRITTEN, subindex=2, is_read_back=True,
+                   values="sync.powers"),
+    StandardObject("sync.cycle_period", 0x1006, _UNSIGNED32, Use.WRITTEN, is_offered=True, is_read_back=True),
+)  # fmt: skip
+"""In the order of a profile."""
+BY_KEY = {row.key: row for row in reversed(OBJECTS)}
+"""The first row of each key."""
+
 # Values, types and units that an EDS gives, in the terms of a profile.
 
-RECEIVED, SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
-"""Access types with which an object may be mapped into an RPDO, and into a TPDO."""
-WRITABLE, READABLE = ("rw", "rww", "rwr", "wo"), ("ro", "rw", "rww", "rwr", "const")
-"""Access types with which an SDO may write an object, and read it."""
 _TYPES: Mapping[EdsType | None, DataType] = {
     EdsType.INTEGER8: DataType.INT8,
     EdsType.INTEGER16: DataType.INT16,
@@ -101,11 +229,6 @@ def axes_in(eds: Eds) -> list[int]:
 def object_name(index: int) -> str:
     """Return index and name of an object, as messages write it."""
     return f"{index:04X}h {NAMES[index]}"
-
-
-def is_mappable(entry: EdsEntry, access: tuple[str, ...]) -> bool:
-    """Return whether a PDO of a direction may carry an entry; `access` is `RECEIVED` or `SENT`."""
-    return entry.mappable and entry.access in access
 
 
 def position_unit(eds: Eds) -> str | None:

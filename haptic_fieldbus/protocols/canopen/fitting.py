@@ -15,9 +15,8 @@ from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, PositionSecti
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.eds_pdos import carries, torque_mode
-from haptic_fieldbus.protocols.canopen.eds_sources import LEFT_OUT
 from haptic_fieldbus.protocols.canopen.eds_values import number_of, supported_modes
-from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
+from haptic_fieldbus.protocols.canopen.from_eds import LEFT_OUT, profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, LinkLossSection, SyncSection
 

@@ -6,9 +6,9 @@ drive is refused. The profile of a drive that lacks what force needs is not usab
 missing; such a drive can still be simulated.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 from haptic_fieldbus.drive.cia402 import (
     IdentitySection,
@@ -19,39 +19,40 @@ from haptic_fieldbus.drive.cia402 import (
     VelocitySection,
     WrittenObject,
 )
-from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import DriveSection, TimingSection
-from haptic_fieldbus.drive.rig import COUNTS, PERMILLE
-from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
+from haptic_fieldbus.drive.profile import ASSUMED, DriveSection, TimingSection
+from haptic_fieldbus.drive.rig import COUNTS
+from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.errors import EdsError, Fault
 from haptic_fieldbus.protocols.canopen.eds_pdos import (
+    MAPPING,
     PROFILE_TORQUE,
-    TORQUE_TYPES,
     Lack,
     automaton_lacks,
     carries,
     force_lacks,
     pdo_section,
+    records,
     torque_mode,
 )
-from haptic_fieldbus.protocols.canopen.eds_sources import sources_of
 from haptic_fieldbus.protocols.canopen.eds_values import (
-    READABLE,
-    WRITABLE,
+    BY_KEY,
+    OBJECTS,
+    STEEPEST,
+    USABLE,
+    Use,
     data_type,
     identity,
     number_of,
     position_unit,
+    supported_modes,
+    value_at,
     velocity_unit,
 )
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SyncSection
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, SyncSection
 
-TARGET = 0x6071
 POWERS = (-3, -4, -5, -6)
 """Powers of ten of the interpolation time period that are tried, the usual one first."""
-STEEPEST = 1_000_000
-"""Torque slope [‰ of rated torque per s]: rated torque in 1 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
     velocity = _velocity(eds)
     lacks = tuple(force_lacks(eds, mode, velocity))
     device = eds.device
+    vendor, product = identity(eds, 1), identity(eds, 2)
     profile = EdsProfile(
         schema=1,
         name=Path(eds.source).stem,
@@ -89,10 +91,10 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
             evidence="vendor-data",
             usable=not lacks,
         ),
-        identity=_identity(eds),
-        torque=_torque(eds, mode or (torque_mode(eds) if TARGET in eds else 0)),
+        identity=IdentitySection(vendor, () if product is None else (product,)),
+        torque=_torque(eds, mode or (torque_mode(eds) if BY_KEY["torque.target"].index in eds else 0)),
         # A drive without torque may have no position either; it is simulated with that of the standard.
-        position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit=_position_unit(eds))),
+        position=None if velocity else PositionSection(_standard("position.actual", position_unit(eds) or COUNTS)),
         velocity=velocity,
         pdo=pdo_section(eds),
         sync=_sync(eds),
@@ -105,121 +107,206 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
     return replace(profile, sources=sources_of(profile, eds, lacks))
 
 
-def _position_unit(eds: Eds) -> str:
-    return position_unit(eds) or COUNTS
+def _standard(key: str, unit: str) -> MappedObject:
+    """Return the object of a key as the standard has it."""
+    entry = BY_KEY[key].entry
+    return MappedObject(entry.object, entry.type, unit=unit)
 
 
-def _identity(eds: Eds) -> IdentitySection:
-    """Return the identity; a vendor-ID or product code of 0 is not compared."""
-    product = identity(eds, 2)
-    return IdentitySection(identity(eds, 1), () if product is None else (product,))
+def _mapped(eds: Eds, key: str) -> MappedObject | None:
+    """Return the object of a key as a profile writes it; None for one that the file lacks or that cannot be used."""
+    row = BY_KEY[key]
+    entry = row.found(eds)
+    if entry is None or (row.use is Use.SENT and not (entry.type in row.types and carries(eds, Direction.TPDO, entry))):
+        return None
+    type = data_type(entry)  # None for a type that profiles do not have
+    return None if type is None else MappedObject(row.index, type, unit=row.unit)
 
 
 def _torque(eds: Eds, mode: int) -> TorqueSection:
-    """Return the torque objects; None for one that is missing or cannot be used."""
-    actual, demand = _sent_torque(eds, 0x6077), _sent_torque(eds, 0x6074)
+    """Return the torque objects; a set-point comes back in a TPDO, else by asking for the target, else not at all."""
+    actual, demand, target = _mapped(eds, "torque.actual"), _mapped(eds, "torque.demand"), BY_KEY["torque.target"]
+    is_asked = Use.READ.permits(target.found(eds))
     return TorqueSection(
         mode,
-        target=_mapped(eds.find(TARGET), PERMILLE) or MappedObject(TARGET, DataType.INT16, unit=PERMILLE),
+        target=_mapped(eds, target.key) or _standard(target.key, target.unit),
         actual=actual,
-        rated=_mapped(eds.find(0x6076), "mN·m"),
+        rated=_mapped(eds, "torque.rated"),
         demand=demand,
-        echo=_echo(eds, demand, actual),
-        slope=_slope(eds, mode),
+        echo="demand" if demand else "actual" if actual else "asked" if is_asked else "none",
+        slope=_slope(eds) if mode == PROFILE_TORQUE else None,
     )
 
 
-def _echo(
-    eds: Eds, demand: MappedObject | None, actual: MappedObject | None
-) -> Literal["demand", "actual", "asked", "none"]:
-    """Return the way in which a set-point comes back: in a TPDO, else by asking for the target, else none."""
-    if demand is not None:
-        return "demand"
-    if actual is not None:
-        return "actual"
-    target = eds.find(TARGET)
-    return "none" if target is None or target.access == "wo" else "asked"
-
-
-def _sent_torque(eds: Eds, index: int) -> MappedObject | None:
-    """Return a torque that the drive can send in a PDO; None for one that it cannot."""
-    entry = eds.find(index)
-    is_sent = entry is not None and entry.type in TORQUE_TYPES and carries(eds, Direction.TPDO, entry)
-    return _mapped(entry if is_sent else None, PERMILLE)
-
-
-def _mapped(entry: EdsEntry | None, unit: str) -> MappedObject | None:
-    """Return an entry as a profile writes it; None for no entry, and for a type that profiles do not have."""
-    found = data_type(entry) if entry is not None else None
-    return MappedObject(entry.index, found, unit=unit) if entry is not None and found is not None else None
+def _slope(eds: Eds) -> WrittenObject | None:
+    """Return the steepest torque slope; None for a drive that has none to be written."""
+    row = BY_KEY["torque.slope"]
+    entry = row.found(eds)
+    type = data_type(entry) if entry is not None and row.is_usable(eds) else None
+    if entry is None or type is None:
+        return None
+    return WrittenObject(row.index, type, min(_limit(entry.high, STEEPEST), type.limits[1], STEEPEST))
 
 
 def _velocity(eds: Eds) -> VelocitySection | None:
     """Return the velocity section, for a drive with 606Ch and without 6064h; None when its unit is unknown."""
-    actual = eds.find(0x606C)
-    if 0x6064 in eds or actual is None or actual.type is not EdsType.INTEGER32:
+    unit, actual = velocity_unit(eds), _mapped(eds, "velocity.actual")
+    if BY_KEY["position.actual"].index in eds or actual is None or unit is None:
         return None
-    unit = velocity_unit(eds)
-    if unit is None or not carries(eds, Direction.TPDO, actual):
-        return None
-    return VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
+    return VelocitySection(replace(actual, unit=unit))
 
 
 def _link_loss(eds: Eds) -> LinkLossSection:
-    """Return the guard of the file, 1016h or else 100Ch with 100Dh, and those of 6007h and 605Eh that it has.
+    """Return the guard of the file, 1016h or else 100Ch with 100Dh, and the options that it has.
 
-    The values of the last two free the shaft (CiA 402-2).
+    The values of the options free the shaft (CiA 402-2).
     """
-    has_consumer = _is_writable(eds, 0x1016, 1)
+    consumer = _index(eds, "link_loss.heartbeat_consumer")
     return LinkLossSection(
-        heartbeat_consumer=0x1016 if has_consumer else None,
-        life_guarding=not has_consumer and _is_writable(eds, 0x100C) and _is_writable(eds, 0x100D),
-        abort_connection_option=OptionCode(0x6007, 2) if _is_writable(eds, 0x6007) else None,
-        fault_reaction_option=OptionCode(0x605E, 0) if _is_writable(eds, 0x605E) else None,
+        heartbeat_consumer=consumer,
+        life_guarding=consumer is None and _index(eds, "link_loss.life_guarding") is not None,
+        abort_connection_option=_option(eds, "link_loss.abort_connection_option"),
+        fault_reaction_option=_option(eds, "link_loss.fault_reaction_option"),
     )
+
+
+def _index(eds: Eds, key: str) -> int | None:
+    """Return the index of an object that is written; None where one that the key stands for cannot be written."""
+    return BY_KEY[key].index if all(row.is_usable(eds) for row in OBJECTS if row.key == key) else None
+
+
+def _option(eds: Eds, key: str) -> OptionCode | None:
+    row = BY_KEY[key]
+    return OptionCode(row.index, row.value) if row.value is not None and row.is_usable(eds) else None
 
 
 def _sync(eds: Eds) -> SyncSection:
     """Return the objects that tell the drive the period, with the values that the limits of the file leave."""
-    cycle_period = 0x1006 if _is_written_back(eds, 0x1006) else None
+    cycle_period, step = _index(eds, "sync.cycle_period"), _index(eds, "sync.interpolation_time")
     value, power = eds.find(0x60C2, 1), eds.find(0x60C2, 2)
-    if value is None or power is None or not all(_is_written_back(eds, 0x60C2, each) for each in (1, 2)):
+    if step is None or value is None or power is None:
         return SyncSection(cycle_period=cycle_period)
-    low, high = (_limit(value.low, 1), _limit(value.high, 255))
+    low, high = max(_limit(value.low, 1), 1), _limit(value.high, 255)
     powers = [each for each in POWERS if _limit(power.low, each) <= each <= _limit(power.high, each)]
-    return SyncSection(
-        interpolation_time=0x60C2,
+    if power.low is None or not powers:
         # Without limits only the power after power-on is known to be taken.
-        powers=tuple(powers) if power.low is not None and powers else (_default_power(eds),),
-        values=(max(low, 1), high) if max(low, 1) < high <= 255 else (1, 255),
-        cycle_period=cycle_period,
-    )
-
-
-def _default_power(eds: Eds) -> int:
-    power = number_of(eds, 0x60C2, 2)
-    return power if power in POWERS else POWERS[0]
+        shown = number_of(eds, step, 2)
+        powers = [shown if shown in POWERS else POWERS[0]]
+    return SyncSection(step, tuple(powers), (low, high) if low < high <= 255 else (1, 255), cycle_period)
 
 
 def _limit(limit: int | float | None, otherwise: int) -> int:
     return limit if isinstance(limit, int) else otherwise
 
 
-def _slope(eds: Eds, mode: int) -> WrittenObject | None:
-    """Return the steepest torque slope, for profile torque mode alone; None for a drive that has none to be written."""
-    entry = eds.find(0x6087)
-    type = data_type(entry) if entry is not None and _is_written_back(eds, 0x6087) else None
-    if mode != PROFILE_TORQUE or entry is None or type is None:
-        return None
-    return WrittenObject(0x6087, type, min(_limit(entry.high, STEEPEST), type.limits[1], STEEPEST))
+# The source of each value: file and section, a standard, or an assumption.
+
+LEFT_OUT = "left out"
+"""Beginning of the source of a key that a profile does not give."""
+AGAINST = "against the file"
+"""Beginning of the source of a value that a person trusts more than the vendor's file."""
+Source = tuple[str, str]
+"""Key and source of a value."""
 
 
-def _is_written_back(eds: Eds, index: int, subindex: int = 0) -> bool:
-    """Return whether an entry can be written and read back."""
-    entry = eds.find(index, subindex)
-    return entry is not None and entry.access in WRITABLE and entry.access in READABLE
+def sources_of(profile: CanopenProfile, eds: Eds, lacks: tuple[Lack, ...]) -> dict[str, str]:
+    """Return the source of each value, by key; that of a value which is left out says why."""
+    found = Path(eds.source).name
+    said = dict(
+        [
+            *_identity_sources(eds, found),
+            *_torque_sources(profile, eds, found),
+            *_motion_sources(profile, eds, found),
+            *_pdo_sources(profile.pdo, eds, found),
+            *_written_sources(profile, "sync", found),
+            *_written_sources(profile, "link_loss", found),
+            ("link_loss.deadline", "chosen here: short against a hand, long against the period of the loop"),
+            ("timing.torque_bandwidth", f"{ASSUMED}: a usual figure for current loops; to be measured on the bench"),
+            ("timing.control_period", f"{ASSUMED}: a usual figure for servo drives; to be measured on the bench"),
+            ("timing.mode_change_timeout", "chosen here"),
+        ]
+    )
+    return {USABLE: "; ".join(lack for lack, _ in lacks), **said} if lacks else said
 
 
-def _is_writable(eds: Eds, index: int, subindex: int = 0) -> bool:
-    entry = eds.find(index, subindex)
-    return entry is not None and entry.access in WRITABLE
+def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
+    for subindex, key, name in ((1, "vendor_id", "VendorNumber"), (2, "product_codes", "ProductNumber")):
+        if number_of(eds, 0x1018, subindex):
+            yield f"identity.{key}", f"{found}, [1018sub{subindex}] DefaultValue"
+        else:
+            given = identity(eds, subindex) is not None
+            yield f"identity.{key}", f"{found}, [DeviceInfo] {name}" if given else f"{LEFT_OUT}: not in {found}"
+
+
+def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
+    mode = f"{found}, [6502] DefaultValue" if supported_modes(eds) else f"{ASSUMED}: {found} gives no value of 6502h"
+    yield "torque.mode_of_operation", mode
+    for key in ("torque.target", "torque.actual", "torque.rated", "torque.demand"):
+        index = BY_KEY[key].index
+        if value_at(profile, key) is None:
+            why = f"[{index:04X}] cannot be sent in a PDO" if index in eds else f"{index:04X}h is not in the file"
+            yield key, f"{LEFT_OUT}: {found}, {why}"
+        elif index in eds:
+            yield from _mapped_sources(key, found, f"{ASSUMED}: as CiA 402-2 has it; an EDS names no units")
+        else:
+            yield key, f"CiA 402-2, {index:04X}h; not in {found}"
+    if profile.torque.slope is not None:
+        ramp = f"{ASSUMED}: in ‰ of rated torque per s, as CiA 402-2 has it; rated torque in 1 ms"
+        yield from _mapped_sources("torque.slope", found, ramp, "value")
+    yield "torque.echo", f"{found}: the first of 6074h and 6077h that a TPDO can carry, else 6071h where it is readable"
+
+
+def _motion_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
+    if profile.position is not None:
+        unit = f"{found}, [60A8] DefaultValue" if number_of(eds, 0x60A8) else f"{ASSUMED}: counts of the encoder"
+        yield from _mapped_sources("position.actual", found, f"{unit}; 608Fh is not looked at")
+    if profile.velocity is not None:
+        unit = f"{found}, [60A9] DefaultValue" if 0x60A9 in eds else f"{ASSUMED}: {found} has no 60A9h"
+        yield from _mapped_sources("velocity.actual", found, unit)
+
+
+def _mapped_sources(key: str, found: str, why: str, last: str = "unit") -> Iterator[Source]:
+    index = BY_KEY[key].index
+    yield f"{key}.object", f"{found}, [{index:04X}]"
+    yield f"{key}.type", f"{found}, [{index:04X}] DataType"
+    yield f"{key}.{last}", why
+
+
+def _pdo_sources(section: PdoSection, eds: Eds, found: str) -> Iterator[Source]:
+    for direction, name, clause in ((Direction.TPDO, "tpdo", "7.5.2.37"), (Direction.RPDO, "rpdo", "7.5.2.35")):
+        present = [*records(eds, direction).values()]
+        parameters, mappings = (
+            f"[{present[0] + more:04X}] to [{present[-1] + more:04X}]" if present else f"no {direction.value}"
+            for more in (0, MAPPING)
+        )
+        yield f"pdo.{name}s", f"{found}, {parameters}"
+        yield f"pdo.{name}_entries", f"{found}, {mappings}"
+        if section.fixed(direction):
+            yield f"pdo.{name}_fixed", f"{found}, {mappings}: the mappings that cannot be written"
+        usual = f"{ASSUMED}: those of CiA 301 4.2.0, {clause}, with the defaults of {found}, {parameters}"
+        yield f"pdo.{name}_types", usual
+    yield "pdo.entries", f"{found}, 1600h to 1BFFh"
+    longest = ", [1800sub3] and on, the longest" if section.inhibit_time_default else ": no 1800h:03 other than 0"
+    yield "pdo.inhibit_time_default", f"{found}{longest}"
+
+
+def _written_sources(profile: CanopenProfile, section: str, found: str) -> Iterator[Source]:
+    """Yield the sources of the objects of a section that the master writes."""
+    for row in OBJECTS:
+        if not row.key.startswith(section) or row is not BY_KEY[row.key]:
+            continue
+        value, subindex = value_at(profile, row.key), 0 if row.values else row.subindex
+        if value is None:
+            place = f"{row.index:04X}h{f':{subindex:02X}' if subindex else ''}"
+            written = "written and read" if row.is_read_back else "written"
+            yield row.key, f"{LEFT_OUT}: {found} has no {place} that can be {written}"
+        elif isinstance(value, OptionCode):
+            yield f"{row.key}.object", f"{found}, [{row.index:04X}]"
+            yield f"{row.key}.value", f"CiA 402-2, {row.index:04X}h: {row.meaning}"
+        elif value is True:
+            yield row.key, f"{found}, [100C] and [100D]; there is no 1016h"
+        elif value:
+            yield row.key, f"{found}, [{row.index:04X}{f'sub{subindex}' if subindex else ''}]"
+        if value and row.values:
+            yield "sync.powers", f"{found}, [60C2sub2]: within its limits, else its default"
+            yield "sync.values", f"{found}, [60C2sub1]: within its limits, else 1 to 255"

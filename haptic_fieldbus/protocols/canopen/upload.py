@@ -11,11 +11,11 @@ all that force needs, in both directions, they are used as they are (decision 00
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, MOST_ENTRIES
-from haptic_fieldbus.protocols.canopen.eds_values import data_type
+from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, Use, data_type
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 
@@ -26,16 +26,9 @@ _NUMBERS = tuple(type for type in EdsType if data_type(EdsEntry(0, 0, "", type, 
 """Types that profiles have too."""
 _GAP = 8
 """PDOs that are missing in a row before the search for more ends; some drives have only every other one."""
-_SENT = ((0x6041, EdsType.UNSIGNED16), (0x6064, EdsType.INTEGER32), (0x606C, EdsType.INTEGER32),
-         (0x6074, EdsType.INTEGER16), (0x6077, EdsType.INTEGER16))  # fmt: skip
-_RECEIVED = ((0x6040, EdsType.UNSIGNED16), (0x6071, EdsType.INTEGER16))
-_BY_SDO = ((0x1006, 0, EdsType.UNSIGNED32), (0x100C, 0, EdsType.UNSIGNED16), (0x100D, 0, EdsType.UNSIGNED8),
-           (0x1016, 1, EdsType.UNSIGNED32), (0x6007, 0, EdsType.INTEGER16), (0x605E, 0, EdsType.INTEGER16),
-           (0x6060, 0, EdsType.INTEGER8), (0x6061, 0, EdsType.INTEGER8), (0x6076, 0, EdsType.UNSIGNED32),
-           (0x6087, 0, EdsType.UNSIGNED32), (0x60A8, 0, EdsType.UNSIGNED32), (0x60A9, 0, EdsType.UNSIGNED32),
-           (0x60C2, 1, EdsType.UNSIGNED8), (0x60C2, 2, EdsType.INTEGER8),
-           (0x6502, 0, EdsType.UNSIGNED32))  # fmt: skip
-"""Objects of the standards: those that a PDO carries to us, those that one carries to the drive, and all others."""
+_LACKED = ("torque.rated", "torque.rated_current", "link_loss.abort_connection_option",
+           "link_loss.fault_reaction_option", "link_loss.heartbeat_consumer")  # fmt: skip
+"""Keys whose objects a drive may lack, beside those of the signals."""
 
 
 def uploaded(profile: CanopenProfile, upload: Upload) -> Eds:
@@ -55,24 +48,17 @@ def uploaded(profile: CanopenProfile, upload: Upload) -> Eds:
 
 
 def _wanted(profile: CanopenProfile) -> Iterator[EdsEntry]:
-    yield from (_entry(index, 0, type, "ro", mappable=True) for index, type in _SENT)
-    yield from (_entry(index, 0, type, "rww", mappable=True) for index, type in _RECEIVED)
-    yield from (_entry(index, subindex, type, "rw") for index, subindex, type in _BY_SDO)
-    standard = {index for index, *_ in (*_SENT, *_RECEIVED, *_BY_SDO)}
-    for own in _named(profile):
-        if own.object not in standard:
+    """Yield the objects of the standards, those of PDOs first, then the others that the profile names."""
+    standard = sorted(
+        (row for row in OBJECTS if row.types),
+        key=lambda row: (row.use is not Use.SENT, row.use is not Use.RECEIVED, row.index, row.subindex),
+    )
+    for row in standard:
+        access = {Use.SENT: "ro", Use.RECEIVED: "rww"}.get(row.use, "rw")
+        yield _entry(row.index, row.subindex, row.types[0], access, mappable=row.use.direction is not None)
+    for own in (*profile.entries().values(), *(BY_KEY[key].named(profile) for key in _LACKED)):
+        if own is not None and all(own.object != row.index for row in standard):
             yield _entry(own.object, own.subindex, _eds_type(own.type), "rw", mappable=True)
-
-
-def _named(profile: CanopenProfile) -> Iterator[ObjectEntry]:
-    """Yield the objects of the profile that a drive may lack."""
-    yield from profile.entries().values()
-    yield from (each.entry for each in (profile.torque.rated, profile.torque.rated_current) if each is not None)
-    section = profile.link_loss
-    options = section.abort_connection_option, section.fault_reaction_option
-    yield from (ObjectEntry(option.object, DataType.INT16) for option in options if option is not None)
-    if section.heartbeat_consumer is not None:
-        yield ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
 
 
 def _needed(found: Mapping[int, Mapping[int, EdsEntry]]) -> dict[Direction, set[int]]:
