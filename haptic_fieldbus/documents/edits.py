@@ -36,7 +36,7 @@ def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZ
     """
     target = Path(os.path.realpath(path))
     for _ in range(ATTEMPTS):
-        before = _state(target)
+        before = os.stat(target)
         # Not by a text file, whose line endings would change.
         edited = edit(read_octets(target, most).decode("utf-8")).encode("utf-8")
         if _replaced(target, edited, before):
@@ -50,7 +50,7 @@ def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
     if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
         raise OSError(errno.EACCES, "it is read-only")
     with _aside(target, content, before) as name:
-        if _seen(before) != _seen(_state(target)):
+        if _seen(before) != _seen(os.stat(target)):
             return False
         os.replace(name, target)
     _sync_folder(target.parent)
@@ -94,10 +94,6 @@ def _keep_rights(descriptor: int, before: os.stat_result) -> None:
     if before.st_uid != os.geteuid():  # root, for whom the file must not become its own
         with suppress(PermissionError):
             os.fchown(descriptor, before.st_uid, before.st_gid)
-
-
-def _state(target: Path) -> os.stat_result:
-    return os.stat(target)
 
 
 def _seen(found: os.stat_result) -> tuple[int, int, int, int]:

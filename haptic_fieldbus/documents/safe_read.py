@@ -9,7 +9,7 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Iterator
+from itertools import accumulate
 from pathlib import Path
 
 # Bounds on the shape of a TOML text, which hold before and after it is parsed.
@@ -42,14 +42,8 @@ def fault_of_text(text: str) -> str:
     bare = _OPAQUE.sub(lambda match: "" if match[0].startswith("#") else "_", text)
     if _LONG_KEY.search(bare):
         return f"a key has too many parts; expected at most {DEEPEST}"
-    return "nested too deeply" if any(depth > DEEPEST for depth in _depths(bare)) else ""
-
-
-def _depths(bare: str) -> Iterator[int]:
-    depth = 0
-    for bracket in _BRACKETS.finditer(bare):
-        depth += 1 if bracket[0] in "[{" else -1
-        yield depth
+    depths = accumulate(1 if bracket[0] in "[{" else -1 for bracket in _BRACKETS.finditer(bare))
+    return "nested too deeply" if any(depth > DEEPEST for depth in depths) else ""
 
 
 def fault_of_data(data: object) -> str:

@@ -106,7 +106,10 @@ def implausible(known: dict[str, Any], workspace: Workspace | None) -> Iterator[
         beyond = [value for value in values if not each.has(value)]
         if beyond and key not in i_know:
             credible[key] = None
-            yield key, f"{each.text} ({each.why}){_slip(each, beyond[0])}; {_excused(key)}"
+            # The unit in which the value would be plausible, where there is one.
+            meant = next(((size * beyond[0], unit) for size, unit in each.slips if each.has(size * beyond[0])), None)
+            hint = f"; is this in {meant[1]}? It would be {rounded(meant[0])} {each.unit}" if meant else ""
+            yield key, f"{each.text} ({each.why}){hint}; {_excused(key)}"
     yield from _contradictions(credible, i_know)
 
 
@@ -121,23 +124,12 @@ def _contradictions(known: dict[str, Any], i_know: Any) -> Iterator[tuple[str, s
         return
     torque = current * constant
     if rated > 0.0 and torque > 0.0 and not 1.0 / LARGEST_RATIO <= torque / rated <= LARGEST_RATIO:
+        hint = "; is this in mN·m/A?" if 1.0 / LARGEST_RATIO <= 1e-3 * (torque / rated) <= LARGEST_RATIO else ""
         yield (
             "torque_constant",
             f"rated_torque, {exactly(rated)} N·m, divided by rated_current, {exactly(current)} A, within a factor of "
-            f"{LARGEST_RATIO:g}{_constant(torque / rated)}; "
-            f"{_excused('torque_constant')}",
+            f"{LARGEST_RATIO:g}{hint}; {_excused('torque_constant')}",
         )
-
-
-def _constant(ratio: float) -> str:
-    """Return the question whether the torque constant has a prefix too few."""
-    return "; is this in mN·m/A?" if 1.0 / LARGEST_RATIO <= 1e-3 * ratio <= LARGEST_RATIO else ""
-
-
-def _slip(each: Typical, value: float) -> str:
-    """Return the question whether another unit was meant, where the value would be plausible in it."""
-    meant = next(((size * value, unit) for size, unit in each.slips if each.has(size * value)), None)
-    return "" if meant is None else f"; is this in {meant[1]}? It would be {rounded(meant[0])} {each.unit}"
 
 
 def _excused(key: str) -> str:

@@ -127,20 +127,13 @@ PERMILLE, MILLIAMPERE, PERMILLE_OF_CURRENT = "permille_of_rated_torque", "mA", "
 PEAK_SHARE, PEAK_SHARE_HIGH = "peak_current/32760", "peak_current/32760/65536"
 """Current of the power stage in 16 bits; and the same in the high word of 32 bits."""
 _NEEDED = {
-    PERMILLE: ("rated_torque",),
-    MILLIAMPERE: ("torque_constant",),
-    PERMILLE_OF_CURRENT: ("rated_current", "torque_constant"),
-    PEAK_SHARE: ("peak_current", "torque_constant"),
-    PEAK_SHARE_HIGH: ("peak_current", "torque_constant"),
+    PERMILLE: (1e-3, ("rated_torque",)),
+    MILLIAMPERE: (1e-3, ("torque_constant",)),
+    PERMILLE_OF_CURRENT: (1e-3, ("rated_current", "torque_constant")),
+    PEAK_SHARE: (1 / 32760, ("peak_current", "torque_constant")),
+    PEAK_SHARE_HIGH: (1 / 32760 / 65536, ("peak_current", "torque_constant")),
 }
-"""Unit of torque → keys of a rig's axis whose product, times `_SHARES`, is one step [N·m]."""
-_SHARES = {
-    PERMILLE: 1e-3,
-    MILLIAMPERE: 1e-3,
-    PERMILLE_OF_CURRENT: 1e-3,
-    PEAK_SHARE: 1 / 32760,
-    PEAK_SHARE_HIGH: 1 / 32760 / 65536,
-}
+"""Unit of torque → share, and keys of a rig's axis, whose product is one step [N·m]."""
 TORQUE_UNITS = tuple(_NEEDED)
 SHARES_OF_RATED = (PERMILLE, PERMILLE_OF_CURRENT)
 """Units of torque that are a share of a rated value of the drive."""
@@ -172,20 +165,21 @@ def torque_step(unit: str, axis: "RigAxis", full_scale: float | None = None) -> 
         return 1e-3 * axis.mechanism.ratio if axis.mechanism.kind == "linear" else None
     if unit in RATED_TORQUE_UNITS:
         return RATED_TORQUE_UNITS[unit]
-    factors = [getattr(axis, key) for key in _NEEDED[unit]]
-    return None if None in factors else math.prod(factors) * _SHARES[unit]
+    share, keys = _NEEDED[unit]
+    factors = [getattr(axis, key) for key in keys]
+    return None if None in factors else math.prod(factors) * share
 
 
 def is_current(unit: str) -> bool:
     """Return whether a torque of this unit is a current, so that the rig's torque constant scales it."""
-    return "torque_constant" in _NEEDED.get(unit, ())
+    return unit in _NEEDED and "torque_constant" in _NEEDED[unit][1]
 
 
 def needed_for(unit: str, axis: "RigAxis | None" = None) -> str:
     """Return the keys of a rig's axis from which a step of torque follows, in words; only those that `axis` lacks."""
     if unit in ABSOLUTE_TORQUE_UNITS:
         return "linear mechanism"
-    return " and ".join(key for key in _NEEDED[unit] if axis is None or getattr(axis, key) is None)
+    return " and ".join(key for key in _NEEDED[unit][1] if axis is None or getattr(axis, key) is None)
 
 
 def steps_per_revolution(unit: str, counts_per_revolution: int, metres_per_revolution: float = 0.0) -> float:

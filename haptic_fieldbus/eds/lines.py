@@ -258,21 +258,16 @@ def sections_of(text: str, faults: list[Fault]) -> Mapping[str, FileSection]:
             continue
         head = _HEAD.match(line)
         if head is not None:
-            present = _opened(head[1].strip(), number, sections, faults)
+            name = head[1].strip()
+            present = sections.setdefault(name.lower(), FileSection(name, number))
+            if present.line != number:
+                where = f"stands in line {present.line} already: both are taken together"
+                faults.append(Fault(f"[{name}]", where, number))
         elif present is None:
             faults.append(Fault("", f'"{line}" stands before the first section', number))
         else:
             _add(present, line, number, faults)
     return sections
-
-
-def _opened(name: str, number: int, sections: dict[str, FileSection], faults: list[Fault]) -> FileSection:
-    """Return the section of this name, a new one or the one that is already there; notes the second case."""
-    found = sections.get(name.lower())
-    if found is None:
-        return sections.setdefault(name.lower(), FileSection(name, number))
-    faults.append(Fault(f"[{name}]", f"stands in line {found.line} already: both are taken together", number))
-    return found
 
 
 def _add(section: FileSection, line: str, number: int, faults: list[Fault]) -> None:

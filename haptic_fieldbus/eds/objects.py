@@ -33,7 +33,10 @@ class ObjectReader:
             self._fault(first, "", f"[{self._index:04X}], the object itself, is missing: taken as a record")
             return EdsObject(self._index, "", ObjectCode.RECORD, self._members(members), first.line)
         code = self._code(head)
-        compact = self._compact_count(head)
+        compact = self._number(head, "CompactSubObj") or 0
+        if not 0 <= compact <= HIGHEST_ELEMENT:
+            self._fault(head, "CompactSubObj", f"{compact}, expected 0 to {HIGHEST_ELEMENT}: taken as 0")
+            compact = 0
         found = EdsObject(self._index, self._name(head), code, {}, head.line)
         if compact:
             entries = self._compact(head, compact) | self._members(members)
@@ -75,14 +78,6 @@ class ObjectReader:
         said = self._number(head, "SubNumber")
         if said != count:
             self._fault(head, "SubNumber", f"{head.text('SubNumber') or 'missing'}, but {count} sub-indices are there")
-
-    def _compact_count(self, head: FileSection) -> int:
-        """Return the number of elements of a compact array; 0 when the object is none, or has an impossible number."""
-        count = self._number(head, "CompactSubObj") or 0
-        if not 0 <= count <= HIGHEST_ELEMENT:
-            self._fault(head, "CompactSubObj", f"{count}, expected 0 to {HIGHEST_ELEMENT}: taken as 0")
-            return 0
-        return count
 
     def _compact(self, head: FileSection, count: int) -> dict[int, EdsEntry]:
         """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""

@@ -7,7 +7,7 @@ none of them lists is read all the same. Only a file without a single object is 
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from haptic_fieldbus.documents import EDS_SIZE, read_octets
@@ -47,13 +47,17 @@ def read_eds(data: bytes, source: str = "") -> Eds:
     if not objects:
         raise EdsError(source, [*faults, Fault("", "no object: expected sections such as [1000] or [6040]")])
     _check_lists(sections, objects, faults)
+    empty = FileSection("", 0)
+    dummies, comments, about = (sections.get(name, empty) for name in ("dummyusage", "comments", "fileinfo"))
+    commissioning = next((sections[name] for name in COMMISSIONING if name in sections), empty)
     return Eds(
         objects=objects,
         device=_device(sections.get("deviceinfo"), faults),
-        node=_node(sections, faults),
-        dummies=_dummies(sections.get("dummyusage"), faults),
-        file_info=_texts(sections.get("fileinfo")),
-        comments=_comments(sections.get("comments")),
+        node=_number(commissioning, "NodeID", faults),
+        dummies=tuple(number for number in DUMMY_TYPES if _number(dummies, f"Dummy{number:04d}", faults)),
+        file_info={item.key: item.value for item in about.items.values()},
+        # The key `Lines` is only the number of the lines.
+        comments=tuple(item.value for key, item in comments.items.items() if key.startswith("line") and key != "lines"),
         source=source,
         # A key that is read twice, such as SupportedObjects, notes its fault twice.
         faults=tuple(sorted(dict.fromkeys(faults), key=lambda fault: fault.line or 0)),
@@ -96,17 +100,14 @@ def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsO
             listed.add(number)
             if number not in objects:
                 faults.append(Fault(f"[{section.name}] {item.key}", f"[{number:04X}] is not in this file", item.line))
-        _check_count(section, faults)
+        count, entries = _number(section, "SupportedObjects", faults), len(section.items)
+        entries -= "supportedobjects" in section
+        if count is not None and count != entries:
+            line = section.line_of("SupportedObjects")
+            faults.append(Fault(f"[{section.name}] SupportedObjects", f"{count}, but {entries} are listed", line))
     for index, found in objects.items():
         if index not in listed:
             faults.append(Fault(f"[{index:04X}]", "is in none of the lists of objects", found.line))
-
-
-def _check_count(section: FileSection, faults: list[Fault]) -> None:
-    count, entries = _number(section, "SupportedObjects", faults), len(section.items) - ("supportedobjects" in section)
-    if count is not None and count != entries:
-        line = section.line_of("SupportedObjects")
-        faults.append(Fault(f"[{section.name}] SupportedObjects", f"{count}, but {entries} are listed", line))
 
 
 def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
@@ -136,39 +137,10 @@ def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
     )
 
 
-def _node(sections: Mapping[str, FileSection], faults: list[Fault]) -> int | None:
-    """Return the node-ID of a DCF; None when there is none."""
-    for name in COMMISSIONING:
-        if name in sections:
-            return _number(sections[name], "NodeID", faults)
-    return None
-
-
-def _dummies(section: FileSection | None, faults: list[Fault]) -> tuple[int, ...]:
-    """Return the data types that may be mapped as unused space."""
-    if section is None:
-        return ()
-    return tuple(number for number in DUMMY_TYPES if _number(section, f"Dummy{number:04d}", faults))
-
-
-def _texts(section: FileSection | None) -> dict[str, str]:
-    return {item.key: item.value for item in section.items.values()} if section is not None else {}
-
-
-def _comments(section: FileSection | None) -> tuple[str, ...]:
-    """Return the lines of `[Comments]`; its key `Lines` is only their number."""
-    items = section.items.values() if section is not None else ()
-    return tuple(item.value for item in items if item.key.lower().startswith("line") and item.key.lower() != "lines")
-
-
 def _number(section: FileSection, key: str, faults: list[Fault]) -> int | None:
     """Return the number of a key; None when it is missing, empty or not understood, which is noted."""
-    return _understood(whole_number, section, key, faults) if section.text(key) else None
-
-
-def _understood(parse: Callable[[str], int], section: FileSection, key: str, faults: list[Fault]) -> int | None:
     try:
-        return parse(section.text(key))
+        return whole_number(section.text(key)) if section.text(key) else None
     except ValueError as error:
         faults.append(Fault(f"[{section.name}] {key}", str(error), section.line_of(key)))
         return None

@@ -86,9 +86,13 @@ def _type(entry: EdsEntry) -> EdsType:
 
 def _loadable_entry(entry: EdsEntry, type: EdsType) -> EdsEntry:
     """Return an entry without what its type cannot hold."""
-    default, parameter = (value if _holds(type, value) else None for value in (entry.default, entry.parameter))
+    given = (entry.default, entry.parameter)
+    default, parameter = (value if value is not None and fits(value, type) else None for value in given)
+    limits = (entry.low, entry.high)
+    low, high = (limit if limit is not None and fits(limit, type) else None for limit in limits)
     ranges = [value_range(value) for value in (default, parameter) if value is not None]
-    low, high = (limit if _is_limit(type, limit) else None for limit in (entry.low, entry.high))
+    if type not in REALS and (type in TIMES or not type.is_integer):  # values without limits
+        low = high = None
     return replace(
         entry,
         type=type,
@@ -97,16 +101,6 @@ def _loadable_entry(entry: EdsEntry, type: EdsType) -> EdsEntry:
         low=None if low is None or any(least < low for least, _ in ranges) else low,
         high=None if high is None or any(most > high for _, most in ranges) else high,
     )
-
-
-def _is_limit(type: EdsType, limit: float | None) -> bool:
-    """Return whether values of the type can have this limit."""
-    ranged = type in REALS or (type.is_integer and type not in TIMES)
-    return ranged and limit is not None and fits(limit, type)
-
-
-def _holds(type: EdsType, value: EdsValue | None) -> bool:
-    return value is not None and fits(value, type)
 
 
 def _mandatory(objects: Mapping[int, EdsObject], device: DeviceInfo) -> Iterator[tuple[int, EdsObject]]:
@@ -176,8 +170,9 @@ def eds_text(eds: Eds) -> str:
         "OptionalObjects": [index for index in indices if index not in MANDATORY and index not in MANUFACTURER],
         "ManufacturerObjects": [index for index in indices if index in MANUFACTURER],
     }
+    known = {key.lower(): text for key, text in eds.file_info.items()}
     lines = [
-        *_section("FileInfo", _file(eds.file_info)),
+        *_section("FileInfo", ((key, known[key.lower()]) for key in FILE_KEYS if key.lower() in known)),
         *_section("DeviceInfo", _device(eds.device)),
         *_section("DummyUsage", ((f"Dummy{number:04d}", int(number in eds.dummies)) for number in DUMMY_TYPES)),
         *_section("Comments", [("Lines", len(eds.comments)), *_numbered(eds.comments, "Line")]),
@@ -188,11 +183,6 @@ def eds_text(eds: Eds) -> str:
         for index in members:
             lines += _object(objects[index])
     return _LINE_END.join(lines)
-
-
-def _file(information: Mapping[str, str]) -> Iterator[tuple[str, object]]:
-    known = {key.lower(): text for key, text in information.items()}
-    return ((key, known[key.lower()]) for key in FILE_KEYS if key.lower() in known)
 
 
 def _device(device: DeviceInfo) -> Iterator[tuple[str, object]]:
@@ -213,7 +203,7 @@ def _device(device: DeviceInfo) -> Iterator[tuple[str, object]]:
 def _object(item: EdsObject) -> Iterator[str]:
     name, entries = f"{item.index:04X}", item.entries
     if item.is_simple and set(entries) == {0}:
-        yield from _section(name, _entry(entries[0], _simple_code(entries[0])))
+        yield from _section(name, _entry(entries[0]))
         return
     # A variable with sub-indices is written as the record that the reader takes it for, and so is the description of a
     # structure, which readers know as no object of a device.
@@ -223,25 +213,17 @@ def _object(item: EdsObject) -> Iterator[str]:
         [("ParameterName", item.name), ("ObjectType", f"0x{code:X}"), ("SubNumber", f"0x{len(entries):X}")],
     )
     for entry in entries.values():
-        yield from _section(f"{name}sub{entry.subindex:X}", _entry(entry, _simple_code(entry)))
+        yield from _section(f"{name}sub{entry.subindex:X}", _entry(entry))
 
 
-def _simple_code(entry: EdsEntry) -> ObjectCode:
-    return ObjectCode.DOMAIN if entry.type is EdsType.DOMAIN else ObjectCode.VAR
-
-
-def _entry(entry: EdsEntry, code: ObjectCode) -> Iterator[tuple[str, object]]:
+def _entry(entry: EdsEntry) -> Iterator[tuple[str, object]]:
     yield "ParameterName", entry.name
-    yield "ObjectType", f"0x{code:X}"
+    yield "ObjectType", f"0x{ObjectCode.DOMAIN if entry.type is EdsType.DOMAIN else ObjectCode.VAR:X}"
     if entry.type is not None:
         yield "DataType", f"0x{entry.type:04X}"
     yield "AccessType", entry.access
-    for key, value in (
-        ("LowLimit", entry.low),
-        ("HighLimit", entry.high),
-        ("DefaultValue", entry.default),
-        ("ParameterValue", entry.parameter),
-    ):
+    values = (entry.low, entry.high, entry.default, entry.parameter)
+    for key, value in zip(("LowLimit", "HighLimit", "DefaultValue", "ParameterValue"), values, strict=True):
         if value is not None:
             yield key, text_of(value, entry.type)
     yield "PDOMapping", int(entry.mappable)

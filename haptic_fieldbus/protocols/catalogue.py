@@ -197,8 +197,12 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
         raise wrong_kind("path", "that of a rig file", path)
     document = read_document(Path(path), RigError)
     check_kind(document, "bus")
-    for name in document.table("bus"):
-        _channel_as_text(document, name)
+    for section in document.table("bus").values():
+        channel = section.get("channel") if isinstance(section, dict) else None
+        # Interfaces that count their channels read the number from a text. `type`, not `isinstance`: true is an int
+        # too.
+        if isinstance(section, dict) and type(channel) is int and channel >= 0:
+            section["channel"] = str(channel)
     for name in document.table("axis"):
         convert_units(document, RigAxis, ("axis", name))
     rig = document.validate(Rig, loaded=RIG_LOADED)
@@ -208,17 +212,14 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     buses = {name: _check_bus_section(document, name) for name in document.table("bus")}
     for name in document.table("axis"):
         document.integers(("axis", name, "mechanism", "sign"))
-        _check_bus(document, name, nodes)
-        _check_node(document, name)
-        _check_profile_exists(document, name, known)
-        _check_position_limits(document, name)
-        _check_simulation(document, name)
-        check_plausible(document, name)
+        _check_axis(document, name, nodes, known)
     rig = document.checked(rig)
     folder = Path(path).resolve().parent
-    axes = {
-        name: replace(axis, profile=_found_profile(axis.profile, folder, profiles)) for name, axis in rig.axis.items()
+    found = {
+        name: str(folder / axis.profile) if is_path(axis.profile) else own_profile(axis.profile, profiles)
+        for name, axis in rig.axis.items()
     }
+    axes = {name: replace(axis, profile=found[name]) for name, axis in rig.axis.items()}
     return replace(rig, axis=axes, bus={name: bus for name, bus in buses.items() if bus}, source=document.source)
 
 
@@ -235,17 +236,24 @@ def check_rig(rig: Rig) -> None:
         document.validate(type(section), ("bus", name))
     for name in rig.axis:
         document.validate(RigAxis, ("axis", name))
-        _check_bus(document, name, nodes)
-        _check_node(document, name)
-        _check_position_limits(document, name)
-        _check_simulation(document, name)
-        check_plausible(document, name)
+        _check_axis(document, name, nodes)
     document.checked(rig)
 
 
-def _found_profile(name: str, folder: Path, profiles: str | Path | None) -> str:
-    """Return the name of a shipped profile as it is, and the path of any other."""
-    return str(folder / name) if is_path(name) else own_profile(name, profiles)
+def _check_axis(
+    document: Document, name: str, nodes: dict[tuple[object, object], str], known: Collection[str] | None = None
+) -> None:
+    """Note the faults of an axis that its dataclasses cannot state; its profile is looked up where `known` is given.
+
+    `nodes` collects the axis of each (bus, node-ID) from call to call.
+    """
+    _check_bus(document, name, nodes)
+    _check_node(document, name)
+    if known is not None:
+        _check_profile_exists(document, name, known)
+    _check_position_limits(document, name)
+    _check_simulation(document, name)
+    check_plausible(document, name)
 
 
 def profile_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
@@ -321,14 +329,6 @@ def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object],
     if type(node) is int and isinstance(bus, str) and nodes.setdefault((bus, node), axis) != axis:
         other = nodes[bus, node]
         document.fault(("axis", axis, "node"), f"{node} is the node-ID of axis {other} on {bus}; expected another one")
-
-
-def _channel_as_text(document: Document, bus: str) -> None:
-    """Let a channel be a number too; interfaces that count their channels read it from the text."""
-    table, channel = document.table("bus", bus), document.value("bus", bus, "channel")
-    # `type`, not `isinstance`: true is an int too.
-    if type(channel) is int and channel >= 0:
-        table["channel"] = str(channel)
 
 
 def _check_bus_section(document: Document, name: str) -> BusSection | None:

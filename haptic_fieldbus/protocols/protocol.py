@@ -1,14 +1,15 @@
 """Interface between planning and a fieldbus protocol; nothing here opens a bus."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE, SIMULATION
-from haptic_fieldbus.documents import Document
+from haptic_fieldbus.documents import Document, KeyPath
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
@@ -134,3 +135,45 @@ class FieldbusProtocol(Protocol):
         Without a rate each is at the one that it has by itself. By default there is the way of `bus_traffic` alone.
         """
         return (self.bus_traffic(section, members, DEFAULT_RATE if rate is None else rate, waiting),)
+
+
+# Checks of a profile that its dataclasses cannot state, on any protocol.
+
+
+def check_usable(document: Document) -> bool:
+    """Return whether a profile is for rendering force; one that is not has to say why."""
+    usable = document.value("drive", "usable") is not False
+    if not usable and "drive.usable" not in document.table("sources"):
+        document.fault(("drive", "usable"), 'false without its reason; expected an entry "drive.usable" in [sources]')
+    return usable
+
+
+def check_motion(document: Document) -> None:
+    """Note a profile that has neither a position nor a velocity, so that the motion of the handle is unknown."""
+    if "position" not in document.data and "velocity" not in document.data:
+        expected = "position.actual, velocity.actual or both"
+        document.fault(("position",), f"missing, and so is [velocity]; expected {expected}")
+
+
+def check_types(document: Document, types: Mapping[KeyPath, Sequence[str]]) -> None:
+    """Note types with which force cannot be rendered."""
+    known = [each.value for each in DataType]
+    for path, possible in types.items():
+        found = document.value(*path, "type")
+        # A type that is unknown altogether has its fault from the schema.
+        if found in known and found not in possible:
+            document.refuse((*path, "type"), " or ".join(f'"{name}"' for name in possible))
+
+
+def check_units(document: Document, units: Mapping[KeyPath, Sequence[str]]) -> None:
+    """Note units with which force cannot be rendered."""
+    for path, possible in units.items():
+        if document.table(*path) and document.value(*path, "unit") not in possible:
+            document.refuse((*path, "unit"), " or ".join(f'"{name}"' for name in possible))
+
+
+def check_echo(document: Document, ways: Collection[str], kind: str) -> None:
+    """Note a way of proving set-points for which the profile names no object or register, the `kind` of protocol."""
+    way = document.value("torque", "echo")
+    if way in ways and not document.table("torque", str(way)):
+        document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that {kind} too, or "none"')

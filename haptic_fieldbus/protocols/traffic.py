@@ -262,3 +262,9 @@ def _next_tick(instant: float, control_period: float, on_reception: bool) -> flo
         return instant
     # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
     return math.ceil(instant / control_period - 1e-9) * control_period
+
+
+def round_down(rate: float) -> float:
+    """Return the rate rounded down to two significant digits [Hz]."""
+    step = 10.0 ** (math.floor(math.log10(rate)) - 1)
+    return math.floor(rate / step) * step

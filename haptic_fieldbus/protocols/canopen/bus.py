@@ -1,7 +1,7 @@
 """Names of CAN buses, as users and rig files write them."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
@@ -167,22 +167,13 @@ def _parse_can(text: str, interface: str, rest: str) -> BusName:
     channel, at, digits = place.rpartition("@") if "@" in place else (place, "", "")
     if not channel:
         raise UsageError(f'bus "{text}" lacks its channel: {interface}:CHANNEL[@BITRATE]')
-    arguments = _arguments(text, given)
+    arguments = {name: _value(value) for name, _, value in (each.partition("=") for each in given)}
+    for name in arguments.keys() & OURS.keys():
+        raise UsageError(f'bus "{text}": {name} {OURS[name]}')
     if at:
         return BusName(text, CanSection(interface, channel, _bitrate(text, digits), arguments=arguments))
     assumed = f"the bit rate of {text} is not known; 1 Mbit/s is assumed. Give it as {interface}:{place}@BITRATE"
     return BusName(text, CanSection(interface, channel, arguments=arguments), assumed)
-
-
-def _arguments(text: str, given: Sequence[str]) -> dict[str, Argument]:
-    """Return the further arguments of an interface from texts such as `port=29536`.
-
-    Raises UsageError for one that is not for a user to give.
-    """
-    arguments = {name: _value(value) for name, _, value in (each.partition("=") for each in given)}
-    for name in arguments.keys() & OURS.keys():
-        raise UsageError(f'bus "{text}": {name} {OURS[name]}')
-    return arguments
 
 
 def _value(text: str) -> Argument:

@@ -95,16 +95,19 @@ class Pdo:
     @property
     def needed(self) -> tuple[tuple[Signal, ObjectEntry, slice], ...]:
         """Signals that the loop needs, each with its object and its octets in the payload."""
-        ends = accumulate(entry.type.size for entry in self.entries)
-        rows = zip(self.signals, self.entries, ends, strict=True)
-        return tuple((signal, entry, slice(end - entry.type.size, end)) for signal, entry, end in rows if signal)
+        return tuple((signal, entry, octets) for signal, entry, octets in self._placed if signal)
 
     @property
     def unneeded(self) -> tuple[tuple[ObjectEntry, slice], ...]:
         """The other objects, each with its octets in the payload."""
+        return tuple((entry, octets) for signal, entry, octets in self._placed if signal is None)
+
+    @property
+    def _placed(self) -> Iterator[tuple[Signal | None, ObjectEntry, slice]]:
+        """All objects, each with its signal and its octets in the payload."""
         ends = accumulate(entry.type.size for entry in self.entries)
-        rows = zip(self.signals, self.entries, ends, strict=True)
-        return tuple((entry, slice(end - entry.type.size, end)) for signal, entry, end in rows if signal is None)
+        for signal, entry, end in zip(self.signals, self.entries, ends, strict=True):
+            yield signal, entry, slice(end - entry.type.size, end)
 
     @property
     def image_size(self) -> int:
@@ -151,7 +154,10 @@ def lay_out(
         for number, frame in zip(free, best[1], strict=False)
     ]
     made += _with_fixed(Pdo(direction, 1, node, transmission_type, (), (), fixed=True), best[0], offered, wanted)
-    return _with_cob_ids(made)
+    made.sort(key=lambda pdo: pdo.number)
+    # Those beyond PDO 4 take the COB-IDs of PDOs that are not used.
+    left = [number for number in PREDEFINED if number not in {pdo.number for pdo in made}]
+    return tuple(pdo if pdo.number in PREDEFINED else replace(pdo, cob_id_of=left.pop(0)) for pdo in made)
 
 
 def _choices(fixed: Sequence[FixedPdo], wanted: Mapping[int, Signal]) -> Iterator[tuple[FixedPdo, ...]]:
@@ -177,22 +183,11 @@ def _with_fixed(
     for each in chosen:
         signals = tuple(left.pop(value, None) for value in each.maps)
         entries = [
-            _entry(value) if signal is None else offered[signal]
+            # Of the type only the size is known.
+            ObjectEntry(value >> 16, OCTETS[value & 0xFF], value >> 8 & 0xFF) if signal is None else offered[signal]
             for signal, value in zip(signals, each.maps, strict=True)
         ]
         yield replace(like, number=each.number, signals=signals, entries=tuple(entries))
-
-
-def _entry(value: int) -> ObjectEntry:
-    """Return the entry that a mapping value names; of its type only the size is known."""
-    return ObjectEntry(value >> 16, OCTETS[value & 0xFF], value >> 8 & 0xFF)
-
-
-def _with_cob_ids(pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
-    """Return the PDOs in the order of their numbers; those beyond PDO 4 take the COB-IDs of PDOs that are not used."""
-    free = [number for number in PREDEFINED if number not in {pdo.number for pdo in pdos}]
-    ordered = sorted(pdos, key=lambda pdo: pdo.number)
-    return tuple(pdo if pdo.number in PREDEFINED else replace(pdo, cob_id_of=free.pop(0)) for pdo in ordered)
 
 
 def _too_few(

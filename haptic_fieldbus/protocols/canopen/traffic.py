@@ -4,7 +4,6 @@ t_k is the end of SYNC k, at which the drive latches its position. Each period h
 for slower buses, computing, RPDOs. Worst-case stuffing is assumed, and a bus without foreign frames.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +18,7 @@ from haptic_fieldbus.protocols.canopen.bus import LISTENING, cob_id_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, bits_beyond, worst_case_bits
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, Json, ways
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, Json, round_down, ways
 from haptic_fieldbus.signals import LinkFlag, Signal
 
 # The process data of one node: its PDOs and what is asked of it by SDO, with the texts of its faults.
@@ -318,7 +317,7 @@ class CanTraffic:
         # Each candidate is tried, because heartbeats, counted in periods, change their share with the rate.
         rate = self.highest_rate
         while rate > LOWEST_RATE:
-            rate = _round_down(rate)  # a rate that people would type
+            rate = round_down(rate)  # a rate that people would type
             if replace(self, rate=rate)._fits:
                 return rate
             rate *= 0.95
@@ -363,9 +362,3 @@ def acts_on_reception(member: BusMember) -> bool:
     """
     synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
     return member.profile.pdo.rpdo_acts == "reception" and not synchronous
-
-
-def _round_down(rate: float) -> float:
-    """Return the rate rounded down to two significant digits."""
-    step = 10.0 ** (math.floor(math.log10(rate)) - 1)
-    return math.floor(rate / step) * step

@@ -97,7 +97,10 @@ def parse_bus(text: str) -> BusName:
         raise UsageError(f'bus "{text}": a simulated bus has no channel, it is written {interface}')
     if not simulated and not channel:
         raise UsageError(f'bus "{text}" lacks its channel. Buses are {BUS_FORMS}')
-    section = ModbusSection(interface, channel or SIMULATION_CHANNEL, _baud(text, digits) if at else None)
+    rate = bit_rate(digits) if at else None
+    if at and (rate is None or not BAUDS[0] <= rate <= BAUDS[1]):
+        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, {BAUDS[0]} to {BAUDS[1]}')
+    section = ModbusSection(interface, channel or SIMULATION_CHANNEL, rate)
     if interface == TCP:
         _ = section.address
     return BusName(text, section)
@@ -129,11 +132,3 @@ def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
     """Return the simulated line in the place of `section` of a rig."""
     interface = SIM_RTU if section.serial else SIM_TCP
     return replace(section, interface=interface, channel=channel or SIMULATION_CHANNEL)
-
-
-def _baud(text: str, digits: str) -> int:
-    """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
-    rate = bit_rate(digits)
-    if rate is None or not BAUDS[0] <= rate <= BAUDS[1]:
-        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, {BAUDS[0]} to {BAUDS[1]}')
-    return rate

@@ -76,13 +76,16 @@ def lay_out_registers(
     command = next((block for block in written if block is not set_point), None)
     reads, watching = _reads(profile, line, incoming), _watching(profile, line, incoming)
     ways = _unwatched(profile, watching or reads)
+    register = profile.torque.target
+    asked = replace(profile.mapped(Signal.TARGET_TORQUE, register), signal=Signal.TARGET_ASKED)
+    target = Block(register.address, register.count, (asked,), (0,))
     return RegisterTraffic(
         unit,
         reads,
         set_point,
         command,
         watching=watching,
-        read_back=_target(profile) if ways and profile.line.reading is not None else None,
+        read_back=target if ways and profile.line.reading is not None else None,
         read_back_ways=ways,
     )
 
@@ -110,13 +113,6 @@ def _unwatched(profile: ModbusProfile, reads: tuple[Block, ...]) -> tuple[Transa
     if profile.echo is None:
         return tuple(Transaction)
     return () if reads[0].has(Signal.TORQUE_ACTUAL) else (Transaction.READ_WRITE,)
-
-
-def _target(profile: ModbusProfile) -> Block:
-    """Return the block that reads the target torque back."""
-    target = profile.torque.target
-    mapped = replace(profile.mapped(Signal.TARGET_TORQUE, target), signal=Signal.TARGET_ASKED)
-    return Block(target.address, target.count, (mapped,), (0,))
 
 
 def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:

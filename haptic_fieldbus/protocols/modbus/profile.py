@@ -30,6 +30,7 @@ from haptic_fieldbus.drive.rig import (
     is_current,
 )
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.protocol import check_echo, check_motion, check_types, check_units, check_usable
 from haptic_fieldbus.signals import Signal
 
 Address = Annotated[int, Ge(0), Le(0xFFFF)]
@@ -286,7 +287,7 @@ _TYPES: dict[KeyPath, tuple[str, ...]] = {
     ("velocity", "actual"): _SIGNED,
 }
 """Register → types that the master can scale or compare; all others may have any of a register."""
-_UNITS = {
+_UNITS: dict[KeyPath, tuple[str, ...]] = {
     ("torque", "target"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
     ("torque", "actual"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
     ("torque", "demand"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
@@ -311,17 +312,14 @@ def check_profile(document: Document) -> None:
     _check_line(document)
     _check_places(document, _READ)
     _check_places(document, (*_WRITTEN, *_setup(document)))
-    if document.value("drive", "usable") is False:
-        if "drive.usable" not in document.table("sources"):
-            document.fault(
-                ("drive", "usable"), 'false without its reason; expected an entry "drive.usable" in [sources]'
-            )
+    if not check_usable(document):
         return
-    _check_motion(document)
+    check_motion(document)
     _check_functions(document)
-    _check_types(document)
-    _check_units(document)
-    _check_echo(document)
+    check_types(document, {path: _TYPES.get(path, _ALL) for path in _registers(document)})
+    check_units(document, _UNITS)
+    _check_full_scale(document)
+    check_echo(document, ECHOES, "register")
     _check_power(document)
 
 
@@ -337,14 +335,6 @@ def _check_line(document: Document) -> None:
             document.refuse(("line", "readable", number), "the first address before the last one")
 
 
-def _check_motion(document: Document) -> None:
-    """Note a profile that has neither a position nor a velocity, so that the motion of the handle is unknown."""
-    if "position" not in document.data and "velocity" not in document.data:
-        document.fault(
-            ("position",), "missing, and so is [velocity]; expected position.actual, velocity.actual or both"
-        )
-
-
 def _check_functions(document: Document) -> None:
     """Note functions with which no feedback can be read, or no set-point written."""
     functions = document.value("line", "functions")
@@ -358,31 +348,11 @@ def _check_functions(document: Document) -> None:
         document.refuse(("line", "functions"), f"{wanted} among them: without it no target torque can be written")
 
 
-def _check_types(document: Document) -> None:
-    """Note types that no register has, and those with which force cannot be rendered."""
-    known = [each.value for each in DataType]
-    for path in _registers(document):
-        found, types = document.value(*path, "type"), _TYPES.get(path, _ALL)
-        # A type that is unknown altogether has its fault from the schema.
-        if found in known and found not in types:
-            document.refuse((*path, "type"), " or ".join(f'"{name}"' for name in types))
-
-
-def _check_units(document: Document) -> None:
-    """Note units with which force cannot be rendered, and a full scale that is missing."""
-    for path, units in _UNITS.items():
-        if document.table(*path) and document.value(*path, "unit") not in units:
-            document.refuse((*path, "unit"), " or ".join(f'"{name}"' for name in units))
+def _check_full_scale(document: Document) -> None:
+    """Note a full scale that is missing."""
     used = any(document.value("torque", key, "unit") == FULL_SCALE for key in ("target", "actual", "demand", "limit"))
     if used and "full_scale" not in document.table("torque"):
         document.fault(("torque", "full_scale"), f'missing; the unit "{FULL_SCALE}" needs the torque at 32767 [N·m]')
-
-
-def _check_echo(document: Document) -> None:
-    """Note a way of proving set-points for which the profile names no register."""
-    way = document.value("torque", "echo")
-    if way in ECHOES and not document.table("torque", str(way)):
-        document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that register too, or "none"')
 
 
 def _check_power(document: Document) -> None:

@@ -276,26 +276,29 @@ class RegisterTraffic:
     def summary(self) -> Iterator[str]:
         """Yield a line for each request with its signals."""
         for request in self.requests:
-            words = [f"{word} {_names(block)}" for word, block in _parts(request)]
+            # In the order in which the drive does it.
+            both = (("writes", request.write), ("reads", request.read))
+            words = [f"{word} {_names(block)}" for word, block in both if block is not None]
             yield f"function {request.function} {', '.join(words)}"
         if self.asked is not None:
             yield f"one unit in each period: reads {_names(self.asked)}"
 
     def to_json(self, bus: str) -> dict[str, list[Json]]:
         """Return the `registers` of `plan --json`."""
-        timed = zip(self.requests, self.times, self.octets, strict=True)
-        return {"registers": [self._row(bus, request, time, octets) for request, time, octets in timed]}
-
-    def _row(self, bus: str, request: RegisterRequest, time: float, octets: int) -> Json:
         return {
-            "bus": bus,
-            "unit": self.unit,
-            "function": request.function,
-            "octets": octets,
-            "time_s": time,
-            "read": _block_json(request.read),
-            "write": _block_json(request.write),
-            "command": _block_json(self.command if request.write is not None else None),
+            "registers": [
+                {
+                    "bus": bus,
+                    "unit": self.unit,
+                    "function": request.function,
+                    "octets": octets,
+                    "time_s": time,
+                    "read": _block_json(request.read),
+                    "write": _block_json(request.write),
+                    "command": _block_json(self.command if request.write is not None else None),
+                }
+                for request, time, octets in zip(self.requests, self.times, self.octets, strict=True)
+            ]
         }
 
     def fault_text(self, flag: LinkFlag, code: int, bus: str = "the line") -> str:
@@ -358,13 +361,6 @@ def _requests(
         raise ValueError(f"unit {traffic.unit} has no functions for {way}")
     # The motion is read last, so that it is the youngest.
     return tuple(reading[::-1]), (RegisterRequest(function, write=traffic.set_point),)
-
-
-def _parts(request: RegisterRequest) -> Iterator[tuple[str, Block]]:
-    """Yield what a request writes and reads, in the order in which the drive does it."""
-    for word, block in (("writes", request.write), ("reads", request.read)):
-        if block is not None:
-            yield word, block
 
 
 def _names(block: Block) -> str:

@@ -22,7 +22,7 @@ from haptic_fieldbus.protocols.modbus.register_traffic import (
     Transaction,
     possible,
 )
-from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, OtherMasters, ways
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, OtherMasters, round_down, ways
 from haptic_fieldbus.signals import Signal
 
 RESERVE = 0.05
@@ -283,14 +283,12 @@ class ModbusTraffic:
 
     def line(self) -> str:
         """Return rate, way, speed of the line and load in words, and what it costs that units take turns."""
-        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}{self._turns()}"
-
-    def _turns(self) -> str:
+        shown = f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}"
         if len(self.members) == 1:
-            return ""
+            return shown
         alone = max(replace(self, members=(member,)).shortest_period for member in self.members)
-        together = f"{rounded(1e3 * self.shortest_period)} ms a period"
-        return f"; {len(self.members)} units take turns, {together} instead of {rounded(1e3 * alone)} for one alone"
+        together = f"{rounded(1e3 * self.shortest_period)} ms a period instead of {rounded(1e3 * alone)}"
+        return f"{shown}; {len(self.members)} units take turns, {together} for one alone"
 
 
 def watchdog_time(deadline: float, rate: float) -> float:
@@ -315,9 +313,3 @@ def candidates(
             "function 23 does, or function 3 with 16 or 6"
         )
     return [replace(each, rate=each.sustained_rate) for each in found]
-
-
-def round_down(rate: float) -> float:
-    """Return the rate rounded down to two significant digits [Hz]."""
-    step = 10.0 ** (math.floor(math.log10(rate)) - 1)
-    return math.floor(rate / step + 1e-9) * step
