@@ -42,7 +42,11 @@ class Positions:
         self._implied: dict[KeyPath, Position] = {}
         self._array_sizes: dict[KeyPath, int] = {}
         parser = tree_sitter.Parser(tree_sitter.Language(tree_sitter_toml.language()))
-        self._read_document(parser.parse(text.encode()).root_node)
+        for node in parser.parse(text.encode()).root_node.named_children:
+            if node.type == "pair":
+                self._read_pairs([(node, ())])
+            elif node.type in ("table", "table_array_element"):
+                self._read_table(node)
 
     def line(self, path: KeyPath) -> int | None:
         """Return the line of a key, or of the innermost written table around it; None when there is none."""
@@ -59,13 +63,6 @@ class Positions:
 
     def _position(self, path: KeyPath) -> Position | None:
         return self._written.get(path) or self._implied.get(path)
-
-    def _read_document(self, root: tree_sitter.Node) -> None:
-        for node in root.named_children:
-            if node.type == "pair":
-                self._read_pairs([(node, ())])
-            elif node.type in ("table", "table_array_element"):
-                self._read_table(node)
 
     def _read_table(self, node: tree_sitter.Node) -> None:
         """Note a header and the pairs below it."""

@@ -137,7 +137,9 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
     refuse_comma(text)
     match = _WRITTEN.fullmatch(text.translate(_ONE_SPELLING))
     if match is None or not match.group(2):
-        raise ValueError(f"a number without quotes{_example(quantity, workspace)}")
+        example = quantity.unit(workspace)
+        also = f', or one with its unit such as "2 {example}"' if example else ""
+        raise ValueError(f"a number without quotes{also}")
     number, unit = match.groups()
     rotary = workspace is Workspace.ROTARY
     factors = _spelt(quantity, rotary)
@@ -181,11 +183,6 @@ def _typed(unit: str) -> str:
 def _spelt(quantity: Quantity, rotary: bool) -> dict[str, float]:
     """Return the factors of a quantity by their units without multiplication signs."""
     return {_typed(unit): factor for unit, factor in _FACTORS[quantity][rotary].items()}
-
-
-def _example(quantity: Quantity, workspace: Workspace) -> str:
-    unit = quantity.unit(workspace)
-    return f', or one with its unit such as "2 {unit}"' if unit else ""
 
 
 def _in_words(quantity: Quantity, workspace: Workspace, reason: str) -> str:

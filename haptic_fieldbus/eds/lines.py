@@ -69,7 +69,10 @@ def value_of(text: str, type: EdsType | None) -> EdsValue:
     if type in TEXTS:
         return text
     if type in OCTETS:
-        return _octets(text)
+        try:
+            return bytes.fromhex(text.strip().lower().removeprefix("0x"))
+        except ValueError:
+            raise ValueError(f'"{text}" is no row of octets') from None
     if type in REALS:
         return _real(text, type)
     number = formula(text)
@@ -164,14 +167,6 @@ def _real(text: str, type: EdsType) -> float:
     if not _is_real(real, type):
         raise ValueError(f'"{text}" does not fit into {type.name}')
     return real
-
-
-def _octets(text: str) -> bytes:
-    """Return octets from pairs of hexadecimal digits; raises ValueError when the text is none."""
-    try:
-        return bytes.fromhex(text.strip().lower().removeprefix("0x"))
-    except ValueError:
-        raise ValueError(f'"{text}" is no row of octets') from None
 
 
 _HEAD = re.compile(r"\[([^\]]*)\]\s*(;.*)?$")

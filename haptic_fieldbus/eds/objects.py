@@ -44,7 +44,11 @@ class ObjectReader:
             entries = {0: self.entry(head, 0, code)}
         else:
             entries = self._members(members)
-            self._check_members(head, found, len(members))
+            if found.is_simple:
+                self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
+            elif self._number(head, "SubNumber") != len(members):
+                said = head.text("SubNumber") or "missing"
+                self._fault(head, "SubNumber", f"{said}, but {len(members)} sub-indices are there")
         return EdsObject(found.index, found.name, found.code, dict(sorted(entries.items())), found.line)
 
     def entry(self, section: FileSection, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
@@ -69,15 +73,6 @@ class ObjectReader:
             subindex: self.entry(section, subindex, self._code(section))
             for subindex, section in sorted(members.items())
         }
-
-    def _check_members(self, head: FileSection, described: EdsObject, count: int) -> None:
-        """Note sub-indices of a simple variable, or a wrong number of them."""
-        if described.is_simple:
-            self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
-            return
-        said = self._number(head, "SubNumber")
-        if said != count:
-            self._fault(head, "SubNumber", f"{head.text('SubNumber') or 'missing'}, but {count} sub-indices are there")
 
     def _compact(self, head: FileSection, count: int) -> dict[int, EdsEntry]:
         """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""

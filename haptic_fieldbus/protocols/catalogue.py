@@ -197,19 +197,23 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
         raise wrong_kind("path", "that of a rig file", path)
     document = read_document(Path(path), RigError)
     check_kind(document, "bus")
-    for section in document.table("bus").values():
-        channel = section.get("channel") if isinstance(section, dict) else None
+    for table in document.table("bus").values():
+        channel = table.get("channel") if isinstance(table, dict) else None
         # Interfaces that count their channels read the number from a text. `type`, not `isinstance`: true is an int
         # too.
-        if isinstance(section, dict) and type(channel) is int and channel >= 0:
-            section["channel"] = str(channel)
+        if isinstance(table, dict) and type(channel) is int and channel >= 0:
+            table["channel"] = str(channel)
     for name in document.table("axis"):
         convert_units(document, RigAxis, ("axis", name))
     rig = document.validate(Rig, loaded=RIG_LOADED)
     nodes: dict[tuple[object, object], str] = {}
     known = known_names(profiles)
     # `Rig` checks only the keys that all buses share; the section of its protocol checks each whole bus.
-    buses = {name: _check_bus_section(document, name) for name in document.table("bus")}
+    buses: dict[str, BusSection | None] = {}
+    for name in document.table("bus"):
+        section = _protocol_of_bus(document, name).section
+        convert_units(document, section, ("bus", name))
+        buses[name] = document.validate(section, ("bus", name))
     for name in document.table("axis"):
         document.integers(("axis", name, "mechanism", "sign"))
         _check_axis(document, name, nodes, known)
@@ -329,13 +333,6 @@ def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object],
     if type(node) is int and isinstance(bus, str) and nodes.setdefault((bus, node), axis) != axis:
         other = nodes[bus, node]
         document.fault(("axis", axis, "node"), f"{node} is the node-ID of axis {other} on {bus}; expected another one")
-
-
-def _check_bus_section(document: Document, name: str) -> BusSection | None:
-    """Return the bus as its protocol defines it; None when it has faults, which are noted."""
-    protocol = _protocol_of_bus(document, name)
-    convert_units(document, protocol.section, ("bus", name))
-    return document.validate(protocol.section, ("bus", name))
 
 
 def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:

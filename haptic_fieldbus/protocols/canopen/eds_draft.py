@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 
 from haptic_fieldbus.documents.edits import quoted, value_text
@@ -40,7 +40,12 @@ def draft_of(profile: EdsProfile, file: str) -> Draft:
     """Return the draft of a profile; `file` is the name of the vendor's file."""
     written = {section: _section(profile, section) for section in SECTIONS}
     values = {f"{section}.{key}": text for section, items in written.items() for key, text in items.items()}
-    sources = {key: text for key, text in profile.sources.items() if _is_told(key, text, values)}
+    # The source of a value belongs into the file, and the reason for one that is not there.
+    sources = {
+        key: text
+        for key, text in profile.sources.items()
+        if text.startswith(LEFT_OUT) or key == USABLE or ".".join(key.split(".")[:2]) in values
+    }
     assumed = tuple(
         Assumption(key, _toml(key.rpartition(".")[2], value_at(profile, key)), text)
         for key, text in sources.items()
@@ -50,18 +55,12 @@ def draft_of(profile: EdsProfile, file: str) -> Draft:
         *_head(profile, file, assumed),
         "schema = 1",
         "",
-        *(line for section, items in written.items() if items for line in _table(section, items)),
-        "[sources]",
-        *(f"{quoted(key)} = {quoted(source)}" for key, source in sources.items()),
-        "",
     ]
+    for section, items in (*written.items(), ("sources", {quoted(key): quoted(text) for key, text in sources.items()})):
+        if items or section == "sources":
+            lines += [f"[{section}]", *(f"{key} = {text}" for key, text in items.items()), ""]
     left_out = sum(text.startswith(LEFT_OUT) for text in sources.values())
     return Draft("\n".join(lines), assumed, len(sources) - len(assumed) - left_out)
-
-
-def _is_told(key: str, source: str, values: dict[str, str]) -> bool:
-    """Return whether a source belongs into the file: that of a value, or the reason for one that is not there."""
-    return source.startswith(LEFT_OUT) or key == USABLE or ".".join(key.split(".")[:2]) in values
 
 
 def _section(profile: EdsProfile, section: str) -> dict[str, str]:
@@ -71,14 +70,9 @@ def _section(profile: EdsProfile, section: str) -> dict[str, str]:
     for field in fields(table) if table is not None else ():
         value, key = getattr(table, field.name), f"{section}.{field.name}"
         told = any(name == key or name.startswith(f"{key}.") for name in profile.sources)
-        if value not in (None, ()) and (told or value != _usual(field)):
+        if value not in (None, ()) and (told or value != field.default):
             found[field.name] = _toml(field.name, value)
     return found
-
-
-def _usual(field: Field[object]) -> object:
-    """Return the default of a field; none equals any value for a field without one."""
-    return field.default if field.default is not MISSING else MISSING
 
 
 def _toml(key: str, value: object) -> str:
@@ -100,12 +94,6 @@ def _number(key: str, number: int | float) -> str:
     if isinstance(number, float):
         return exactly(number)
     return f"0x{number:04X}" if key in HEXADECIMAL else str(number)
-
-
-def _table(section: str, items: dict[str, str]) -> Iterator[str]:
-    yield f"[{section}]"
-    yield from (f"{key} = {text}" for key, text in items.items())
-    yield ""
 
 
 def _head(profile: EdsProfile, file: str, assumed: tuple[Assumption, ...]) -> Iterator[str]:

@@ -15,7 +15,7 @@ from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, PositionSecti
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.eds_pdos import carries, torque_mode
-from haptic_fieldbus.protocols.canopen.eds_values import number_of, supported_modes
+from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, number_of, supported_modes
 from haptic_fieldbus.protocols.canopen.from_eds import LEFT_OUT, profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, LinkLossSection, SyncSection
@@ -64,6 +64,10 @@ _TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value"
          "pdo.inhibit_time_default", "sync.interpolation_time", "sync.powers", "sync.values",
          "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
 """Keys whose values the drive tells."""
+_LACKED = ("torque.actual", "torque.demand", "torque.rated", "torque.rated_current",
+           "link_loss.abort_connection_option", "link_loss.fault_reaction_option",
+           "link_loss.heartbeat_consumer")  # fmt: skip
+"""Keys whose objects the drive may lack."""
 
 
 def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
@@ -71,7 +75,10 @@ def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
 
     It is not usable for force where the drive lacks what force needs. Raises EdsError for no CiA 402 drive.
     """
-    made = profile_from_eds(eds, _mode(profile.torque.mode_of_operation, eds))
+    mode, modes = profile.torque.mode_of_operation, supported_modes(eds)
+    if mode > 0 and modes and not modes >> mode - 1 & 1:  # the drive names its modes, and not this one
+        mode = torque_mode(eds)
+    made = profile_from_eds(eds, mode)
     position = _position(profile, made, eds)
     own = replace(
         profile,
@@ -93,12 +100,6 @@ def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
         link_loss=_link_loss(profile.link_loss, made.link_loss, eds),
     )
     return replace(own, sources={**profile.sources, **dict(_sources(profile, own, made))})
-
-
-def _mode(mode: int, eds: Eds) -> int:
-    """Return the mode of the profile unless the drive names its modes and it is not among them."""
-    modes = supported_modes(eds)
-    return mode if mode <= 0 or not modes or modes >> mode - 1 & 1 else torque_mode(eds)
 
 
 def _torque(own: TorqueSection, made: TorqueSection, eds: Eds) -> TorqueSection:
@@ -153,18 +154,11 @@ def _sources(profile: CanopenProfile, own: CanopenProfile, made: CanopenProfile)
     """Yield key and source of each value that the drive has told, with the reason of each that is left out."""
     if not own.drive.usable:
         yield "drive.usable", made.sources["drive.usable"]
-    for before, after, section, names in (
-        (profile.torque, own.torque, "torque", ("actual", "demand", "rated", "rated_current")),
-        (profile.link_loss, own.link_loss, "link_loss", ("abort_connection_option", "fault_reaction_option")),
-    ):
-        for name in names:
-            if getattr(before, name) is not None and getattr(after, name) is None:
-                yield f"{section}.{name}", _no_such(getattr(before, name).object)
-    if profile.link_loss.heartbeat_consumer is not None and own.link_loss.heartbeat_consumer is None:
-        yield "link_loss.heartbeat_consumer", _no_such(profile.link_loss.heartbeat_consumer, 1)
+    for key in _LACKED:
+        before = BY_KEY[key].named(profile)
+        if before is not None and BY_KEY[key].named(own) is None:
+            # The sub-index of a signal is that of its axis, and is not told.
+            subindex = BY_KEY[key].subindex
+            yield key, f"{NO_SUCH}{ObjectEntry(before.object, DataType.UINT8, subindex)}"
     told = {key: made.sources[key] for key in _TOLD if key in made.sources}
     yield from ((key, source) for key, source in told.items() if not source.startswith(LEFT_OUT))
-
-
-def _no_such(index: int, subindex: int = 0) -> str:
-    return f"{NO_SUCH}{ObjectEntry(index, DataType.UINT8, subindex)}"

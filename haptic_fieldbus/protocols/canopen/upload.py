@@ -9,9 +9,9 @@ all that force needs, in both directions, they are used as they are (decision 00
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
-from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, MOST_ENTRIES
@@ -22,8 +22,8 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 Upload = Callable[[int, int], bytes | None]
 """Function that uploads an index and sub-index; None: it does not exist, empty: it cannot be read."""
 SOURCE = "the drive"
-_NUMBERS = tuple(type for type in EdsType if data_type(EdsEntry(0, 0, "", type, "ro")) is not None)
-"""Types that profiles have too."""
+_NUMBERS = {own: type for type in EdsType if (own := data_type(EdsEntry(0, 0, "", type, "ro"))) is not None}
+"""Type of profiles → the same type of an EDS."""
 _GAP = 8
 """PDOs that are missing in a row before the search for more ends; some drives have only every other one."""
 _LACKED = ("torque.rated", "torque.rated_current", "link_loss.abort_connection_option",
@@ -39,7 +39,10 @@ def uploaded(profile: CanopenProfile, upload: Upload) -> Eds:
         if data is not None:
             found.setdefault(entry.index, {})[entry.subindex] = _as_it_is(entry, data)
     held = {direction: _held(direction, upload) for direction in Direction}
-    is_fixed = all(needed <= _mapped(held[direction]) for direction, needed in _needed(found).items())
+    # The objects that force needs in the PDOs of each direction.
+    needed = {Direction.TPDO: {0x6041, 0x6064 if 0x6064 in found else 0x606C}, Direction.RPDO: {0x6040, 0x6071}}
+    carried = {way: {value >> 16 for values in mappings.values() for value in values} for way, mappings in held.items()}
+    is_fixed = all(needed[direction] <= carried[direction] for direction in Direction)
     for direction in Direction:
         for entry in _pdos(held[direction], upload, profile.pdo.entries, is_fixed=is_fixed):
             found.setdefault(entry.index, {})[entry.subindex] = entry
@@ -58,16 +61,7 @@ def _wanted(profile: CanopenProfile) -> Iterator[EdsEntry]:
         yield _entry(row.index, row.subindex, row.types[0], access, mappable=row.use.direction is not None)
     for own in (*profile.entries().values(), *(BY_KEY[key].named(profile) for key in _LACKED)):
         if own is not None and all(own.object != row.index for row in standard):
-            yield _entry(own.object, own.subindex, _eds_type(own.type), "rw", mappable=True)
-
-
-def _needed(found: Mapping[int, Mapping[int, EdsEntry]]) -> dict[Direction, set[int]]:
-    """Return the objects that force needs in the PDOs of each direction."""
-    return {Direction.TPDO: {0x6041, 0x6064 if 0x6064 in found else 0x606C}, Direction.RPDO: {0x6040, 0x6071}}
-
-
-def _mapped(held: Mapping[int, tuple[int, ...]]) -> set[int]:
-    return {value >> 16 for values in held.values() for value in values}
+            yield _entry(own.object, own.subindex, _NUMBERS[own.type], "rw", mappable=True)
 
 
 def _held(direction: Direction, upload: Upload) -> dict[int, tuple[int, ...]]:
@@ -78,17 +72,12 @@ def _held(direction: Direction, upload: Upload) -> dict[int, tuple[int, ...]]:
     found: dict[int, tuple[int, ...]] = {}
     for index in _present(direction, upload):
         count = int.from_bytes(upload(index + MAPPING, 0) or b"", "little")
-        is_full = 0 < count <= MOST_ENTRIES and not _is_there(upload, index + MAPPING, count + 1)
+        is_full = 0 < count <= MOST_ENTRIES
+        with suppress(BusConfigurationError):  # an abort code of the vendor's own: the entry is not there
+            is_full = is_full and upload(index + MAPPING, count + 1) is None
         octets = [upload(index + MAPPING, each) or b"" for each in range(1, count + 1)] if is_full else []
         found[index] = tuple(int.from_bytes(each, "little") for each in octets)
     return found
-
-
-def _is_there(upload: Upload, index: int, subindex: int) -> bool:
-    try:
-        return upload(index, subindex) is not None
-    except BusConfigurationError:  # an abort code of the vendor's own
-        return False
 
 
 def _pdos(held: Mapping[int, tuple[int, ...]], upload: Upload, entries: int, *, is_fixed: bool) -> Iterator[EdsEntry]:
@@ -126,14 +115,10 @@ def _entry(index: int, subindex: int, type: EdsType, access: str, *, mappable: b
     return EdsEntry(index, subindex, "", type, access, mappable=mappable)
 
 
-def _eds_type(type: DataType) -> EdsType:
-    return next(each for each in _NUMBERS if data_type(_entry(0, 0, each, "ro")) is type)
-
-
 def _as_it_is(entry: EdsEntry, data: bytes) -> EdsEntry:
     """Return an entry with the size and the value that were uploaded; nothing was of one that can only be written."""
     signed = entry.type is not None and entry.type.signed
-    sized = {type.size: type for type in _NUMBERS if type.signed is signed}
+    sized = {type.size: type for type in _NUMBERS.values() if type.signed is signed}
     if not data:
         return replace(entry, access="wo")
     return replace(entry, type=sized.get(len(data)), default=int.from_bytes(data, "little", signed=signed))
