@@ -157,8 +157,10 @@ class Document:
         # A plain number takes every float but infinity and not-a-number.
         if described == "a number" and isinstance(value, float):
             described = "a finite number"
-        words = expectation.choices(path, root) if isinstance(value, str) else []
-        self.fault(at + path, f"{shown}; expected {described}{_nearest_of(value, words)}")
+        near = suggestion(value, expectation.choices(path, root)) if isinstance(value, str) else ""
+        # The message lists all words already, so only the nearest are worth adding.
+        near = near if near.startswith("; nearest") else ""
+        self.fault(at + path, f"{shown}; expected {described}{near}")
 
     def _shown(self, path: KeyPath) -> str:
         """Return a value as the file writes it when that is short, else its kind or its beginning."""
@@ -275,14 +277,6 @@ def _follow(value: object, location: KeyPath) -> KeyPath:
         if inner is not None:
             value, path = inner, (*path, step)
     return path
-
-
-def _nearest_of(value: object, words: list[str]) -> str:
-    if not isinstance(value, str):
-        return ""
-    # The message lists all words already, so only the nearest are worth adding.
-    near = suggestion(value, words)
-    return near if near.startswith("; nearest") else ""
 
 
 def _no_date(_: object) -> dict[str, None]:

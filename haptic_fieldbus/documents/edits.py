@@ -132,7 +132,10 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
         raise ValueError(fault)
     before = tomllib.loads(text)
     # The parent must be there, else the new table would create what somebody has taken out.
-    if not isinstance(_found(before, path[:-1]), dict):
+    parent: object = before
+    for key in path[:-1]:
+        parent = parent.get(key) if isinstance(parent, dict) else None
+    if not isinstance(parent, dict):
         raise ValueError(f"there is no [{table_name(path[:-1])}] any more")
     expected = _with(before, path, dict(values))
     for changed in _candidates(text, f"[{table_name(path)}]", values):
@@ -164,12 +167,6 @@ def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator
 def _is(line: str, header: str) -> bool:
     rest = line.strip().removeprefix(header).lstrip()
     return line.strip().startswith(header) and (not rest or rest.startswith("#"))
-
-
-def _found(data: object, path: Sequence[str]) -> object:
-    for key in path:
-        data = data.get(key) if isinstance(data, dict) else None
-    return data
 
 
 def _with(data: dict[str, object], path: Sequence[str], table: dict[str, Value]) -> dict[str, object]:

@@ -154,23 +154,19 @@ class Cia402Profile(DriveProfile):
 
     def entries(self) -> dict[Signal, ObjectEntry]:
         """Return the object that carries each signal which the drive offers."""
+        torque, position, velocity = self.torque, self.position, self.velocity
         # The standard fixes the objects of statusword and controlword; a profile gives all others.
-        entries = {
+        named = {
             Signal.STATUSWORD: ObjectEntry(0x6041, DataType.UINT16),
             Signal.CONTROLWORD: ObjectEntry(0x6040, DataType.UINT16),
-            Signal.TARGET_TORQUE: self.torque.target.entry,
+            Signal.TARGET_TORQUE: torque.target.entry,
+            Signal.POSITION: position.actual.entry if position else None,
+            Signal.VELOCITY: velocity.actual.entry if velocity else None,
+            Signal.TORQUE_ACTUAL: torque.actual.entry if torque.actual else None,
+            Signal.TORQUE_DEMAND: torque.demand.entry if torque.demand else None,
+            Signal.TARGET_ASKED: torque.target.entry if self.echo is Signal.TARGET_ASKED else None,
         }
-        if self.position is not None:
-            entries[Signal.POSITION] = self.position.actual.entry
-        if self.velocity is not None:
-            entries[Signal.VELOCITY] = self.velocity.actual.entry
-        if self.torque.actual is not None:
-            entries[Signal.TORQUE_ACTUAL] = self.torque.actual.entry
-        if self.torque.demand is not None:
-            entries[Signal.TORQUE_DEMAND] = self.torque.demand.entry
-        if self.echo is Signal.TARGET_ASKED:
-            entries[Signal.TARGET_ASKED] = self.torque.target.entry
-        return entries
+        return {signal: entry for signal, entry in named.items() if entry is not None}
 
     def offers(self) -> dict[Signal, MappedSignal]:
         """Return each signal as the drive carries it, in the form that is common to all protocols."""

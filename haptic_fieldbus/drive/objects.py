@@ -126,8 +126,13 @@ class ObjectEntry:
         """Value of a PDO mapping entry: index, sub-index, length in bits (CiA 301, 7.5.2.36)."""
         return self.object << 16 | self.subindex << 8 | 8 * self.type.size
 
+    @property
+    def place(self) -> str:
+        """Index and sub-index, as manuals write them."""
+        return f"{self.object:04X}h:{self.subindex:02X}"
+
     def __str__(self) -> str:
-        return f"{self.object:04X}h:{self.subindex:02X} {self.name}"
+        return f"{self.place} {self.name}"
 
 
 # The identity of a drive, and digests: what decides whether a proof or a note belongs to the drive that is there.

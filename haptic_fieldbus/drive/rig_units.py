@@ -6,14 +6,14 @@ annotation (`Measured`).
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import Field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any, get_args, get_type_hints
 
 from haptic_fieldbus.documents import Document, KeyPath
 from haptic_fieldbus.documents.edits import table_name, value_text
 from haptic_fieldbus.documents.quantities import annotations, parse_quantity, with_units
 from haptic_fieldbus.drive.fields import Measured
-from haptic_fieldbus.drive.rig import Rig, RigAxis
+from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.signals import Workspace
 
 # The text of a rig file, for a bench that is known already: the inverse of `load_rig`.
@@ -43,18 +43,17 @@ def rig_text(rig: Rig, heading: str) -> str:
     comment = "".join(f"# {line}\n" for line in heading.splitlines())
     tables = [text for name, section in rig.bus.items() for text in _table(("bus", name), section, _UNITS)]
     for name, axis in rig.axis.items():
-        tables += _table(("axis", name), axis, _units(axis))
+        of_handle = _OF_HANDLE[axis.mechanism.workspace]
+        units = _UNITS | of_handle | {"sign_effort": of_handle["effort"]}
+        tables += _table(("axis", name), axis, units)
     return "\n".join([comment, *tables])
-
-
-def _units(axis: RigAxis) -> dict[str, str]:
-    of_handle = _OF_HANDLE[axis.mechanism.workspace]
-    return _UNITS | of_handle | {"sign_effort": of_handle["effort"]}
 
 
 def _table(path: tuple[str, ...], value: Any, units: dict[str, str]) -> Iterator[str]:
     """Yield a table and then the tables in it; a table without a line is left out."""
-    held = {each.name: getattr(value, each.name) for each in fields(value) if not _is_default(each, value)}
+    defaults = {each.name: each.default for each in fields(value)}
+    given = {name: getattr(value, name) for name in defaults}
+    held = {name: one for name, one in given.items() if one is not None and one not in (defaults[name], {})}
     lines = [
         f"{key} = {value_text(one, _number_text)}" + (f"  # {units[key]}" if key in units else "")
         for key, one in held.items()
@@ -65,11 +64,6 @@ def _table(path: tuple[str, ...], value: Any, units: dict[str, str]) -> Iterator
     for key, one in held.items():
         if is_dataclass(one):
             yield from _table((*path, key), one, units)
-
-
-def _is_default(each: Field[Any], value: Any) -> bool:
-    held = getattr(value, each.name)
-    return held is None or held == each.default or held == {}
 
 
 def _number_text(_: str, number: int | float) -> str:

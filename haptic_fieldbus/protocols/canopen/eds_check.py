@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from haptic_fieldbus.documents.expected import listed
 from haptic_fieldbus.drive.cia402 import OptionCode, WrittenObject
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.rig import PERMILLE, PERMILLE_OF_CURRENT
@@ -79,7 +80,7 @@ def _unused(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[
         # A drive that takes a current shows the current actual value, if it does not show a torque.
         row = replace(row, index=row.of_current)
     if _offers(eds, row):
-        fault = f"left out, although the file has {_place(row)}; expected it, or its reason in [sources]"
+        fault = f"left out, although the file has {row.entry.place}; expected it, or its reason in [sources]"
         yield Finding(row.key, "", _line(eds, row.index), fault, is_left_out=True)
 
 
@@ -119,7 +120,7 @@ def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds:
         yield from _in_limits(row.values, entry, each, eds)
     power = number_of(eds, entry.object, entry.subindex) if row.values == "sync.powers" else None
     if power is not None and power not in profile.sync.powers:
-        fault = f"without {power}, which {_place(entry)} has after power-on"
+        fault = f"without {power}, which {entry.place} has after power-on"
         yield Finding(row.values, "", _line(eds, entry.object), fault)
 
 
@@ -141,7 +142,7 @@ def _standard(row: StandardObject, entry: ObjectEntry) -> Iterator[Finding]:
 
 def finding_of(key: str, entry: ObjectEntry, use: Use, eds: Eds) -> Finding:
     """Return what the file shows of an object that the master uses in one way."""
-    found, where = eds.find(entry.object, entry.subindex), _place(entry)
+    found, where = eds.find(entry.object, entry.subindex), entry.place
     if found is None:
         other = f"; it has {entry.object:04X}h without that sub-index" if entry.object in eds else ""
         return Finding(key, "", _line(eds, entry.object), f"{where} is not in the file{other}")
@@ -175,7 +176,7 @@ def _in_limits(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[F
     low, high = (found.low, found.high) if found is not None else (None, None)
     if found is None or low is None or high is None or not low < high:
         return  # limits without room are a slip of the file
-    takes = f"{_place(entry)} takes {exactly(low)} to {exactly(high)}"
+    takes = f"{entry.place} takes {exactly(low)} to {exactly(high)}"
     yield Finding(key, takes, found.line, "" if low <= value <= high else f"{value}; {takes}")
 
 
@@ -194,11 +195,6 @@ def _unit(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[Fi
     yield Finding(
         row.key, words, _line(eds, row.index), "" if unit == expected else f'"{unit}"; expected {named} by {words}'
     )
-
-
-def _place(entry: ObjectEntry | StandardObject) -> str:
-    index = entry.object if isinstance(entry, ObjectEntry) else entry.index
-    return f"{index:04X}h:{entry.subindex:02X}"
 
 
 # The mode of operation of a profile, and the objects that every drive of CiA 402 needs, beside the file.
@@ -263,13 +259,13 @@ def pdo_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
 def _count(profile: CanopenProfile, eds: Eds, direction: Direction) -> Finding:
     """Return the number of PDOs."""
     own, shown = profile.pdo.room(direction), pdo_room(eds, direction)
-    missing = sorted(number for number, room in own.items() if room and number not in shown)
-    beyond, fault = sorted(shown.keys() - own.keys()), ""
+    missing = [str(number) for number, room in sorted(own.items()) if room and number not in shown]
+    beyond, fault = [str(number) for number in sorted(shown.keys() - own.keys())], ""
     if missing:
         are = "is" if len(missing) == 1 else "are"
-        fault = f"{len(own)}; {direction.value} {_numbers(missing)} {are} not in the file"
+        fault = f"{len(own)}; {direction.value} {listed(missing, 'and')} {are} not in the file"
     elif beyond:
-        extra = f"{direction.value} {_numbers(beyond)}"
+        extra = f"{direction.value} {listed(beyond, 'and')}"
         fault = f"{len(own)}; the file has {extra} too, which would stay switched on"
     line = _line(eds, COMMUNICATION[direction].start)
     return Finding(f"pdo.{direction.value.lower()}s", f"{len(shown)} {direction.value}s", line, fault)
@@ -308,11 +304,6 @@ def _hexadecimal(values: tuple[int, ...]) -> str:
     return ", ".join(f"{value:08X}h" for value in values) or "nothing"
 
 
-def _numbers(numbers: list[int]) -> str:
-    *first, last = map(str, numbers)
-    return f"{', '.join(first)} and {last}" if first else last
-
-
 # The values that only a vendor's tool sets, beside the file: each is shown under a name, which the file has too.
 
 SHOWN_KEY = "commissioning.shown"
@@ -330,12 +321,12 @@ def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
         if found is not None and found.name:
             yield _named(each, found)
         if places.count(place) > 1:
-            yield Finding(SHOWN_KEY, "", fault=f"{each.object:04X}h:{each.subindex:02X} stands twice; expected it once")
+            yield Finding(SHOWN_KEY, "", fault=f"{each.entry.place} stands twice; expected it once")
 
 
 def _named(shown: ShownObject, found: EdsEntry) -> Finding:
     """Return a fault where the name of the profile has a word that the file's name of the object does not have."""
-    said = f'{shown.object:04X}h:{shown.subindex:02X} is "{found.name}"'
+    said = f'{shown.entry.place} is "{found.name}"'
     other = _words(_EXPLANATION.sub(" ", shown.name)) - _words(found.name)
     fault = f'"{shown.name}"; {said}. What the file does not say stands in parentheses' if other else ""
     return Finding(f"{SHOWN_KEY}.name", said, found.line, fault)
@@ -368,7 +359,11 @@ class Comparison:
 
 def compare(profile: CanopenProfile, eds: Eds, more: tuple[Finding, ...] = ()) -> Comparison:
     """Return what the file shows of the profile; `more` are findings of other readers of both."""
-    findings = [*_findings(profile, eds), *more]
+    findings = [*identity_findings(profile, eds)]
+    if profile.drive.usable:
+        for find in (mode_findings, named_objects, shown_findings, left_out):
+            findings += find(profile, eds)
+    findings += (*pdo_findings(profile, eds), *more)
     faults = [(finding, finding.as_fault(), _reason(profile, finding)) for finding in findings if finding.fault]
     return Comparison(
         Path(eds.source).name,
@@ -376,16 +371,6 @@ def compare(profile: CanopenProfile, eds: Eds, more: tuple[Finding, ...] = ()) -
         tuple(fault for _, fault, reason in faults if not reason),
         tuple(KnownDifference(fault, reason) for _, fault, reason in faults if reason),
     )
-
-
-def _findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    yield from identity_findings(profile, eds)
-    if profile.drive.usable:
-        yield from mode_findings(profile, eds)
-        yield from named_objects(profile, eds)
-        yield from shown_findings(profile, eds)
-        yield from left_out(profile, eds)
-    yield from pdo_findings(profile, eds)
 
 
 def _reason(profile: CanopenProfile, finding: Finding) -> str:

@@ -202,7 +202,9 @@ def _too_few(
     carried = {value for each in fixed for value in each.maps}
     missing = [offered[signal] for signal in signals if offered[signal].mapping not in carried]
     if fixed and missing and not rooms:
-        held = "; ".join(f"{direction.value}{each.number} {' + '.join(map(_place, each.maps))}" for each in fixed)
+        maps = ([f"{value >> 16:04X}h:{value >> 8 & 0xFF:02X}" for value in each.maps] for each in fixed)
+        named = zip(fixed, maps, strict=True)
+        held = "; ".join(f"{direction.value}{each.number} {' + '.join(places)}" for each, places in named)
         return (
             f"no {direction.value} of node {node} carries {', '.join(map(str, missing))}, and their mapping is fixed: "
             f"{held}"
@@ -212,10 +214,6 @@ def _too_few(
         f"{len(signals)} signals need {len(frames)} {direction.value}s of node {node}, which has {len(rooms)}: "
         + ", ".join(signal.value for signal in signals)
     )
-
-
-def _place(value: int) -> str:
-    return f"{value >> 16:04X}h:{value >> 8 & 0xFF:02X}"
 
 
 def _frames(

@@ -198,7 +198,7 @@ class CanTraffic:
             *((each.entry, each.value) for each in profile.setup.writes),
             (watch_traffic.MODE, profile.torque.mode_of_operation),
         ]
-        return tuple(f"{entry.object:04X}h:{entry.subindex:02X} = {value}" for entry, value in held)
+        return tuple(f"{entry.place} = {value}" for entry, value in held)
 
     def silence_of(self, axis: str) -> float:
         """Time without a sign of life of the drive after which it counts as gone [s]."""

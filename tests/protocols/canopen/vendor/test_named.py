@@ -6,7 +6,7 @@ import pytest
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import EdsType
-from haptic_fieldbus.protocols.canopen.eds_check import named_objects, shown_findings
+from haptic_fieldbus.protocols.canopen.eds_check import left_out, named_objects, shown_findings
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CommissioningSection, ShownObject
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -47,6 +47,16 @@ def test_the_power_of_the_period_is_that_of_power_on(power: int, fault: str) -> 
     profile = canopen("maxon_epos4")
     eds = changed(own(profile), 0x60C2, 2, default=power)
     assert found(eds, profile).get("sync.powers", "") == fault
+
+
+def test_a_drive_that_takes_a_current_and_shows_no_torque_is_asked_for_its_current() -> None:
+    profile = canopen("generic_cia402")
+    target = replace(profile.torque.target, unit="mA")
+    blind = replace(profile, torque=replace(profile.torque, target=target, actual=None))
+    for eds, shown in ((generic(), "6077h"), (without(generic(), 0x6077), "6078h")):
+        faults = {each.key: each.fault for each in left_out(blind, eds)}
+        assert shown in faults["torque.actual"]
+    assert "torque.actual" not in {each.key for each in left_out(blind, without(generic(), 0x6077, 0x6078))}
 
 
 def test_a_shown_value_whose_name_no_file_tells_is_only_looked_up() -> None:
