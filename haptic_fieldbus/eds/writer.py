@@ -119,6 +119,7 @@ def _mandatory(objects: Mapping[int, EdsObject], device: DeviceInfo) -> Iterator
 
 
 def _is_mapping(index: int) -> bool:
+    """Return whether this is the mapping record of a PDO."""
     return any(index - MAPPING in records for records in COMMUNICATION)
 
 
@@ -139,6 +140,7 @@ def _mapped(item: EdsObject, objects: Mapping[int, EdsObject]) -> EdsObject:
 
 
 def _exists(value: EdsValue | None, objects: Mapping[int, EdsObject]) -> bool:
+    """Return whether a mapping entry names an entry of the file or unused space, or maps nothing."""
     if value is None or value == 0:
         return True
     if not isinstance(value, int):
@@ -201,6 +203,7 @@ def _device(device: DeviceInfo) -> Iterator[tuple[str, object]]:
 
 
 def _object(item: EdsObject) -> Iterator[str]:
+    """Yield the lines of an object and of its sub-indices."""
     name, entries = f"{item.index:04X}", item.entries
     if item.is_simple and set(entries) == {0}:
         yield from _section(name, _entry(entries[0]))

@@ -176,6 +176,7 @@ def _index(eds: Eds, key: str) -> int | None:
 
 
 def _option(eds: Eds, key: str) -> OptionCode | None:
+    """Return the option object of a key with the value that frees the shaft; None where it cannot be written."""
     row = BY_KEY[key]
     return OptionCode(row.index, row.value) if row.value is not None and row.is_usable(eds) else None
 
