@@ -41,7 +41,7 @@ SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watc
 GUARDS = {
     "torque only in operation enabled": _cycle(
         "cycle",
-        "states = [axis.state.power for axis in self._axes.values()]",
+        "states = [axis.state.power for axis in self.axes.values()]",
         "states = [PowerState.OPERATION_ENABLED]",
         "test_below_operation_enabled_torque_is_zero_and_the_next_transition_is_asked",
     ),
@@ -55,25 +55,25 @@ GUARDS = {
         "axis", "self.state.controlword = self._axis.power.off", "pass", "test_a_trip_is_final"
     ),
     "faults of the link": _cycle(
-        "axis_checks", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"
+        "axis", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"
     ),
     "age of the feedback": _cycle(
-        "axis_checks",
+        "axis",
         "if rendering and feedback[AGE_NS] > self._oldest_ns:",
         "if False:",
         "test_stale_feedback_is_held_then_fades_to_zero_and_trips_at_its_age",
     ),
     "clock that goes back": _cycle(
-        "axis_checks", "if elapsed_ns < 0:", "if False:", "test_samples_whose_time_goes_back_are_given_up"
+        "axis", "if elapsed_ns < 0:", "if False:", "test_samples_whose_time_goes_back_are_given_up"
     ),
     "periods missed in a row": _cycle(
-        "axis_checks",
+        "axis",
         "if not lost and passed > self._limits.age:",
         "if False:",
         "test_a_loop_that_slept_for_longer_than_feedback_may_be_old_is_given_up",
     ),
     "too many gaps": _cycle(
-        "axis_checks",
+        "axis",
         "if self._gaps.too_many:",
         "if False:",
         "test_a_loop_that_misses_a_fifth_of_its_periods_is_given_up",
@@ -86,19 +86,19 @@ GUARDS = {
         of="tests/cycle/test_gaps.py",
     ),
     "speed": _cycle(
-        "axis_checks",
+        "axis",
         "if abs(way) > limits.speed * passed + self._resolution:",
         "if False:",
         "test_a_position_jump_beyond_the_speed_limit_trips",
     ),
     "range": _cycle(
-        "axis_checks",
+        "axis",
         "if not self._lowest <= here <= self._highest:",
         "if False:",
         "test_leaving_the_position_limits_trips",
     ),
     "acceleration": _cycle(
-        "axis_checks",
+        "axis",
         "if change > self._jump * widest**2",
         "if False and change > self._jump * widest**2",
         "test_a_jump_that_no_motion_can_make_trips",
@@ -254,7 +254,7 @@ GUARDS = {
         of=SIGN,
     ),
     "motion against the torque while the scene runs": _cycle(
-        "sign",
+        "plausibility",
         "self._doubt()",
         "pass",
         "test_a_right_sign_is_never_doubted_and_a_wrong_one_within_a_tenth_of_a_second",
@@ -302,14 +302,14 @@ GUARDS = {
         of=TIED,
     ),
     "set-points that do not act": _cycle(
-        "echo",
+        "plausibility",
         "if waited_ns > self._deadline_ns:",
         "if False:",
         "test_a_drive_that_no_longer_hears_trips_in_time",
         of=ECHO,
     ),
     "set-points of another master": _cycle(
-        "echo",
+        "plausibility",
         "if len(seen) == FOREIGN_TIMES and passed <= FOREIGN_WITHIN:",
         "if False:",
         "test_the_trip_names_the_bus_what_was_shown_and_what_was_sent",
@@ -427,7 +427,7 @@ GUARDS = {
         "guard", "if held:", "if False:", "test_guard", "TestConfiguration::test_a_heartbeat_that_is_on_is_switched_off"
     ),
     "answers about the set-points that stay away": _cycle(
-        "echo",
+        "plausibility",
         "doubt.unanswered(t_ns - heard_ns, sent[0])",
         "pass",
         "test_answers_that_stay_away_are_a_trip_in_the_stated_time",

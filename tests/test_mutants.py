@@ -86,7 +86,7 @@ def test_a_constant_is_reached_where_a_function_reads_it_also_in_another_module(
     read = uses(gap)
     assert read.keys() == {
         "haptic_fieldbus/cycle/gaps.py",
-        "haptic_fieldbus/cycle/axis_checks.py",
+        "haptic_fieldbus/cycle/axis.py",
         "haptic_fieldbus/planning/energy.py",
         "haptic_fieldbus/planning/explain.py",
     }

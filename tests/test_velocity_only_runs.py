@@ -127,11 +127,11 @@ def test_the_position_is_never_further_off_than_the_drift_that_trips(
     unit: str, hand: str, scene: Wall | SprungMass
 ) -> None:
     found = moved(planned(unit, scene_of(scene)), hand_named(hand), 4.0)
-    step = found.cycle._axes["handle"]._axis.velocity_unit
+    step = found.cycle.axes["handle"]._axis.velocity_unit
     assert np.ptp(found.true) > 2e-3
     truncation = 1e-5 * (np.abs(np.diff(found.speed)).max() / 1e-3) / 80.0
     assert (found.error <= 0.5 * step * found.times + truncation).all()
-    assert found.cycle.drift("handle") == pytest.approx(0.5 * step * found.times[-1])
+    assert found.cycle.axes["handle"].state.drift == pytest.approx(0.5 * step * found.times[-1])
 
 
 @pytest.mark.thorough("a long run")
@@ -139,8 +139,8 @@ def test_readings_that_stay_away_make_the_position_uncertain_and_no_more_wrong_t
     lost = tuple(faults.MissingTpdos("missing_tpdos", at, 2) for at in (0.55, 0.6, 0.65, 0.7))
     scene = scene_of(Wall("handle", 600.0, 0.02))
     whole, holed = (moved(planned("0.1 rpm", scene), hand_named("push"), 1.0, these) for these in ((), lost))
-    assert holed.cycle.drift("handle") > whole.cycle.drift("handle")
-    assert holed.error[-1] < holed.cycle.drift("handle")
+    assert holed.cycle.axes["handle"].state.drift > whole.cycle.axes["handle"].state.drift
+    assert holed.error[-1] < holed.cycle.axes["handle"].state.drift
     assert holed.cycle.trip is None
 
 
@@ -173,4 +173,4 @@ def test_second_issue_a_motion_at_the_rate_of_the_loop_runs_away_in_a_run() -> N
     steady = found.speed[settled].mean()
     assert abs(steady) > 10 * WHOLE
     assert np.polyfit(found.times[settled], found.position[settled], 1)[0] == pytest.approx(steady, rel=1e-2)
-    assert found.error[-1] > 100 * found.cycle.drift("handle")
+    assert found.error[-1] > 100 * found.cycle.axes["handle"].state.drift

@@ -212,7 +212,7 @@ class AxisAssessment:
         """Assess a part; a run that ends before the fade-in has no error."""
         axis, times_ns = self.axis, part.times_ns
         # Before the end of the fade-in the torque is reduced on purpose, which is no error of the rendering.
-        permitted_ns = self._run.cycle.permitted_ns(axis.name)
+        permitted_ns = self._run.cycle.axes[axis.name].state.permitted_ns
         # A sign that was not seen in the first part is too rare to go through virtual states for.
         if permitted_ns is None or (self._splitter is None and part.skipped):
             return
@@ -261,7 +261,7 @@ class AxisAssessment:
         if axis.integrates:
             # Without a position from the drive, the integral begins at 0 in the first enabled period.
             return float(trajectory.sample(times_ns[:1])[0][0])
-        return 2 * np.pi * self._run.cycle.zero_counts(axis.name) / axis.steps_per_revolution
+        return 2 * np.pi * (self._run.cycle.axes[axis.name].state.zero_counts or 0) / axis.steps_per_revolution
 
     def _spans(
         self, elements: tuple[Kind, ...], part: Part, of: Callable[[AxisPlan], tuple[Kind, ...]]

@@ -175,7 +175,8 @@ def _rendered(run: Run) -> str:
 
 def _cut(run: Run, axis: str) -> float:
     """Return the share of the periods in which limit or cap cut the force, or the scene stood beside its place."""
-    periods = run.cycle.clipped(axis) + run.cycle.gaps(axis).shifted
+    permission = run.cycle.axes[axis].permission
+    periods = permission.clipped + permission.gaps.shifted
     return min(1.0, periods / max(1, run.report.cycles))
 
 
@@ -192,19 +193,19 @@ def _behind(run: Run, axis: AxisPlan) -> float | None:
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     """Yield a sentence for each limit that was at work during the run."""
     for axis in plan.axes:
-        gaps = cycle.gaps(axis.name)
-        share = (cycle.clipped(axis.name) - gaps.capped) / report.cycles if report.cycles else 0.0
+        handle = cycle.axes[axis.name]
+        permission, gaps, sign = handle.permission, handle.permission.gaps, handle.sign
+        share = (permission.clipped - gaps.capped) / report.cycles if report.cycles else 0.0
         if report.cycles and gaps.capped >= WORTH_TELLING * report.cycles:
             yield _capped(axis, gaps.long, gaps.capped / report.cycles)
         if report.cycles and gaps.shifted >= WORTH_TELLING * report.cycles:
             yield _shifted(axis, gaps, gaps.shifted / report.cycles)
-        asked, stalls = cycle.asked(axis.name), cycle.stalls(axis.name)
-        doubts = cycle.doubts(axis.name)
+        asked, stalls, doubts = permission.asked, handle.stalls, sign.doubts
         # What a stall or a doubt capped is told by itself.
         if share >= WORTH_TELLING and (not (stalls or doubts) or asked > axis.limits.effort):
             yield _clipped(axis, share, asked)
-        if report.cycles and (unseen := cycle.unseen(axis.name)) is not None:
-            yield _unseen(axis, unseen, cycle.broken_off(axis.name))
+        if report.cycles and (unseen := sign.unseen) is not None:
+            yield _unseen(axis, unseen, sign.broken_off)
         if doubts:
             yield (
                 f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "

@@ -4,38 +4,57 @@
 `render` run only while force is permitted: `sense` derives velocity, time and torque actual, as far as the scene needs
 them; `render` computes and encodes the target torque. Each closure is a straight line for a period in which nothing is
 wrong. A link flag, a changed statusword or a motion beyond the limits is handled by a separate call.
+
+Samples are told apart by the instants at which the drive latched them. A sample that comes several periods after the
+one before is used as it is: speed and acceleration are divided by the time that really passed.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from haptic_fieldbus.cycle.axis_checks import AGE_NS, FLAGS, STATUSWORD, T_NS, AxisWatch, CycleContext, in_time
-from haptic_fieldbus.cycle.echo import bind_echo, bind_other_masters
-from haptic_fieldbus.cycle.gaps import LawPlace
+from haptic_fieldbus.cycle.gaps import Gaps, LawPlace
 from haptic_fieldbus.cycle.laws import (
     READERS,
     AxisState,
     Field,
+    PeriodStep,
     Sensed,
     apart,
     at_rest,
+    bind_sense,
     blended,
     field_of,
     has_say,
+    in_order,
     is_static,
     summed,
 )
-from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
-from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
-from haptic_fieldbus.cycle.sign import Sign, bind_sign_watch
+from haptic_fieldbus.cycle.plausibility import bind_echo, bind_other_masters, bind_sign_watch
+from haptic_fieldbus.cycle.safety import (
+    LINK_TRIPS,
+    Permission,
+    Trip,
+    TripKind,
+    TripOff,
+    bind_hold,
+    bind_limiter,
+)
+from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import STILL, encoder_probe
-from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
-from haptic_fieldbus.planning.limits import START_SHARE
+from haptic_fieldbus.planning.image import (
+    AGE_NS,
+    EMERGENCY,
+    FLAGS,
+    STATUSWORD,
+    T_NS,
+    AxisImage,
+)
+from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE, START_SHARE
 from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.signals import LinkFlag, Signal
 
 if TYPE_CHECKING:  # imported for its type alone: an axis whose encoder is never asked does not load it
     from haptic_fieldbus.cycle.standstill import Standstill
@@ -48,6 +67,25 @@ FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
 COMPUTED = ("position", "velocity", "force", "gain", "command")
 """Columns of a row that the axis computes; they follow the decoded ones."""
+SHORTEST = 0.5
+"""Shortest time between two samples by which speeds are told, in periods."""
+
+# Plain integers: an operation with a member of an IntFlag takes as long as the rest of the method.
+_STALE = int(LinkFlag.STALE)
+_FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
+
+
+class CycleContext(Protocol):
+    """The part of a cycle that its axes use."""
+
+    trip: Trip | None
+    enabled: bool
+
+    def update_enabled(self) -> None: ...
+
+    def sign_seen(self) -> None: ...
+
+    def sign_doubted(self) -> None: ...
 
 
 class AxisCycle:
@@ -74,9 +112,9 @@ class AxisCycle:
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self._image, self._output = image, output
         self._standstill = self._bind_standstill()
-        self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
+        self.state.feedback = (0,) * (STATUSWORD + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
-        self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, lambda: self._feedback, period)
+        self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, period)
         """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
         """Force field of each element in order; the sum of all couplings is the last field, if the axis has any."""
@@ -103,26 +141,21 @@ class AxisCycle:
         )
         self.render = self._bind_render()
 
-    @property
-    def feedback(self) -> tuple[int, ...]:
-        """Feedback decoded last; its first value is t_ns."""
-        return self._feedback
-
     def row(self) -> tuple[float, ...]:
         """Return the columns of this axis: decoded values without t_ns, `COMPUTED`, controlword and target torque."""
         state, unit = self.state, self._axis.effort_unit
         computed = (state.position, self.sensed.velocity, state.force, state.gain, state.target * unit)
-        return (*self._feedback[1:], *computed, state.controlword, self._axis.rig.mechanism.sign * state.target)
+        return (*self.state.feedback[1:], *computed, state.controlword, self._axis.rig.mechanism.sign * state.target)
 
     def begin(self) -> None:
         """Set the zero and the position of the handle, in the first rendered period."""
-        state, t_ns = self.state, self._feedback[T_NS]
+        state, t_ns = self.state, self.state.feedback[T_NS]
         state.began_ns, state.moved_ns, state.begun = t_ns, t_ns, True
         self.sign.begin(t_ns)
         if self._axis.integrates:
-            self._follow(self._feedback[T_NS], self._feedback[self._place(Signal.VELOCITY)])
+            self._follow(self.state.feedback[T_NS], self.state.feedback[self._axis.place_of(Signal.VELOCITY)])
             return
-        counts, zero = self._feedback[self._place(Signal.POSITION)], self._axis.rig.mechanism.zero
+        counts, zero = self.state.feedback[self._axis.place_of(Signal.POSITION)], self._axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
 
@@ -155,7 +188,7 @@ class AxisCycle:
             self._fields[place] = blended(self._fields[place], field, periods)
         self._field = self._summed()
         self._resting = (*self._resting, at_rest(elements, self._period))
-        self._changed_ns = self._feedback[T_NS] + round(1e9 * self._period * (periods + 1))
+        self._changed_ns = self.state.feedback[T_NS] + round(1e9 * self._period * (periods + 1))
 
     def _summed(self) -> Field:
         """Return the sum of all fields; those with a memory are summed apart, and their force noted."""
@@ -170,7 +203,7 @@ class AxisCycle:
 
     def _at_rest(self) -> Sequence[Field]:
         """Return the forces at rest between which the present one lies."""
-        if self._feedback[T_NS] > self._changed_ns:
+        if self.state.feedback[T_NS] > self._changed_ns:
             self._resting = self._resting[-1:]
         return self._resting
 
@@ -182,20 +215,16 @@ class AxisCycle:
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         """Record the first trip of the run and withdraw the permission; later trips are ignored."""
         if self._owner.trip is None:
-            t_ns, position = self._feedback[T_NS], self.state.position
+            t_ns, position = self.state.feedback[T_NS], self.state.position
             self._owner.trip = Trip(kind, self._axis.name, t_ns, value, limit, detail, position)
             self._owner.enabled = False
-
-    def _place(self, signal: Signal) -> int:
-        """Where a mapped signal stands in the feedback."""
-        return STATUSWORD + [mapped.signal for mapped in self._axis.incoming].index(signal)
 
     def _bind_observe(self) -> Observe:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
         state, axis, owner, watch, permission = self.state, self._axis, self._owner, self._watch, self.permission
         unpack, power = self._image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
-        place = self._place(Signal.VELOCITY if axis.integrates else Signal.POSITION)
+        place = self._axis.place_of(Signal.VELOCITY if axis.integrates else Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
@@ -205,13 +234,13 @@ class AxisCycle:
 
         def observe(image: bytes | bytearray) -> None:
             nonlocal bits_before, fresh_ns
-            before = self._feedback
-            self._feedback = feedback = unpack(image)
+            age_before_ns = state.feedback[AGE_NS]
+            state.feedback = feedback = unpack(image)
             elapsed_ns = feedback[T_NS] - fresh_ns
             state.steps = steps = (
                 1
                 if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
-                else watch.link(feedback, elapsed_ns, owner.enabled, before[AGE_NS])
+                else watch.link(feedback, elapsed_ns, owner.enabled, age_before_ns)
             )
             bits = feedback[STATUSWORD] & mask
             if bits != bits_before:
@@ -251,7 +280,7 @@ class AxisCycle:
         """Return `observe` for a drive that offers velocity only, from which the position is integrated."""
         from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
-        state, still_ns, place = self.state, self._still_ns, self._place(Signal.VELOCITY)
+        state, still_ns, place = self.state, self._still_ns, self._axis.place_of(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
         # Without an encoder there is no zero, so that the other closure does all but take counts for a position.
         decode = self._bind_observe()
@@ -259,7 +288,7 @@ class AxisCycle:
         def observe(image: bytes | bytearray) -> None:
             decode(image)
             if state.begun:
-                feedback, before, steps = self._feedback, state.position, state.steps
+                feedback, before, steps = state.feedback, state.position, state.steps
                 follow(feedback[T_NS], feedback[place])
                 if state.position != before:
                     state.moved_ns = feedback[T_NS]
@@ -299,7 +328,7 @@ class AxisCycle:
 
         Trips on a fault state, and when the drive leaves operation enabled.
         """
-        state, statusword = self.state, self._feedback[STATUSWORD]
+        state, statusword = self.state, self.state.feedback[STATUSWORD]
         table = self._axis.power
         before, state.power = state.power, table.state(statusword)
         state.controlword = table.answer(state.power)
@@ -336,8 +365,8 @@ class AxisCycle:
             pack_into(output, offset, state.controlword, sign * target)
 
         watched = bind_sign_watch(axis, state, self._period, self.sign.doubt, render)
-        proved = bind_echo(axis, state, self._period, trip, self._forgive, lambda: self._feedback, watched)
-        proved = bind_other_masters(axis, state, self._period, trip, lambda: self._feedback, proved)
+        proved = bind_echo(axis, state, self._period, trip, self._forgive, watched)
+        proved = bind_other_masters(axis, state, self._period, trip, proved)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _forgive(self, energy: float) -> None:
@@ -356,8 +385,7 @@ class AxisCycle:
             return None
         from haptic_fieldbus.cycle.standstill import Standstill
 
-        unit, feedback = self._axis.effort_unit, lambda: self._feedback
-        return Standstill(probe, unit, self.state, self.permission, feedback, self._trip)
+        return Standstill(probe, self._axis.effort_unit, self.state, self.permission, self._trip)
 
     @property
     def _still_ns(self) -> float:
@@ -379,3 +407,87 @@ class AxisCycle:
         if abs(effort) > holding and self.permission.cap > holding:
             self.permission.cap_at(holding, math.copysign(1.0, effort))
             self.stalls += 1
+
+
+class AxisWatch:
+    """Watches one axis; `trip` takes the torque away."""
+
+    def __init__(self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> None:
+        self._state, self._trip = state, trip
+        self._period, self._period_ns = period, round(period * 1e9)
+        self._looked = ((0.0, 0), (0.0, 0))
+        """The way before, and the age, of the last two samples that were looked at."""
+        self._limits, self._resolution = axis.limits, axis.resolution
+        self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
+        self._oldest_ns = self._limits.age * 1e9
+        self._lowest, self._highest = axis.limits.position or (-math.inf, math.inf)
+        self._gaps = Gaps(period, 0.5 + axis.delay.total / period, axis.largest_stretch)
+
+    def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool, age_before_ns: int) -> int:
+        """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link.
+
+        `age_before_ns` is the age of the feedback of the period before.
+        """
+        state, flags = self._state, feedback[FLAGS]
+        for bit, kind in _FAULTS:
+            if flags & bit:
+                self._trip(kind, feedback[EMERGENCY])
+        if rendering and feedback[AGE_NS] > self._oldest_ns:
+            self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9, self._limits.age)
+        if flags & _STALE:
+            state.missing += 1
+            state.holding = state.missing
+            return 0
+        # An answer that came a period late was used then, so the gap behind it is one of the feedback too.
+        lost = state.missing > 0 or age_before_ns > self._period_ns
+        state.missing = state.holding = 0
+        if not rendering or not state.begun:
+            return 1
+        if elapsed_ns < 0:
+            self._trip(TripKind.CLOCK, elapsed_ns * 1e-9)
+        steps = max(1, round(elapsed_ns * 1e-9 / self._period))
+        if steps > 1:
+            self._spanned(feedback[T_NS], steps, lost=lost)
+        return steps
+
+    def _spanned(self, t_ns: int, steps: int, *, lost: bool) -> None:
+        """A sample that spans several periods: because feedback was lost, or because the loop was late."""
+        passed = steps * self._period
+        if not lost and passed > self._limits.age:
+            self._trip(TripKind.PERIODS_MISSED, passed, self._limits.age)
+        self._gaps.note(t_ns, steps)
+        if self._gaps.too_many:
+            kind = TripKind.FEEDBACK_SPARSE if lost else TripKind.PERIODS_MISSED
+            self._trip(kind, self._gaps.share, LARGEST_MISSING_SHARE, f"{self._gaps.stretch:.2f}")
+
+    def motion(self, here: float, way: float, elapsed_ns: int, age_ns: int) -> float:
+        """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range.
+
+        Return the way of a period at the speed that this shows, or at that of before, where too little time has passed.
+        """
+        limits, state = self._limits, self._state
+        passed = max(elapsed_ns * 1e-9, self._period)
+        # A computer that stood still between SYNC and the answer may have kept a simulated drive from latching.
+        passed += max(0.0, age_ns * 1e-9 - self._period)
+        if abs(way) > limits.speed * passed + self._resolution:
+            self._trip(TripKind.SPEED, abs(way) / passed, limits.speed)
+        if not self._lowest <= here <= self._highest:
+            self._trip(TripKind.POSITION, here, self._lowest if here < self._lowest else self._highest)
+        # A period after a late one is shorter; by its length the same speed is no change.
+        periods = elapsed_ns / self._period_ns
+        change, widest = abs(way - state.way * periods), max(periods, 1.0)
+        # A drive that was late latched at some instant between SYNC and arrival; three instants make a change of speed.
+        (_, first_ns), (way_before, second_ns) = self._looked
+        unsure = (first_ns + second_ns + age_ns) / self._period_ns * max(abs(way_before), abs(state.way))
+        if change > self._jump * widest**2 + 2.0 * self._resolution * widest + unsure:
+            self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
+        if periods <= SHORTEST:  # the speed of before stays, and with it how sure it is
+            self._looked = ((way_before, first_ns), (state.way, second_ns + age_ns))
+            return state.way
+        self._looked = ((way_before, second_ns), (state.way, age_ns))
+        return way / periods
+
+
+def in_time(period: float) -> tuple[int, int]:
+    """Return between which times [ns] after the last one a sample belongs to the next period."""
+    return round(SHORTEST * 1e9 * period), round(1.5e9 * period)

@@ -12,13 +12,12 @@ from collections.abc import Callable, Sequence
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
-from haptic_fieldbus.cycle.laws import PairField, blended_pair
-from haptic_fieldbus.cycle.safety import GapCounts, Trip, TripKind
-from haptic_fieldbus.cycle.sensing import in_order
+from haptic_fieldbus.cycle.laws import PairField, blended_pair, in_order
+from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.energy import judged_groups, ledger_elements
-from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS
+from haptic_fieldbus.planning.image import AGE_NS, AXIS_HEADER_FIELDS, T_NS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import CouplingElement
 from haptic_fieldbus.signals import Signal
@@ -57,7 +56,7 @@ def columns(plan: Plan) -> tuple[str, ...]:
 class Cycle:
     """A running plan: `cycle(image)` returns the output image of the period, in one buffer that is reused.
 
-    `row`, `trip` and `enabled` describe the period.
+    `row`, `trip` and `enabled` describe the period, `axes` and `ledgers` what is remembered of the run.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -68,18 +67,19 @@ class Cycle:
         self.enabled = False
         """True while every axis is in operation enabled and nothing has tripped."""
         self._output = bytearray(plan.image.output_size)
-        self._axes = {
+        self.axes = {
             axis.name: AxisCycle(self, axis, image, self._output, plan.period, controlled=plan.scene.controlled)
             for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         }
         # Every axis decodes the t_ns of the image, so that of any axis will do.
-        self._first = next(iter(self._axes.values()))
+        self._first = next(iter(self.axes.values()))
         self._pairs = [self._pair(element, plan.period) for element in plan.scene.couplings]
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
-        self._tied = tuple(self._axes[name].state for name in tied)
+        self._tied = tuple(self.axes[name].state for name in tied)
         self._controlled = plan.scene.controlled
-        self._ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
+        self.ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
+        """The energy ledgers, in the order of their first axes."""
         self._render = self._begin
         self.step = self._bind_step()
         """The cycle as a plain function, because Python calls a function faster than an object."""
@@ -89,7 +89,7 @@ class Cycle:
         return self.step(image)
 
     def _bind_step(self) -> Callable[[bytes | bytearray], bytearray]:
-        output, observers = self._output, tuple(axis.observe for axis in self._axes.values())
+        output, observers = self._output, tuple(axis.observe for axis in self.axes.values())
 
         def step(image: bytes | bytearray) -> bytearray:
             try:
@@ -100,7 +100,7 @@ class Cycle:
             except Exception as error:
                 self._fail(error)
             if not self.enabled:
-                for axis in self._axes.values():
+                for axis in self.axes.values():
                     axis.release(tripped=self.trip is not None)
             return output
 
@@ -109,25 +109,17 @@ class Cycle:
     @property
     def row(self) -> tuple[float, ...]:
         """One number for each name in `columns`."""
-        return (self.t_ns, *[value for axis in self._axes.values() for value in axis.row()])
+        return (self.t_ns, *[value for axis in self.axes.values() for value in axis.row()])
 
     @property
     def t_ns(self) -> int:
         """Instant at which the drives latched the feedback of this period [ns]."""
-        return self._first.feedback[0]
+        return self._first.state.feedback[T_NS]
 
     @property
     def age_ns(self) -> int:
         """Age of the oldest feedback when it was used [ns]."""
-        return max([axis.feedback[1] for axis in self._axes.values()])
-
-    def power_state(self, axis: str) -> PowerState:
-        """Return the power state that the drive of `axis` reported last."""
-        return self._axes[axis].state.power
-
-    def zero_counts(self, axis: str) -> int:
-        """Return the encoder count at which the handle's position is 0; before the first rendered period 0."""
-        return self._axes[axis].state.zero_counts or 0
+        return max([axis.state.feedback[AGE_NS] for axis in self.axes.values()])
 
     def prepare(self, before: Plan, after: Plan, periods: int) -> Callable[[], None]:
         """Return a function that begins the ramp from the elements of `before` to those of `after`.
@@ -138,7 +130,7 @@ class Cycle:
         """
         exchanges = []
         for old, new in zip(before.axes, after.axes, strict=True):
-            axis = self._axes[new.name]
+            axis = self.axes[new.name]
             both = enumerate(zip(old.elements, new.elements, strict=True))
             fields = {place: axis.field_of(to) for place, (was, to) in both if to != was}
             exchanges.append((axis, fields, new.elements))
@@ -146,7 +138,7 @@ class Cycle:
         pairs = {place: self._pair(to, after.period) for place, (was, to) in couplings if to != was}
 
         def change() -> None:
-            for ledger in self._ledgers:
+            for ledger in self.ledgers:
                 ledger.exchange(*ledger_elements(after, ledger.axes), periods)
             for axis, fields, elements in exchanges:
                 axis.exchange(fields, elements, periods)
@@ -155,63 +147,20 @@ class Cycle:
 
         return change
 
-    def drift(self, axis: str) -> float:
-        """Return the bound on the error of the handle's position [m or rad]; 0 when the drive offers a position."""
-        return self._axes[axis].state.drift
-
-    def clipped(self, axis: str) -> int:
-        """Return in how many periods limit or cap cut the force of the scene."""
-        return self._axes[axis].permission.clipped
-
-    def asked(self, axis: str) -> float:
-        """Return the largest force beyond the effort limit that the scene asked for [N or N·m]; 0 without any."""
-        return self._axes[axis].permission.asked
-
-    def gaps(self, axis: str) -> GapCounts:
-        """Return what gaps in the feedback cost this axis."""
-        return self._axes[axis].permission.gaps
-
-    def stalls(self, axis: str) -> int:
-        """Return how often counts stood still under torque for so long that the limit fell."""
-        return self._axes[axis].stalls
-
-    @property
-    def ledgers(self) -> tuple[Ledger, ...]:
-        """The energy ledgers, in the order of their first axes."""
-        return self._ledgers
-
-    def unseen(self, axis: str) -> int | None:
-        """Return how often the sign of the axis was looked for in vain, None once it was seen."""
-        proof = self._axes[axis].sign.proof
-        return None if proof is None or proof.seen else proof.failures
-
-    def broken_off(self, axis: str) -> int:
-        """Return how often missing feedback broke off the search for the sign of the axis that goes on."""
-        proof = self._axes[axis].sign.proof
-        return 0 if proof is None else proof.broken_off
-
-    def doubts(self, axis: str) -> int:
-        """Return how often the motion went against the torque, so that the sign of the axis was looked for again."""
-        return self._axes[axis].sign.doubts
-
-    def permitted_ns(self, axis: str) -> int | None:
-        """Return when force began to rise to its limit; None while the sign has not been seen."""
-        return self._axes[axis].state.permitted_ns
-
     def sign_seen(self) -> None:
         """Let forces rise once the sign of every axis is seen: a coupling acts on two."""
-        if all(each.sign.proof is None or each.sign.proof.seen for each in self._axes.values()):
-            for each in self._axes.values():
+        if all(each.sign.proof is None or each.sign.proof.seen for each in self.axes.values()):
+            for each in self.axes.values():
                 each.sign.permit(self.t_ns)
 
     def sign_doubted(self) -> None:
         """Let no axis give more than a hand may hold while the sign of one is looked for: a coupling acts on two."""
-        for each in self._axes.values():
+        for each in self.axes.values():
             each.sign.hold()
 
     def update_enabled(self) -> None:
         """Set `enabled` after a power state has changed."""
-        states = [axis.state.power for axis in self._axes.values()]
+        states = [axis.state.power for axis in self.axes.values()]
         self.enabled = self.trip is None and all(state is PowerState.OPERATION_ENABLED for state in states)
 
     def _begin(self) -> None:
@@ -219,7 +168,7 @@ class Cycle:
 
         It is the first one in which every axis has feedback: zero and start are where the handles are then.
         """
-        axes = self._axes.values()
+        axes = self.axes.values()
         if not all(axis.state.steps for axis in axes):
             for axis in axes:
                 axis.release(tripped=False)
@@ -233,8 +182,8 @@ class Cycle:
         if self._couplings:
             before.insert(0, self._share_gaps)
             before.append(self._uncouple)
-        renders = {name: axis.render for name, axis in self._axes.items()}
-        for ledger in self._ledgers:
+        renders = {name: axis.render for name, axis in self.axes.items()}
+        for ledger in self.ledgers:
             # Before any axis of the ledger renders, while the states still have the targets that were sent last.
             first = ledger.axes[0].name
             renders[first] = bind_ledger(ledger, renders[first], controls=self._controlled)
@@ -248,7 +197,7 @@ class Cycle:
         """A law of the scene raised: torque is zero from this period on, and `failure` tells why."""
         self.failure, self.enabled = error, False
         if self.trip is None:
-            name = next(iter(self._axes))
+            name = next(iter(self.axes))
             self.trip = Trip(
                 TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=f"{type(error).__name__}: {error}"
             )
@@ -259,11 +208,11 @@ class Cycle:
 
         def trip(energy: float, limit: float, kind: TripKind = TripKind.ENERGY) -> None:
             if self.trip is None:
-                position = self._axes[name].state.position
+                position = self.axes[name].state.position
                 self.trip = Trip(kind, name, self.t_ns, energy, limit, position=position)
                 self.enabled = False
 
-        cycles = [(axis, self._axes[axis.name]) for axis in axes]
+        cycles = [(axis, self.axes[axis.name]) for axis in axes]
         ports = [LedgerAxis(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
         ledger = Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
         for _, each in cycles:
@@ -273,12 +222,12 @@ class Cycle:
     def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling, which reads the signals of its two axes itself."""
         law = element.begin(period)
-        read_first, read_second = (self._axes[name].reader(element.needs) for name in element.axes)
+        read_first, read_second = (self.axes[name].reader(element.needs) for name in element.axes)
         return lambda: law(*read_first(), *read_second())
 
     def _coupled(self, place: int, element: CouplingElement) -> Callable[[], None]:
         """Return the step that adds the forces of a coupling to its two axes."""
-        pairs, (first, second) = self._pairs, (self._axes[name] for name in element.axes)
+        pairs, (first, second) = self._pairs, (self.axes[name] for name in element.axes)
 
         def couple() -> None:
             on_first, on_second = pairs[place]()  # looked up in each period, because a change replaces the pair
@@ -295,5 +244,5 @@ class Cycle:
 
     def _uncouple(self) -> None:
         """Reset the coupling force of each axis to 0, before the couplings of the period add to it."""
-        for axis in self._axes.values():
+        for axis in self.axes.values():
             axis.sensed.coupled = 0.0

@@ -73,9 +73,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from haptic_fieldbus.cycle.laws import AxisState, Sensed, is_placed, is_static
+from haptic_fieldbus.cycle.laws import AxisState, PeriodStep, Sensed, is_placed, is_static
 from haptic_fieldbus.cycle.safety import Permission, TripKind
-from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.numerics.sampled import split_delay
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.energy import (

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus.cycle.energy import LEAKS, RECOVERY, Ledger, LedgerAxis, shares
-from haptic_fieldbus.cycle.sensing import PeriodStep
+from haptic_fieldbus.cycle.laws import PeriodStep
 from haptic_fieldbus.planning.energy import AxisTerms
 
 

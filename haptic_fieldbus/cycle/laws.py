@@ -1,4 +1,6 @@
-"""Force field of an axis, made from its elements: position of the handle → force on it, in the workspace.
+"""What a scene takes of an axis and gives to it: its signals, worked out once a period, and its force field.
+
+The field is made from the elements of the axis: position of the handle → force on it, in the workspace.
 
 Each element receives exactly the signals that it declared. The law of an element that needs the position alone is its
 field, without a wrapper. Other signals are derived once a period, before any field is called, and stored in `Sensed`.
@@ -7,8 +9,10 @@ field, without a wrapper. Other signals are derived once a period, before any fi
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.defaults import DEFAULT_METHOD
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.image import T_NS
 from haptic_fieldbus.scenes.element import (
     AnyElement,
     DynamicElement,
@@ -28,6 +32,8 @@ from haptic_fieldbus.signals import Signal
 class AxisState:
     """Values that an axis keeps from one period to the next."""
 
+    feedback: tuple[int, ...] = ()
+    """What was decoded last, at the places of `planning.image`."""
     power: PowerState = PowerState.UNKNOWN
     controlword: int = 0
     missing: int = 0
@@ -220,3 +226,70 @@ def blended_pair(before: PairField, after: PairField, periods: int) -> PairField
         return first + (to_first - first) * share, second + (to_second - second) * share
 
     return pair
+
+
+# What the scene needs beside the position: velocity, time and torque, worked out once a period, before any field.
+
+PeriodStep = Callable[[], None]
+
+
+def in_order(steps: Sequence[PeriodStep]) -> PeriodStep:
+    """Return one step that takes all of these."""
+
+    def work() -> None:
+        for step in steps:
+            step()
+
+    return work
+
+
+def bind_sense(
+    axis: AxisPlan, state: AxisState, sensed: Sensed, period: float
+) -> tuple[PeriodStep | None, PeriodStep | None]:
+    """Return (all that the scene needs, of it the estimator that takes one position a period); None for nothing.
+
+    Only what is needed is worked out, and an estimator imported only where one is.
+    """
+    steps: list[PeriodStep] = []
+    estimator = None
+    if Signal.VELOCITY in axis.needs and not axis.integrates:
+        velocity, timed = _bind_velocity(axis, state, sensed, period)
+        estimator = None if timed else velocity
+        steps.append(velocity)
+    if Signal.ELAPSED_NS in axis.needs:
+
+        def elapsed() -> None:
+            sensed.elapsed_ns = state.feedback[T_NS] - state.began_ns
+
+        steps.append(elapsed)
+    if Signal.TORQUE_ACTUAL in axis.needs:
+        unit, place = axis.shown_unit * axis.rig.mechanism.sign, axis.place_of(Signal.TORQUE_ACTUAL)
+
+        def torque() -> None:
+            sensed.torque_actual = state.feedback[place] * unit
+
+        steps.append(torque)
+    if len(steps) < 2:
+        return (steps[0] if steps else None), estimator
+    return in_order(steps), estimator
+
+
+def _bind_velocity(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float) -> tuple[PeriodStep, bool]:
+    """Estimate the velocity in periods with new feedback, else the last estimate stays; and: does it take times?"""
+    from haptic_fieldbus.numerics.estimators import bind, is_timed
+
+    name = axis.estimator or DEFAULT_ESTIMATOR
+    estimate = bind(name, period, axis.resolution)
+    if is_timed(name):
+
+        def at_latch() -> None:
+            if state.steps:
+                sensed.velocity = estimate(state.position, state.feedback[T_NS])
+
+        return at_latch, True
+
+    def velocity() -> None:
+        if state.steps:
+            sensed.velocity = estimate(state.position)
+
+    return velocity, False

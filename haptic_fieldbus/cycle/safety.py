@@ -27,6 +27,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Protocol
 
 from haptic_fieldbus.planning.limits import EffortLimits, fade_periods, soon_periods
 from haptic_fieldbus.signals import LinkFlag
@@ -92,6 +93,12 @@ class Trip:
     detail: str = ""
     position: float = 0.0
     """Of the handle then [m or rad]."""
+
+
+class TripOff(Protocol):
+    """Takes the torque away."""
+
+    def __call__(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None: ...
 
 
 @dataclass(slots=True)

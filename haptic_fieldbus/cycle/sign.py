@@ -13,14 +13,11 @@ has been seen, and a doubt about one of them limits all.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable
 from operator import mul
 
-from haptic_fieldbus.cycle.axis_checks import TripOff
 from haptic_fieldbus.cycle.laws import AxisState
-from haptic_fieldbus.cycle.safety import Permission, TripKind
-from haptic_fieldbus.cycle.sensing import PeriodStep
+from haptic_fieldbus.cycle.safety import Permission, TripKind, TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.sign_probe import (
     ATTEMPTS,
@@ -32,118 +29,7 @@ from haptic_fieldbus.planning.sign_probe import (
     longer,
     probe_of,
     sign_probe,
-    virtual_mass,
 )
-from haptic_fieldbus.signals import Workspace
-
-# The sign from torque to motion, watched while the scene runs: a change of torque must show in the acceleration.
-#
-# In a scene torque answers motion, so that torque and position go together whatever the sign is. What differs is how
-# fast hands are. Within blocks of 5 ms a hand changes its force little, while contact changes the torque much. With the
-# mean torque u and the mean acceleration a of two blocks, and their changes δu and δa from one pair of blocks to the
-# next,
-#
-#     S = Σ m·δa·δu,   N = Σ δu²     (m: mass of the bench; the sums forget within 0.1 s)
-#
-# S/N is the share of a change of torque that shows in the motion: 1 for a free handle, less where a hand adds its mass,
-# −1 when the sign has turned. When S/N is below −½ and N is that of strong contact, the sign is in doubt: from then on
-# no more is permitted than a hand may hold, and pulses look for the sign again (`cycle.sign`). A wrong one ends the
-# run. A blow of a hand raises the same doubt, because it changes its force against the torque by more than the torque
-# changes; then the sign is seen, and the force rises again. Of the shipped hands none does
-# (`tests/system/test_sign.py`).
-#
-# This is no proof that the sign is right. It is there for what happens later, such as a drive that is turned round by
-# another tool. There is none where a count is too coarse for an acceleration within a block, or a period too long, nor
-# where the scene itself answers acceleration: a virtual mass gives torque against every knock of a hand.
-
-SHORTEST_BLOCK, LONGEST_BLOCK = 0.005, 0.01
-"""[s]"""
-COARSENESS = 0.05
-"""Share of rated torque that the encoder may be off by within a block."""
-MEMORY = 0.1
-"""[s] after which the sums have forgotten all but 1/e."""
-STRONG = 0.1
-KNOCK = {Workspace.LINEAR: 5.0, Workspace.ROTARY: 0.25}
-"""Share of rated torque, and half the knock of a hand [N or N·m]: √N counts above both."""
-AGAINST = -0.5
-"""S/N below which the motion goes against the torque."""
-HEAVIEST = 0.05
-"""Mass that the scene may add, as a share of that of the bench."""
-WORST_ERROR = 3.0
-"""Counts by which the change of a second difference may be off: readings with the weights 1, −2, 2 and −1."""
-
-
-def bind_sign_watch(
-    axis: AxisPlan, state: AxisState, period: float, doubt: Callable[[], None], render: PeriodStep
-) -> PeriodStep:
-    """Return a step that renders and watches the sign, and calls `doubt`; `render` alone where it cannot be seen."""
-    periods = _block(axis, period)
-    return render if periods is None else SignWatch(axis, state, period, periods, doubt).bind(render)
-
-
-def _block(axis: AxisPlan, period: float) -> int | None:
-    """Return the shortest block in which accelerations are seen [periods]; None where none is."""
-    if axis.plant is None or not axis.plant.mass or virtual_mass(axis.elements) > HEAVIEST * axis.plant.mass:
-        return None
-    least = (WORST_ERROR * axis.plant.mass * axis.plant.resolution / (COARSENESS * axis.rated_effort)) ** 0.5
-    periods = max(1, round(max(least, SHORTEST_BLOCK) / period + 0.49))
-    return periods if periods * period <= LONGEST_BLOCK * (1.0 + 1e-9) else None
-
-
-class SignWatch:
-    """The sums of one axis."""
-
-    def __init__(
-        self, axis: AxisPlan, state: AxisState, period: float, periods: int, doubt: Callable[[], None]
-    ) -> None:
-        self.agreement = self.excitation = 0.0
-        """S and N, in steps of target torque squared."""
-        self._state, self._doubt, self._periods = state, doubt, periods
-        length = periods * period
-        mass = 0.0 if axis.plant is None else axis.plant.mass
-        self._inertial = mass / length**2 / axis.effort_unit
-        self._kept = math.exp(-length / MEMORY)
-        strong = max(STRONG * axis.rated_effort, KNOCK[axis.workspace])
-        self._strong = (strong / axis.effort_unit) ** 2
-        self._places: deque[float] = deque(maxlen=5)
-        """Of the handle at the begin of the last blocks."""
-        self._torques: deque[float] = deque(maxlen=4)
-        """Mean target torques of the last blocks."""
-
-    def bind(self, render: PeriodStep) -> PeriodStep:
-        """Return a step that renders, and adds up the torque of a block."""
-        state, periods, block = self._state, self._periods, self._block
-        total, left = 0, periods
-
-        def look() -> None:
-            nonlocal total, left
-            render()
-            if state.steps != 1:
-                self._places.clear()
-                total, left = 0, periods
-            elif not left:
-                block(total / periods)
-                total, left = 0, periods
-            total += state.target
-            left -= 1
-
-        return look
-
-    def _block(self, torque: float) -> None:
-        """Take the mean torque of the block that ends here, in steps, and compare."""
-        self._torques.append(torque)
-        self._places.append(self._state.position)
-        if len(self._places) < 5 or self._state.permitted_ns is None:
-            return
-        oldest, old, _, late, last = self._places
-        inertial = self._inertial * (last - 2.0 * late + 2.0 * old - oldest)
-        first, second, third, fourth = self._torques
-        change = 0.5 * (fourth + third - second - first)
-        self.agreement = self._kept * self.agreement + inertial * change
-        self.excitation = self._kept * self.excitation + change * change
-        if self.excitation > self._strong and self.agreement < AGAINST * self.excitation:
-            self.agreement = self.excitation = 0.0
-            self._doubt()
 
 
 def thue_morse(number: int) -> float:
@@ -180,6 +66,16 @@ class Sign:
         proof = SignProof(self._axis, probe, self._state, self._trip, self._seen, again=again)
         self._permission.proof = proof.give
         return proof
+
+    @property
+    def unseen(self) -> int | None:
+        """How often the sign was looked for in vain; None once it was seen."""
+        return None if self.proof is None or self.proof.seen else self.proof.failures
+
+    @property
+    def broken_off(self) -> int:
+        """How often missing feedback broke off the search for the sign that goes on."""
+        return 0 if self.proof is None else self.proof.broken_off
 
     def begin(self, t_ns: int) -> None:
         """Note when force begins to rise, in the first rendered period, unless `hold` follows."""

@@ -9,11 +9,10 @@ a pair the counts either moved, and stand still again for a while before the nex
 
 import math
 
-from haptic_fieldbus.cycle.axis_checks import T_NS, TripOff
 from haptic_fieldbus.cycle.laws import AxisState
-from haptic_fieldbus.cycle.safety import Permission, TripKind
-from haptic_fieldbus.cycle.sensing import Feedback
+from haptic_fieldbus.cycle.safety import Permission, TripKind, TripOff
 from haptic_fieldbus.planning.encoder_probe import PAIRS, EncoderProbe
+from haptic_fieldbus.planning.image import T_NS
 
 LEAST_LEFT = 0.5
 """Share of the smallest force under which a pair may begin, below which one that goes on is given up."""
@@ -28,13 +27,12 @@ class Standstill:
         effort_unit: float,
         state: AxisState,
         permission: Permission,
-        feedback: Feedback,
         trip: TripOff,
     ) -> None:
         self.vain = 0
         """Pairs without a motion since the last one."""
         self._probe, self._state, self._permission = probe, state, permission
-        self._feedback, self._trip = feedback, trip
+        self._trip = trip
         self._least = probe.least / effort_unit * (1.0 - 1e-9)
         self._longest_ns = round(1.5e9 * probe.period)
         self._began_ns = self._last_ns = self._place = self._length = 0
@@ -57,7 +55,7 @@ class Standstill:
     def give(self, force: float, bound: float) -> float:
         """Return the permitted force with its pulse, which stays within `bound`, and book what pulses may give."""
         probe, permission, state = self._probe, self._permission, self._state
-        t_ns = self._feedback()[T_NS]
+        t_ns = state.feedback[T_NS]
         self._place = self._place + 1 if t_ns - self._last_ns < self._longest_ns else 0
         self._last_ns, place = t_ns, self._place
         size, moved = abs(force), state.moved_ns > self._began_ns

@@ -8,9 +8,8 @@ minus that error.
 import math
 from collections.abc import Callable
 
-from haptic_fieldbus.cycle.axis_checks import TripOff
 from haptic_fieldbus.cycle.laws import AxisState, Sensed
-from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.safety import TripKind, TripOff
 from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 

@@ -14,7 +14,7 @@ from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
-from haptic_fieldbus.planning.image import canonical
+from haptic_fieldbus.planning.image import STATUSWORD, canonical
 from haptic_fieldbus.planning.limits import (
     GAP_SHARE,
     HOLDING_SHARE,
@@ -46,9 +46,6 @@ PROVIDERS = {
 
 A velocity estimated from position has known dynamics, while the filter behind the drive's own velocity is unknown. A
 position integrated from velocity drifts.
-"""
-"""Both names stand here instead of being imported from `numerics`, because a scene that needs neither an estimator nor
-an integrator must not import one. A test compares them with the originals.
 """
 
 
@@ -109,6 +106,10 @@ class AxisPlan:
     def outgoing(self) -> tuple[MappedSignal, ...]:
         """Signals sent to the drive, in the order of the cycle."""
         return canonical(self.traffic.outgoing)
+
+    def place_of(self, signal: Signal) -> int:
+        """Return where a mapped signal stands in what the codec of this axis decodes (`planning.image`)."""
+        return STATUSWORD + [mapped.signal for mapped in self.incoming].index(signal)
 
     @property
     def resolution(self) -> float:

@@ -24,6 +24,8 @@ from haptic_fieldbus.signals import Signal
 HEADER = struct.Struct("<q")
 AXIS_HEADER = struct.Struct("<IHH")
 AXIS_HEADER_FIELDS = ("age_ns", "flags", "emergency")
+T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
+"""Places in what the codec of an axis decodes; the mapped signals follow, the statusword first."""
 LARGEST_AGE_NS = 0xFFFF_FFFF
 """Largest age that its field of 32 bits holds; also the age of an axis that never had feedback."""
 _RANKS = {signal: rank for rank, signal in enumerate(Signal)}

@@ -12,12 +12,11 @@ from functools import partial
 
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.axis_checks import EMERGENCY, FLAGS, STATUSWORD
 from haptic_fieldbus.documents.edits import Value, edit_file, with_table
 from haptic_fieldbus.errors import Fault, RigError, UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.image import AxisImage
+from haptic_fieldbus.planning.image import EMERGENCY, FLAGS, STATUSWORD, AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.running.loop import check_link, started

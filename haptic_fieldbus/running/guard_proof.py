@@ -22,7 +22,6 @@ from functools import partial
 from haptic_fieldbus.assessing.result import Proof
 from haptic_fieldbus.buses.bus import Bus, DriveFacts
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.axis_checks import EMERGENCY, FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.power import PowerState
@@ -31,7 +30,7 @@ from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, U
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import CAPPED, LONGEST_QUESTION, SetGuard
-from haptic_fieldbus.planning.image import AxisImage
+from haptic_fieldbus.planning.image import EMERGENCY, FLAGS, STATUSWORD, T_NS, AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.running.loop import check_link, enabling_time, feedback_time_ns, not_enabled, started

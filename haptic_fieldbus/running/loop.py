@@ -188,7 +188,7 @@ def _run(
         else:
             enabling_periods -= 1
             if enabling_periods < 0:
-                raise not_enabled(plan, {axis.name: cycle.power_state(axis.name) for axis in plan.axes})
+                raise not_enabled(plan, {axis.name: cycle.axes[axis.name].state.power for axis in plan.axes})
         before_ns = latch_ns
         deadline_ns += period_ns
 

@@ -271,7 +271,7 @@ def _hint(request: Request, cycle: Cycle) -> Callable[[], None]:
     hidden = {axis.name for axis in request.selection.plan.axes if not axis.sign_known}
 
     def hint() -> None:
-        for name in [name for name in hidden if cycle.unseen(name)]:
+        for name in [name for name in hidden if cycle.axes[name].sign.unseen]:
             hidden.discard(name)
             if request.instruct is not None:
                 request.instruct(f"axis {name}: let go of the handle, so that torque is seen to move it\n")

@@ -62,7 +62,7 @@ class Handled:
 
     def __post_init__(self) -> None:
         self.cycle = Cycle(self.plan)
-        self.axis = self.cycle._axes["handle"]  # the state of the axis, where the rows do not show it
+        self.axis = self.cycle.axes["handle"]  # the state of the axis, where the rows do not show it
         zero = self.x
         for _ in range(FADED_IN):
             self._sample(0.0)

@@ -576,7 +576,7 @@ def test_two_axes_wait_for_each_other_and_fall_together() -> None:
 def test_the_power_state_of_an_axis_can_be_asked() -> None:
     cycle = Cycle(plan_of())
     cycle(image(status=READY))
-    assert cycle.power_state("handle") is PowerState.READY
+    assert cycle.axes["handle"].state.power is PowerState.READY
 
 
 def test_an_element_that_is_neither_static_nor_dynamic_is_refused() -> None:

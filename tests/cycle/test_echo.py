@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.echo import EchoMismatch
 from haptic_fieldbus.cycle.laws import AxisState
+from haptic_fieldbus.cycle.plausibility import EchoMismatch
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.cia402 import MappedObject

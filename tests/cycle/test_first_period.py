@@ -59,7 +59,7 @@ def test_zero_is_where_the_handle_is_when_it_is_first_told() -> None:
     for _ in range(5):
         assert handles.period(INSIDE) == (0x0F, 0, 0x0F, 0)
     assert handles.cycle.trip is None
-    assert handles.cycle.zero_counts("right") == INSIDE
+    assert handles.cycle.axes["right"].state.zero_counts == INSIDE
 
 
 def test_an_axis_whose_feedback_never_comes_ends_the_run_by_its_age() -> None:

@@ -9,8 +9,9 @@ import pytest
 from haptic_fieldbus.api import run
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.laws import AxisState
+from haptic_fieldbus.cycle.plausibility import bind_sign_watch
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind
-from haptic_fieldbus.cycle.sign import Sign, bind_sign_watch
+from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.sim import faults
 from tests.builders import endless_rig, plan_of, scene_of
@@ -121,9 +122,9 @@ def test_forces_of_two_axes_wait_until_both_signs_are_seen() -> None:
     plan = plan_of(scene_of(Coupling(("left", "right"), 400.0)))
     cycle = Cycle(replace(plan, axes=tuple(replace(axis, sign_known=False) for axis in plan.axes)))
     cycle.sign_seen()
-    assert [cycle.permitted_ns(name) for name in ("left", "right")] == [None, None]
-    assert [cycle.unseen(name) for name in ("left", "right")] == [0, 0]
-    assert [cycle.broken_off(name) for name in ("left", "right")] == [0, 0]
+    assert [cycle.axes[name].state.permitted_ns for name in ("left", "right")] == [None, None]
+    assert [cycle.axes[name].sign.unseen for name in ("left", "right")] == [0, 0]
+    assert [cycle.axes[name].sign.broken_off for name in ("left", "right")] == [0, 0]
 
 
 def test_the_first_reason_of_a_trip_stays_when_energy_is_given_too() -> None:

@@ -162,7 +162,7 @@ def test_below_the_force_whose_pulses_are_not_felt_the_rule_of_long_standstill_s
     leaned.periods(200)
     assert leaned.sizes[-1] == 50
     assert leaned.cycle.trip is None
-    assert leaned.cycle.stalls("handle") == 1
+    assert leaned.cycle.axes["handle"].stalls == 1
 
 
 def test_a_gap_begins_the_pair_anew_and_takes_nothing_from_the_force() -> None:
@@ -173,7 +173,7 @@ def test_a_gap_begins_the_pair_anew_and_takes_nothing_from_the_force() -> None:
     leaned.sizes = []
     assert leaned.until(lambda size: size == leaned.full) < 10
     assert leaned.until(lambda size: size < leaned.full) == pytest.approx(leaned.probe.lead, abs=10)
-    assert leaned.cycle.gaps("handle").farthest == 0.0
+    assert leaned.cycle.axes["handle"].permission.gaps.farthest == 0.0
     leaned.began_ns = leaned.t_ns
     leaned.until(lambda size: size == 0)
     assert leaned.seconds > (PAIRS - 1) * 0.5, "the pair of the gap does not count"
@@ -238,8 +238,8 @@ class TestOneQuestion:
 
     def asked(self, permission: Permission, target: int = 200) -> bool:
         probe = EncoderProbe(effort=0.4, periods=15, least=5.0, lead=500, wait=2, period=1e-3)
-        state = AxisState(target=target)
-        question = Standstill(probe, 0.05, state, permission, lambda: (0,), lambda *trip: None)
+        state = AxisState(feedback=(0,), target=target)
+        question = Standstill(probe, 0.05, state, permission, lambda *trip: None)
         question.look(3_000_000_000)
         return permission.pulses == question.give
 

@@ -51,7 +51,7 @@ def test_the_position_is_the_trapezoid_of_what_was_read() -> None:
     summed = scipy.integrate.cumulative_trapezoid(readings * STEP, dx=PERIOD, initial=0.0)
     np.testing.assert_allclose(found, summed, atol=1e-15)
     true = 0.3 * PERIOD / 0.02 * (1 - np.cos(np.arange(1000) * 0.02))
-    assert np.abs(found - true).max() < cycle.drift("handle") == pytest.approx(999 * PERIOD * STEP / 2)
+    assert np.abs(found - true).max() < cycle.axes["handle"].state.drift == pytest.approx(999 * PERIOD * STEP / 2)
 
 
 def test_zero_is_where_the_handle_was_enabled_also_when_it_moves_then() -> None:
@@ -85,19 +85,19 @@ def test_other_feedback_that_is_mapped_is_still_found() -> None:
     cycle = Cycle(plan_with(scene_of(Constant("handle", 0.0, needs=(Signal.TORQUE_ACTUAL,)))))
     for number in range(2):
         cycle(struct.pack("<qIHHHih", number * PERIOD_NS, 0, 0, 0, ENABLED, 100, 5))
-    assert cycle._axes["handle"].sensed.torque_actual == pytest.approx(5 * UNIT)
+    assert cycle.axes["handle"].sensed.torque_actual == pytest.approx(5 * UNIT)
 
 
 def test_a_reading_that_stays_away_is_held_and_then_replaced() -> None:
     cycle = Cycle(plan_with())
     before = fed(cycle, [100] * 10)[-1]
-    drift = cycle.drift("handle")
+    drift = cycle.axes["handle"].state.drift
     at = cycle.columns.index("handle.position")
     cycle(image(100, 10, LinkFlag.STALE))
     assert cycle.row[at] - before == pytest.approx(100 * STEP * PERIOD)
     cycle(image(300, 11))
     assert cycle.row[at] - before == pytest.approx(2 * PERIOD * 200 * STEP)
-    assert cycle.drift("handle") - drift == pytest.approx(2 * PERIOD * (0.5 * STEP + 0.5 * 200 * STEP))
+    assert cycle.axes["handle"].state.drift - drift == pytest.approx(2 * PERIOD * (0.5 * STEP + 0.5 * 200 * STEP))
     assert cycle.trip is None
 
 
@@ -163,7 +163,7 @@ def test_the_default_drift_is_a_tenth_of_a_turn_of_the_motor() -> None:
 def test_a_drive_with_a_position_never_drifts() -> None:
     cycle = Cycle(plan_of(FREE))
     fed(cycle, [0, 1, 2])
-    assert cycle.drift("handle") == 0.0
+    assert cycle.axes["handle"].state.drift == 0.0
 
 
 def test_a_handle_that_stands_still_under_torque_has_less_of_it_after_a_while() -> None:
@@ -186,4 +186,4 @@ def test_in_a_gap_of_a_drive_that_reads_velocity_the_law_pauses_too() -> None:
         cycle(image(1000, 619, LinkFlag.STALE))
     fed(cycle, [1000], 625)
     assert cycle.row[force] == before < -0.9
-    assert cycle.gaps("handle").farthest == pytest.approx(6 * PERIOD * 1000 * STEP)
+    assert cycle.axes["handle"].permission.gaps.farthest == pytest.approx(6 * PERIOD * 1000 * STEP)

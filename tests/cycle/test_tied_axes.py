@@ -96,7 +96,7 @@ def turning(seed: int) -> None:
     wound, mass = TURNED * COUNT, rng.uniform(0.3, 2.0)
     x, v, damping = [wound, 0.0], [rng.uniform(-0.3, 0.3) for _ in range(2)], rng.choice([0.05, 0.5, 1.5])
     given = held = leak = path = 0.0
-    before, left, ports = [0.0, 0.0], 0, [shaft.cycle._axes[name].permission for name in ("left", "right")]
+    before, left, ports = [0.0, 0.0], 0, [shaft.cycle.axes[name].permission for name in ("left", "right")]
     for number in range(800):
         left = left - 1 if left else (rng.choice([2, 3, 5, 14]) if rng.random() < 0.01 else 0)
         torques = shaft.torques(round(x[0] / COUNT), lost=left > 0, right=round(x[1] / COUNT))
@@ -132,13 +132,13 @@ def test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left() -> N
     for counts in range(TURNED, FAR, 2):
         before = shaft.torques(counts)
     assert min(map(abs, before)) > 2 * HOLDING
-    shaft.cycle._axes["left"].sign.doubt()
+    shaft.cycle.axes["left"].sign.doubt()
     for period in range(200):
         left, right = shaft.torques(FAR)
         assert period < SLEWING or (abs(left) <= PULSES and abs(right) <= HOLDING)
-    assert [shaft.cycle.doubts(axis) for axis in ("left", "right")] == [1, 0]
-    assert [shaft.cycle.unseen(axis) is None for axis in ("left", "right")] == [False, True]
-    shaft.cycle._axes["left"].sign.proof.seen = True  # type: ignore[union-attr]
+    assert [shaft.cycle.axes[axis].sign.doubts for axis in ("left", "right")] == [1, 0]
+    assert [shaft.cycle.axes[axis].sign.unseen is None for axis in ("left", "right")] == [False, True]
+    shaft.cycle.axes["left"].sign.proof.seen = True  # type: ignore[union-attr]
     shaft.cycle.sign_seen()
     targets = shaft.torques(FAR)
     assert max(map(abs, targets)) <= HOLDING + 2, "it fades in from there"
@@ -157,4 +157,4 @@ def test_an_axis_whose_sign_is_known_waits_for_that_of_the_other(unseen: str) ->
     for counts in range(TURNED, FAR, 2):
         for axis, target in zip(("left", "right"), shaft.torques(counts), strict=True):
             assert abs(target) <= (PULSES if axis == unseen else HOLDING)
-    assert [shaft.cycle.permitted_ns(axis) for axis in ("left", "right")] == [None, None]
+    assert [shaft.cycle.axes[axis].state.permitted_ns for axis in ("left", "right")] == [None, None]

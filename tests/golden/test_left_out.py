@@ -20,7 +20,7 @@ NOT_FOR_A_WALL = (
     "planning.coupled_plan",
 )
 """Modules and folders of the package that other scenes, or other drives, need."""
-MOST_CALLS_OF_A_WALL = 11
+MOST_CALLS_OF_A_WALL = 10
 """Of functions of the package in a period; the hand waits for each of them."""
 
 

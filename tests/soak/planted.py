@@ -79,13 +79,13 @@ PLANTED = (
     ),
     Planted(
         "jumps of the encoder are ignored",
-        "haptic_fieldbus/cycle/axis_checks.py",
+        "haptic_fieldbus/cycle/axis.py",
         "limits, state = self._limits, self._state\n        passed",
         "return\n        limits, state = self._limits, self._state\n        passed",
     ),
     Planted(
         "set-points without effect are ignored",
-        "haptic_fieldbus/cycle/echo.py",
+        "haptic_fieldbus/cycle/plausibility.py",
         "if waited_ns > self._deadline_ns:",
         "if waited_ns > 1000 * self._deadline_ns:",
     ),

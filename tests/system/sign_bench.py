@@ -79,12 +79,12 @@ class Outcome:
     @property
     def limited(self) -> bool:
         """Whether the sign of at least one axis is still looked for, so that no axis gets more."""
-        return any(self.cycle.permitted_ns(axis.name) is None for axis in self.plan.axes)
+        return any(self.cycle.axes[axis.name].state.permitted_ns is None for axis in self.plan.axes)
 
     @property
     def seen_at(self) -> float:
         """When the sign of all axes had been seen [s after operation enabled]."""
-        times = [self.cycle.permitted_ns(axis.name) for axis in self.plan.axes]
+        times = [self.cycle.axes[axis.name].state.permitted_ns for axis in self.plan.axes]
         assert None not in times
         return max(time - self.began_ns for time in times if time is not None) * 1e-9
 

@@ -123,7 +123,7 @@ def before_the_sign(bench: Bench, seconds: float) -> Torque:
     finally:
         bus.close()
     times_ns, torques = world.trajectory(there.node).targets()
-    permitted_ns = cycle.permitted_ns(name)
+    permitted_ns = cycle.axes[name].state.permitted_ns
     early = np.abs(torques[np.asarray(times_ns) < (math.inf if permitted_ns is None else permitted_ns)])
     largest = float(early.max(initial=0.0))
     step = torque_step(profile.offers()[Signal.TARGET_TORQUE].unit, there, profile.full_scale)

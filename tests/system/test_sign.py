@@ -68,7 +68,7 @@ def test_a_hand_that_nothing_moves_hides_the_sign_and_it_is_told() -> None:
     assert outcome.error is None
     assert outcome.limited
     assert outcome.largest <= PULSES
-    assert (outcome.cycle.unseen("handle") or 0) > 0
+    assert (outcome.cycle.axes["handle"].sign.unseen or 0) > 0
 
 
 def test_a_sign_that_friction_hides_is_told_with_what_to_do() -> None:
@@ -229,7 +229,10 @@ def test_one_sign_that_is_hidden_of_two_keeps_force_from_both() -> None:
     outcome = rendered(plan, HELD_BY["led rigidly"])
     assert outcome.error is None
     hidden, seen = (axis.name for axis in plan.axes)
-    assert (outcome.cycle.unseen(hidden) is None, outcome.cycle.unseen(seen) is None) == (False, True)
+    assert (outcome.cycle.axes[hidden].sign.unseen is None, outcome.cycle.axes[seen].sign.unseen is None) == (
+        False,
+        True,
+    )
     assert outcome.torques[hidden] <= PULSES
     assert outcome.torques[seen] <= SMALL + ROUNDING
 
@@ -326,8 +329,8 @@ def test_a_blow_deep_into_a_wall_never_throws_the_handle_out_again() -> None:
     hand = Hand("push", (Piece(0.0, 0.0, 12.0), Piece(0.5, 6.0))).hitting(1.5, 100.0, 0.02).letting_go(3.0)
     outcome = rendered(select(Task("wall", rig=endless_rig("wall"))).plan, hand, seconds=8.0)
     assert outcome.error is None
-    assert outcome.cycle.doubts("handle") == 1
-    seen_ns, trajectory = outcome.cycle.permitted_ns("handle"), outcome.motions["handle"]
+    assert outcome.cycle.axes["handle"].sign.doubts == 1
+    seen_ns, trajectory = outcome.cycle.axes["handle"].state.permitted_ns, outcome.motions["handle"]
     assert seen_ns is not None
     at_ns, torques = trajectory.targets()
     place = METRES * trajectory.sample(at_ns)[0]
