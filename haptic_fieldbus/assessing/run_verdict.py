@@ -61,7 +61,7 @@ class FeltError:
     added: float = 0.0
     """Energy that the motor gave the hand beyond the ideal [J]."""
     by_event: bool = False
-    """Whether all of the force comes from events (`scenes.element.Eventful`)."""
+    """Whether all of the force comes from events (`scenes.element.Abilities.by_event`)."""
 
 
 def run_verdict(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.traffic import Json
-from haptic_fieldbus.scenes.element import Element, Surfaced
+from haptic_fieldbus.scenes.element import Element, said
 from haptic_fieldbus.signals import Workspace
 
 if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never loads it
@@ -67,10 +67,9 @@ class Reach:
 
     def _depth(self, element: Element, position: float) -> float | None:
         """Return the depth of the handle in an element; None where it has none, or fails to tell it."""
-        if not isinstance(element, Surfaced):
-            return None
+        depth_at = said(element).penetration
         try:
-            return element.penetration(position)
+            return None if depth_at is None else depth_at(position)
         except Exception as error:  # of an element of one's own: it must not hide how the run ended
             fault = f"element {element.name} raised {type(error).__name__} when asked for its depth: {error}"
             self.faults += [fault] if fault not in self.faults else []

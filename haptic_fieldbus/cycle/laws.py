@@ -19,9 +19,8 @@ from haptic_fieldbus.scenes.element import (
     Element,
     Law,
     MemoryElement,
-    Reserving,
     StaticElement,
-    Surfaced,
+    said,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -182,7 +181,7 @@ def _timed(element: Element) -> bool:
 
 def has_say(element: Element) -> bool:
     """Return whether an element depends on the place by a memory; friction, which has no surface, does not."""
-    return not is_static(element) and (not isinstance(element, Reserving) or isinstance(element, Surfaced))
+    return not is_static(element) and (said(element).reserve is None or said(element).penetration is not None)
 
 
 def at_rest(elements: Sequence[Element], period: float) -> Field:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.stiffness_map import OwnLaw
-from haptic_fieldbus.scenes.element import Interval, Local, Phased, is_dynamic, is_sampled, is_shipped, is_varying
+from haptic_fieldbus.scenes.element import Interval, Local, is_dynamic, is_sampled, is_shipped, is_varying, said
 from haptic_fieldbus.signals import Signal
 
 Array = NDArray[np.float64]
@@ -236,11 +236,9 @@ def _own_law(element: Any, travel: Interval, effort: float, runs_off: bool) -> O
 
 def _is_bounded(element: Any) -> bool:
     """Return whether an element states what it feels like in all its places and phases, or is linear."""
-    return is_varying(element) or is_dynamic(element) or hasattr(type(element), "increments") or _has_phases(element)
-
-
-def _has_phases(element: Any) -> bool:
-    return isinstance(element, Phased) or not element.needs
+    if is_varying(element) or is_dynamic(element) or hasattr(type(element), "increments"):
+        return True
+    return bool(said(element).phases) or not element.needs
 
 
 def _is_static(element: Any) -> bool:

@@ -25,15 +25,13 @@ from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated
 from haptic_fieldbus.scenes.element import (
     Element,
-    Incremental,
     Interval,
-    Phased,
-    Reserving,
     Varying,
     is_dynamic,
     is_sampled,
     is_shipped,
     is_varying,
+    said,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -304,10 +302,11 @@ def _is_at_places(element: Element | None) -> bool:
 
 def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
     """Return (stiffness, damping) of an element as it holds, as it slides, and as it does not act."""
-    if isinstance(element, Phased):
-        return list(dict.fromkeys(element.phases))
+    told = said(element)
+    if told.phases:
+        return list(dict.fromkeys(told.phases))
     stiffness, damping = (-float(value) for value in space.d[0])
-    if isinstance(element, Reserving):  # its spring slides, with the same damping
+    if told.reserve is not None:  # its spring slides, with the same damping
         return list(dict.fromkeys([(stiffness, damping), (0.0, damping)]))
     # A damper acts everywhere, but for slow motions in a dead band; a contact may be left.
     leaves = stiffness or getattr(element, "dead_band", 0.0)
@@ -316,7 +315,8 @@ def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
 
 def _bounds(element: Element) -> tuple[float, float] | None:
     """Return the bounds of the increments of an element without places; None when it states none."""
-    if isinstance(element, Incremental):
-        return element.increments
+    stated = said(element).increments
+    if stated is None or stated:
+        return stated
     space = element.linearised()
     return None if space.order or space.d.any() else (0.0, 0.0)

@@ -12,7 +12,7 @@ from typing import Any
 
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import scaled
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Local, Varying
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Local, is_varying
 from haptic_fieldbus.signals import Signal
 
 SHARES = tuple(eighth / 8 for eighth in range(1, 8))
@@ -78,7 +78,7 @@ class FadedVarying(Faded):
 def _kind_of(element: AnyElement) -> type[Faded]:
     if isinstance(element, DynamicElement):
         return FadedDynamic
-    return FadedVarying if isinstance(element, Varying) else Faded
+    return FadedVarying if is_varying(element) else Faded
 
 
 def mixed(before: Sequence[AnyElement], after: Sequence[AnyElement], share: float) -> tuple[Any, ...]:

@@ -17,13 +17,11 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import (
-    Active,
     AnyElement,
     CouplingElement,
     Element,
-    Reserving,
-    Storing,
     is_varying,
+    said,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -96,7 +94,7 @@ def axis_terms(
     """Return the terms of an axis under these elements, and those of the couplings that act on it; `period` in s."""
     tied = [each for each in couplings if axis.name in each.axes]
     stiffness = sum(map(_stiffness, elements)) + sum(_twisted(each, axis.name) for each in tied)
-    active = sum(element.strongest for element in elements if isinstance(element, Active))
+    active = sum(said(element).strongest for element in elements)
     age = 0.5 * period + axis.delay.total
     return AxisTerms(active, stiffness * age, age / period, _by_place(axis, elements, tied, stiffness, age))
 
@@ -147,9 +145,10 @@ def memory_terms(elements: Iterable[AnyElement], period: float) -> MemoryTerms:
     """Return what these elements and couplings can hold in their memories; `period` in s."""
     reserve, silence = 0.0, 0
     for element in elements:
-        if isinstance(element, Reserving):
-            reserve += element.reserve
-        elif not isinstance(element, Storing) and not (isinstance(element, Active) and element.strongest):
+        told = said(element)
+        if told.reserve is not None:
+            reserve += told.reserve
+        elif told.stored is None and not told.strongest:
             silence = max(silence, _silence(element.linearised(), period))
     return MemoryTerms(reserve, silence)
 
@@ -212,8 +211,7 @@ def has_ledger(axes: Sequence[AxisPlan]) -> bool:
 
 def unbounded(axis: AxisPlan) -> list[str]:
     """Return the names of the elements on this axis that may give any force by themselves."""
-    active = (each for each in (*axis.elements, *axis.couplings) if isinstance(each, Active))
-    return [each.name for each in active if not math.isfinite(each.strongest)]
+    return [each.name for each in (*axis.elements, *axis.couplings) if not math.isfinite(said(each).strongest)]
 
 
 def bind_stored(
@@ -225,14 +223,12 @@ def bind_stored(
     """
     numbers = {axis.name: number for number, axis in enumerate(axes)}
     own = [
-        (number, Signal.POSITION in each.needs, each.stored)
+        (number, Signal.POSITION in each.needs, energy)
         for number, of in enumerate(elements)
         for each in of
-        if isinstance(each, Storing)
+        if (energy := said(each).stored)
     ]
-    tied = [
-        (tuple(numbers[name] for name in each.axes), each.stored) for each in couplings if isinstance(each, Storing)
-    ]
+    tied = [(tuple(numbers[name] for name in each.axes), both) for each in couplings if (both := said(each).stored)]
 
     def stored(positions: Sequence[float], places: Sequence[float]) -> float:
         total = 0.0

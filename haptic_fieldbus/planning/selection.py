@@ -20,7 +20,7 @@ from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_ri
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
-from haptic_fieldbus.scenes.element import Graded
+from haptic_fieldbus.scenes.element import said
 from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
@@ -67,9 +67,10 @@ class Settled:
         """Return the value of the setting that gives this stiffness [N/m or N·m/rad]."""
         name, _, parameter = str(self.part).rpartition(".")
         element: Any = next((each for each in self.scene.elements if each.name == name), None)
-        if parameter == "stiffness" or not isinstance(element, Graded):
+        graded = said(element).with_stiffness
+        if parameter == "stiffness" or graded is None:
             return stiffness
-        value: Setting = getattr(element.with_stiffness(stiffness), parameter)
+        value: Setting = getattr(graded(stiffness), parameter)
         return value
 
 
@@ -146,7 +147,8 @@ def _check_scales(part: str, value: Setting, scene: Scene) -> None:
     if parameter == "stiffness" or element is None:
         return
     own = getattr(element, parameter, None)
-    doubled = element.with_stiffness(2.0 * element.stiffness) if isinstance(element, Graded) else element
+    graded = said(element).with_stiffness
+    doubled = element if graded is None else graded(2.0 * element.stiffness)
     if not isinstance(own, float) or getattr(doubled, parameter) == own:
         raise UsageError(f"{part}={value}: only a stiffness has a limit, or what it follows from")
 

@@ -13,8 +13,8 @@ positive position. It is of one of four kinds:
 A law takes the signals of `needs`, in that order, as plain floats (`Signal.ELAPSED_NS` as an int), and returns the
 force or torque on the handle [N or N·m]. A scene without dynamic elements imports no integrator.
 
-An element also states what energy it can give, for the ledger of the cycle (`cycle.energy`): `stored`, `reserve` or
-`strongest`. One that states nothing is taken to give back no more than it took since it began.
+An element may say more: what energy it can give, where it is how stiff, how deep the handle is. `Abilities` lists each
+of these with its default. One that says nothing of its energy gives back no more than it took since it began.
 
 Elements are frozen dataclasses. The annotation of a parameter holds its quantity (`quantities`) and its bounds; both
 are checked when a file is read (`documents`).
@@ -24,7 +24,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, Any, Protocol, Self, TypeGuard, runtime_checkable
+from types import new_class
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeGuard, cast, runtime_checkable
 
 from annotated_types import Ge, Le, Len
 
@@ -226,44 +227,6 @@ class CouplingElement(AnyElement, Protocol):
 
 
 @runtime_checkable
-class Storing(Protocol):
-    """An element whose energy follows from where the handle is; a coupling takes the positions of both axes."""
-
-    @property
-    def stored(self) -> Callable[..., float]:
-        """Position [m or rad] → the energy that the element can give back from there [J], from any zero."""
-
-
-@runtime_checkable
-class Surfaced(Protocol):
-    """An element with a surface that the handle can be behind; a run tells how deep it went."""
-
-    def penetration(self, position: float) -> float | None:
-        """Return the depth of the handle at `position` [m or rad], 0 outside; None where its values leave no surface.
-
-        Between two positions the depth is nowhere larger than at the deeper one of them.
-        """
-
-
-@runtime_checkable
-class Reserving(Protocol):
-    """An element whose memory holds a bounded energy."""
-
-    @property
-    def reserve(self) -> float:
-        """Largest energy that the memory can hold [J]."""
-
-
-@runtime_checkable
-class Active(Protocol):
-    """An element that may give energy that it never took."""
-
-    @property
-    def strongest(self) -> float:
-        """Largest force that it gives by itself [N or N·m]; 0 when its values make it passive."""
-
-
-@runtime_checkable
 class Varying(Element, Protocol):
     """An element without memory whose stiffness or damping depends on the position; it is judged at all places."""
 
@@ -277,51 +240,59 @@ class Varying(Element, Protocol):
         """
 
 
-@runtime_checkable
-class Incremental(Protocol):
-    """An element whose force never jumps, and that gives at most ½·L·Δx² more than it took in a move without delay."""
+class Abilities:
+    """All that an element may say of itself beyond its law, with what holds for one that does not say it.
 
-    @property
-    def increments(self) -> tuple[float, float] | None:
-        """Largest change of the force per move [N/m or N·m/rad], and per speed [N·s/m or N·m·s/rad]; None: it jumps."""
+    An element of any class says one of these by a member of that name: a field, a property or a method. Ask by `said`.
+    """
+
+    stored: Callable[..., float] | None = None
+    """Position [m or rad] → energy that the element gives back from there [J], from any zero; of a coupling, both
+    positions. None: the energy follows from more than the place. The energy ledger asks (`planning.energy`)."""
+    reserve: float | None = None
+    """Largest energy that the memory can hold [J]; None: not known. The energy ledger and the margins ask."""
+    strongest: float = 0.0
+    """Largest force that it gives by itself, without having taken energy [N or N·m]. The energy ledger asks."""
+    penetration: Callable[[float], float | None] | None = None
+    """Position [m or rad] → depth of the handle behind a surface [m or rad], 0 outside; between two positions nowhere
+    larger than at the deeper one. None: there is no surface, also where its values leave none. A run's travel asks."""
+    increments: tuple[float, float] | tuple[()] | None = ()
+    """Largest change of the force per move [N/m or N·m/rad], and per speed [N·s/m or N·m·s/rad]; None: it jumps. The
+    element gives at most ½·L·Δx² more than it took in a move without delay. (): only a linear model tells. The margins
+    for any hand ask (`margins.resting_points`)."""
+    phases: tuple[tuple[float, float], ...] = ()
+    """Stiffness [N/m or N·m/rad] and damping [N·s/m or N·m·s/rad] of each of the springs and dampers that it feels like
+    for a while; (0, 0) where it may be left. (): its linear model tells. The margins ask."""
+    by_event: bool = False
+    """Whether it gives no force but for a while after an event, such as a crossing of a position; such a force may come
+    a little late. The verdict on a run asks (`assessing.run_verdict`)."""
+    at_period: Callable[[float], AnyElement] | None = None
+    """Period of the loop [s] → the element with the parameter that follows from it; None: none does. A scene asks."""
+    stiffness: float = 0.0
+    """Largest local stiffness [N/m or N·m/rad]. The margins and settings ask."""
+    with_stiffness: Callable[[float], Any] | None = None
+    """Largest local stiffness [N/m or N·m/rad] → the element with its force scaled to it; None: `stiffness` is a
+    parameter, or does not change. Margins, settings and refusals ask."""
+    local: Callable[[float, float], Local] | None = None
+    """Two positions [m or rad] → bounds of force, stiffness and damping that hold at every place between them; it goes
+    with `places`. None: the force is read at places, or the linear model tells. The margins ask (`Varying`)."""
+    places: Callable[[float, float, float], tuple[float, ...]] | None = None
+    """Ends of the travel [m or rad], effort [N or N·m] → positions from edge to edge; it goes with `local`."""
 
 
-@runtime_checkable
-class Phased(Protocol):
-    """An element with a memory that feels like one of several springs and dampers, each for a while."""
+class _Said:
+    """What an element says, or else the default of `Abilities`."""
 
-    @property
-    def phases(self) -> tuple[tuple[float, float], ...]:
-        """Stiffness [N/m or N·m/rad] and damping [N·s/m or N·m·s/rad] of each; (0, 0) where it may be left."""
+    def __init__(self, element: object) -> None:
+        self._element = element
 
-
-@runtime_checkable
-class Eventful(Protocol):
-    """An element whose force may come from events alone; it may then come a little late (`assessing.run_verdict`)."""
-
-    @property
-    def by_event(self) -> bool:
-        """Whether it gives no force but for a while after an event, such as a crossing of a position."""
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._element, name, getattr(Abilities, name))
 
 
-@runtime_checkable
-class Paced(Protocol):
-    """An element with a parameter that follows from the period of the loop when it is left out."""
-
-    def at_period(self, period: float) -> Self:
-        """Return the element with that parameter filled in for this period [s]."""
-
-
-@runtime_checkable
-class Graded(Protocol):
-    """An element whose stiffness follows from its other parameters."""
-
-    @property
-    def stiffness(self) -> float:
-        """The largest local stiffness [N/m or N·m/rad]."""
-
-    def with_stiffness(self, stiffness: float) -> Self:
-        """Return the element with its force scaled to this largest local stiffness [N/m or N·m/rad]."""
+def said(element: object) -> Abilities:
+    """Return what an element says beyond its law; nothing is asked of the element before it is read."""
+    return cast(Abilities, _Said(element))
 
 
 def is_varying(element: object) -> TypeGuard[Varying]:
@@ -345,3 +316,25 @@ def is_sampled(element: Any) -> bool:
 def is_shipped(element: object) -> bool:
     """Return whether an element is one of this package."""
     return type(element).__module__.startswith("haptic_fieldbus.")
+
+
+if not TYPE_CHECKING:
+    FORMER = {
+        "Active": ("strongest",),
+        "Eventful": ("by_event",),
+        "Graded": ("stiffness", "with_stiffness"),
+        "Incremental": ("increments",),
+        "Paced": ("at_period",),
+        "Phased": ("phases",),
+        "Reserving": ("reserve",),
+        "Storing": ("stored",),
+        "Surfaced": ("penetration",),
+    }
+    """Deprecated names of 0.1, each for a class of elements that say this; `said` takes their place."""
+
+    def __getattr__(name):
+        """Return the runtime protocol of a former name."""
+        if name not in FORMER:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        members = dict.fromkeys(FORMER[name])
+        return runtime_checkable(new_class(name, (Protocol,), exec_body=lambda space: space.update(members)))

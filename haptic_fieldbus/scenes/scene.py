@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Paced
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, said
 from haptic_fieldbus.signals import Workspace
 
 
@@ -20,10 +20,6 @@ class SceneAxis:
 def axes_of(element: AnyElement) -> tuple[str, ...]:
     """Return the names of the axes that an element acts on: both for a coupling, else one."""
     return element.axes if isinstance(element, CouplingElement) else (cast(Element, element).axis,)
-
-
-def _paced(element: AnyElement, period: float) -> AnyElement:
-    return cast(AnyElement, element.at_period(period)) if isinstance(element, Paced) else element
 
 
 @dataclass(frozen=True)
@@ -56,10 +52,11 @@ class Scene:
         return axis not in {coupling.axes[1] for coupling in self.couplings} if told is None else told
 
     def at_period(self, period: float) -> "Scene":
-        """Return the scene for a loop of this period [s], which fills in the parameters of its `Paced` elements."""
-        if not any(isinstance(element, Paced) for element in self.elements):
+        """Return the scene for a loop of this period [s], which fills in the parameters that follow from it."""
+        if not any(said(element).at_period for element in self.elements):
             return self
-        return replace(self, elements=tuple(_paced(element, period) for element in self.elements))
+        paced = (fill(period) if (fill := said(element).at_period) else element for element in self.elements)
+        return replace(self, elements=tuple(paced))
 
     @property
     def couplings(self) -> tuple[CouplingElement, ...]:

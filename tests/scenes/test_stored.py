@@ -10,12 +10,7 @@ import scipy.integrate
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.coupling import Coupling
-from haptic_fieldbus.scenes.element import (
-    Active,
-    AnyElement,
-    Reserving,
-    Storing,
-)
+from haptic_fieldbus.scenes.element import AnyElement, said
 from haptic_fieldbus.scenes.registry import ELEMENTS, kind_of
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.texture import Texture
@@ -40,22 +35,22 @@ PLACES = np.linspace(-0.06, 0.06, 25)
 PERIOD = 1e-3
 
 
-def of_kind(kind: Any) -> list[str]:
-    return [name for name, element in {**LIBRARY, **MORE}.items() if isinstance(element, kind)]
+def that_say(ability: str) -> list[str]:
+    return [name for name, element in {**LIBRARY, **MORE}.items() if hasattr(element, ability)]
 
 
 @every("kind", ELEMENTS)
 def test_each_kind_states_its_energy_or_is_known_to_remember(kind: str) -> None:
     found = [element for element in LIBRARY.values() if kind_of(type(element)) == kind]
     assert found, f"no scene of the library has a {kind}; add one, so that its energy is tested"
-    states = any(
-        isinstance(each, Storing | Reserving) or (isinstance(each, Active) and each.strongest) for each in found
-    )
+    states = any(said(each).stored or said(each).reserve is not None or said(each).strongest for each in found)
     assert states == (kind not in REMEMBERS)
 
 
 @pytest.mark.thorough("quadrature of each", quick=4)
-@pytest.mark.parametrize("name", [name for name in of_kind(Storing) if "coupling" not in name and "shaft" not in name])
+@pytest.mark.parametrize(
+    "name", [each for each in that_say("stored") if "coupling" not in each and "shaft" not in each]
+)
 def test_what_is_stored_is_the_work_that_the_force_takes(name: str) -> None:
     """Of a handle at rest from place to place; tissue that flows stores at most what its springs would."""
     element = cast(Any, {**LIBRARY, **MORE}[name])
@@ -71,7 +66,7 @@ def test_what_is_stored_is_the_work_that_the_force_takes(name: str) -> None:
 
 
 @pytest.mark.thorough("motions at random, for each", quick=1)
-@pytest.mark.parametrize("name", of_kind(Reserving))
+@pytest.mark.parametrize("name", that_say("reserve"))
 def test_a_memory_gives_back_no_more_than_its_reserve(name: str) -> None:
     """On motions of small steps at random, from any moment on; the half square of a step is the leak of its hold."""
     element, random = cast(Any, LIBRARY[name]), np.random.default_rng(7)
@@ -104,7 +99,7 @@ def test_what_a_coupling_stores_is_the_work_of_both_of_its_forces(coupling: Coup
         assert coupling.stored(a1, b1) - coupling.stored(a0, b0) == pytest.approx(-work, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", of_kind(Active))
+@pytest.mark.parametrize("name", that_say("strongest"))
 def test_no_active_element_is_stronger_than_it_says(name: str) -> None:
     element = cast(Any, LIBRARY[name])
     if hasattr(element, "force") and element.strongest:
