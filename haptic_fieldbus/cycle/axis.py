@@ -398,11 +398,9 @@ class AxisCycle:
         still = 1e-9 * (t_ns - self.state.moved_ns)
         if self._standstill is not None and still > STILL:
             self._standstill.look(t_ns)
-        if still > self._axis.limits.stall:
-            self._check_stall()
-
-    def _check_stall(self) -> None:
-        """Counts that stood still under torque for long: a hand that leans, or an encoder that lies; less will do."""
+        if still <= self._axis.limits.stall:
+            return
+        # A hand that leans, or an encoder that lies; less will do.
         effort, holding = self.state.target * self._axis.effort_unit, self._axis.limits.holding
         if abs(effort) > holding and self.permission.cap > holding:
             self.permission.cap_at(holding, math.copysign(1.0, effort))

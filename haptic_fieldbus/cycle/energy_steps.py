@@ -51,7 +51,10 @@ class _Side:
             shift, self.shift = self.shift, self.port.permission.shift
             self.way -= self.shift - shift
         if self.by_law and state.steps > 1:
-            return self._led()
+            # The way of several periods, through which the law was led; nothing leaks on it.
+            self.acting, self.changed = state.led_force, 0.0
+            self.sent = deque([self.acting] * len(self.sent))
+            return state.led_work
         self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
         self.acting = acting = self.sent.pop()
         self.changed = changed = acting - before
@@ -68,12 +71,6 @@ class _Side:
             return terms.damping
         shift = self.port.permission.shift
         return terms.damping_between(min(self.places) - shift, max(self.places) - shift)
-
-    def _led(self) -> float:
-        """Take in a way of several periods, through which the law was led; nothing leaks on it."""
-        self.acting, self.changed = self.port.state.led_force, 0.0
-        self.sent = deque([self.acting] * len(self.sent))
-        return self.port.state.led_work
 
 
 def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:

@@ -171,12 +171,10 @@ def is_placed(element: Element) -> bool:
 
 def is_static(element: Element) -> bool:
     """Return whether the force at rest follows from the place, or does not depend on it."""
-    return not is_placed(element) or (isinstance(element, StaticElement) and not _timed(element))
-
-
-def _timed(element: Element) -> bool:
-    """Return whether an element takes more than position and velocity, so that it has no force at rest at a place."""
-    return bool({*element.needs} - {Signal.POSITION, Signal.VELOCITY})
+    if not is_placed(element):
+        return True
+    # An element that takes more than position and velocity has no force at rest at a place.
+    return isinstance(element, StaticElement) and {*element.needs} <= {Signal.POSITION, Signal.VELOCITY}
 
 
 def has_say(element: Element) -> bool:

@@ -153,11 +153,6 @@ def _power(trip: Trip, axis: AxisPlan) -> str:
     return f"node {axis.node} went to {trip.detail} by itself (statusword {int(trip.value):04X}h)"
 
 
-def _feedback(trip: Trip, axis: AxisPlan) -> str:
-    # The value of this trip is the age of the feedback [s].
-    return f"no feedback from node {axis.node}: the last is {rounded(1e3 * trip.value)} ms old"
-
-
 def _too_often(trip: Trip, axis: AxisPlan) -> str:
     return (
         f"{percent(trip.value)} of the feedback of node {axis.node} was lost within a second, which divides the "
@@ -174,14 +169,6 @@ def _missed(trip: Trip, axis: AxisPlan) -> str:
         f"the loop missed {percent(trip.value)} of the periods of a second, which divides the stiffness that is "
         f"stable by {trip.detail}: {advice}"
     )
-
-
-def _clock(trip: Trip, axis: AxisPlan) -> str:
-    return f"the time of a sample lies {rounded(-1e3 * trip.value)} ms before that of the one before"
-
-
-def _failed(trip: Trip, axis: AxisPlan) -> str:
-    return f"the scene failed: {trip.detail}"
 
 
 def _start(trip: Trip, axis: AxisPlan) -> str:
@@ -206,10 +193,6 @@ def _acceleration(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
-def _exceeded_power(trip: Trip, axis: AxisPlan) -> str:
-    return f"power {rounded(trip.value)} W, the limit is {rounded(trip.limit or 0.0)} W"
-
-
 def _energy(trip: Trip, axis: AxisPlan) -> str:
     return (
         f"the scene gave the hand {rounded(1e3 * trip.value)} mJ more than it had stored and the loop may leak, the "
@@ -231,10 +214,6 @@ def _held(trip: Trip, axis: AxisPlan) -> str:
         f"stored and {rounded(1e3 * HELD_POWER)} mW; the limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. Look for "
         "what loses feedback"
     )
-
-
-def _not_finite(trip: Trip, axis: AxisPlan) -> str:
-    return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
 
 def _limit(trip: Trip) -> str:
@@ -324,19 +303,26 @@ def _drift(trip: Trip, axis: AxisPlan) -> str:
 
 Cause = Callable[[Trip, AxisPlan], str]
 """Function that words the cause of a trip, as a part of a sentence."""
+# The value of a trip by missing feedback is its age [s].
 CAUSES: dict[TripKind, Cause] = {
     **{kind: partial(_told_by_bus, flag) for flag, kind in LINK_TRIPS.items()},
     TripKind.DRIVE_FAULT: _power,
     TripKind.DRIVE_DISABLED: _power,
-    TripKind.FEEDBACK_LOST: _feedback,
+    TripKind.FEEDBACK_LOST: lambda trip, axis: (
+        f"no feedback from node {axis.node}: the last is {rounded(1e3 * trip.value)} ms old"
+    ),
     TripKind.FEEDBACK_SPARSE: _too_often,
     TripKind.PERIODS_MISSED: _missed,
-    TripKind.CLOCK: _clock,
-    TripKind.NOT_FINITE: _not_finite,
-    TripKind.ELEMENT_FAILED: _failed,
+    TripKind.CLOCK: lambda trip, axis: (
+        f"the time of a sample lies {rounded(-1e3 * trip.value)} ms before that of the one before"
+    ),
+    TripKind.NOT_FINITE: lambda trip, axis: (
+        f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
+    ),
+    TripKind.ELEMENT_FAILED: lambda trip, axis: f"the scene failed: {trip.detail}",
     TripKind.START_FORCE: _start,
     TripKind.ACCELERATION: _acceleration,
-    TripKind.POWER: _exceeded_power,
+    TripKind.POWER: lambda trip, axis: f"power {rounded(trip.value)} W, the limit is {rounded(trip.limit or 0.0)} W",
     TripKind.ENERGY: _energy,
     TripKind.FORGIVEN: _forgiven,
     TripKind.HELD: _held,

@@ -29,15 +29,6 @@ if TYPE_CHECKING:
 # The elements of an axis in sustained contact as one discrete environment, with one stiffness that varies.
 
 Kind = TypeVar("Kind", bound=AnyElement)
-_fulfilled: dict[tuple[type, type], bool] = {}
-
-
-def fulfils(element: AnyElement, protocol: type) -> bool:
-    """Return whether an element fulfils a protocol, found once for its class: `isinstance` looks at every member."""
-    key = type(element), protocol
-    if key not in _fulfilled:
-        _fulfilled[key] = isinstance(element, protocol)
-    return _fulfilled[key]
 
 
 def stiffness_of(element: AnyElement) -> float:

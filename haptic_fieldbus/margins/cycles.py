@@ -1,34 +1,41 @@
-"""Limit cycles predicted by describing functions: chatter over the edge of an encoder count, and saturated torque.
+"""Chatter over the edge of an encoder count: predicted by a describing function, and what is proved of it.
 
 The environment's force is multiplied by the gain ν of the nonlinearity. When the loop with ν is on the border of
 stability, it oscillates at the frequency of its critical eigenvalue, with the amplitude at which the gain is ν.
 
-- A handle pressed against a wall, between two counts: encoder and wall are a relay with ν(A) = 2·D/(π·A). Without
-  Coulomb friction such a cycle always exists. Friction acts as damping 4·fc/(π·ω·A), and ends the cycle for stiffnesses
-  up to about K = 2·fc/D.
-- Saturated torque: ν falls from 1 as A grows. If the loop becomes stable as ν falls, chatter settles at that amplitude.
-  If it becomes unstable, motions larger than that amplitude grow although small motions decay.
+A handle pressed against a wall, between two counts: encoder and wall are a relay with ν(A) = 2·D/(π·A). Without Coulomb
+friction such a cycle always exists. Friction acts as damping 4·fc/(π·ω·A), and ends the cycle for stiffnesses up to
+about K = 2·fc/D. (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill
+1968, appendix B.)
 
-The predictions are estimates, as good as the loop is a low-pass filter, and no bounds. Over the edge of a count several
+The prediction is an estimate, as good as the loop is a low-pass filter, and no bound. Over the edge of a count several
 cycles exist beside each other: from rest the one told here is found within 20 % where it lasts 24 samples or more,
-after a knock another one. What is proved of chatter, and the largest that is found, is in `chatter`.
+after a knock another one.
+
+Proof. The rounding of a step D changes the force of a spring K by at most K·D/2, so the motor gives at most
+
+    ∫f·v ≤ b_K·∫v² + (K·D/2)·∫|v|,   b_K = ½·K·(g + √(g² + S)), g = T/2 + td + λ
+
+(`passivity`; about K·(T/2 + td)). The device takes b·∫v² + fc·∫|v|. In a motion that repeats itself both are equal, so
+that where b > b_K
+
+    ∫v²/∫|v| ≤ (K·D/2 − fc)/(b − b_K),
+
+and nothing moves where fc ≥ K·D/2. With a device that damps less there is no bound.
 """
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptic_fieldbus.margins.linear import limit_of
+from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.margins.plant import Plant, sample
-from haptic_fieldbus.numerics import describing, sampled
+from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.passivity import frequency_response
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
-GAINS = np.geomspace(1.0, 1e-3, 121)
-"""Gains ν of the saturation between which a change of stability is searched, in falling order."""
 MOST_DAMPING = 1e6
 """Largest damping that friction may act like, as a multiple of the device's own or of m/T; beyond it is no cycle."""
 
@@ -72,7 +79,7 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
 
     def lacking(damping: float) -> float:
         amplitude, turn = cycle(damping)
-        return plant.damping + describing.coulomb(amplitude, turn, plant.coulomb) - damping
+        return plant.damping + 4.0 * plant.coulomb / (math.pi * turn * amplitude) - damping
 
     # Find the damping that equals the device's own plus that of friction in the cycle which this damping leaves.
     low = high = plant.damping
@@ -89,33 +96,12 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
     return LimitCycle(amplitude, turn, attracts=True) if math.isfinite(amplitude) else None
 
 
-def saturated_cycles(
-    plant: Plant, period: float, delay: float, environment: StateSpace, force: float
-) -> tuple[LimitCycle, ...]:
-    """Return the cycles of a two-sided contact whose force saturates at `force` [N or N·m], the smallest first."""
-    device = sample(plant, period, delay)
-    return tuple(_saturated(device, period, environment, force))
+def chatter_speed(plant: Plant, period: float, delay: float, stiffness: float) -> float:
+    """Return the largest ∫v²/∫|v| of a motion that repeats itself at a spring [m/s or rad/s]; times in s.
 
-
-def _saturated(device: SampledPlant, period: float, environment: StateSpace, force: float) -> Iterator[LimitCycle]:
-    def excess(gain: float) -> float:
-        return sampled.growth(device, sampled.scaled(environment, gain)) - 1.0
-
-    values = [excess(gain) for gain in GAINS.tolist()]
-    # Each pair of neighbouring gains with a change of stability between them gives a cycle.
-    for above, below, before, after in zip(GAINS[:-1], GAINS[1:], values[:-1], values[1:], strict=True):
-        if before > 0.0 >= after or before <= 0.0 < after:
-            gain = _border(excess, float(above), float(below))
-            turn = _frequency(device, sampled.scaled(environment, gain), period)
-            stiffness = float(np.abs(frequency_response(environment, np.array([turn * period])))[0])
-            amplitude = describing.saturated_amplitude(gain, force) / stiffness
-            yield LimitCycle(amplitude, turn, attracts=before > 0.0)
-
-
-def _border(excess: Callable[[float], float], above: float, below: float) -> float:
-    """Return the gain between two gains at which `excess` changes its sign."""
-    grows = excess(above) > 0.0
-    for _ in range(50):
-        middle = 0.5 * (above + below)
-        above, below = (middle, below) if (excess(middle) > 0.0) is grows else (above, middle)
-    return 0.5 * (above + below)
+    0 where friction bridges half a count and damping suffices, ∞ where no bound is proved.
+    """
+    needed = Increments(stiffness, 0.0).damping_needed(period, delay, plant.torque_lag)
+    if plant.damping <= needed:
+        return math.inf
+    return max(0.5 * stiffness * plant.resolution - plant.coulomb, 0.0) / (plant.damping - needed)

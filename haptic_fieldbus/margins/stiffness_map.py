@@ -10,7 +10,7 @@ with both growths. It counts as unstable only by its other eigenvalues.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -143,12 +143,8 @@ def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Sti
     return StiffnessMap(
         np.array(grid),
         survey(elements, [(place, place) for place in grid]),
-        survey(elements, list(_neighbours(edges))),
+        survey(elements, [(low, high) for low, high in pairwise(edges) if low < high]),
     )
-
-
-def _neighbours(edges: Sequence[float]) -> Iterable[Interval]:
-    return ((low, high) for low, high in pairwise(edges) if low < high)
 
 
 MOST_ALIKE = 12
@@ -354,7 +350,8 @@ class Places(StateSpace):
         stiffness, damping = self.stiffness[self._tried], self.damping[self._tried]
         if len(stiffness) == 1 and stiffness[0] >= 0.0:
             return np.array([sampled.growth(device, together.at(float(stiffness[0]), float(damping[0])))])
-        free, springs, dampers = _matrices(device, together)
+        free = sampled.loop_matrix(device, together.free)
+        springs, dampers = (sampled.loop_matrix(device, each) - free for each in (together.spring, together.damper))
         modes = np.linalg.eigvals(free + stiffness[:, None, None] * springs + damping[:, None, None] * dampers)
         moduli = np.abs(modes)
         # On a crest the ideal grows too: the largest real eigenvalue above 1 does not count.
@@ -369,12 +366,5 @@ class Places(StateSpace):
 
 
 @lru_cache(maxsize=64)
-def _matrices(device: SampledPlant, together: ParallelStates) -> tuple[Array, Array, Array]:
-    """Return the loop's matrix without spring and damper, and what a unit of either adds, (m, m) each."""
-    free = sampled.loop_matrix(device, together.free)
-    springs, dampers = (sampled.loop_matrix(device, each) - free for each in (together.spring, together.damper))
-    return free, springs, dampers
-
-
 def _known(position: float) -> float | None:
     return None if math.isnan(position) else float(position)

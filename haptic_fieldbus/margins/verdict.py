@@ -119,6 +119,12 @@ class Stability:
         """Return the judgement as JSON values, with null for a limit or margin that is not finite."""
         least = self.cautious
         limits = asdict(self.stiffness_limit) | {"cautious": None if least is None else least.stable}
+        # The values of the cautious limit, one object for each axis; the places at the values of rig and profile.
+        values = [{}] if least is None else [each.to_json() for each in least.judged_at]
+        places = {
+            name: None if place is None else place.to_json()
+            for name, place in (("place", self.place), ("crest", self.crest))
+        }
         return {
             "period_s": self.period_s,
             "delay_s": self.delay_s,
@@ -126,21 +132,12 @@ class Stability:
             "stiffness": self.stiffness,
             "damping": self.damping,
             "stiffness_limit": {name: _finite(value) for name, value in limits.items()},
-            "judged_at": [{**each, **self._places_json()} for each in self._values_json()],
+            "judged_at": [{**each, **places} for each in values],
             "spectral_radius": self.spectral_radius,
             "margin": _finite(self.margin),
             "verdict": self.verdict.value,
             "own_laws": [law.to_json() for law in self.own_laws],
         }
-
-    def _values_json(self) -> list[dict[str, float]]:
-        """Return the values of the cautious limit, one object for each axis; an empty one without such a limit."""
-        return [{}] if self.cautious is None else [each.to_json() for each in self.cautious.judged_at]
-
-    def _places_json(self) -> dict[str, object]:
-        """Return the worst place and the crest, at the values of rig and profile."""
-        places = {"place": self.place, "crest": self.crest}
-        return {name: None if place is None else place.to_json() for name, place in places.items()}
 
 
 def _finite(value: float | None) -> float | None:

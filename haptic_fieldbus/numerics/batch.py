@@ -302,7 +302,14 @@ class Running:
         self._inner = [zero.copy() for _ in range(loops.b.shape[1])]
         # Newest first. With n whole periods of delay F_{k−n} and F_{k−n−1} act, hence n + 2.
         self._forces = [zero.copy() for _ in range(self._whole + 2)]
-        self._rows = None if loops.coulomb.any() else [_terms(row) for row in _maps(loops, self._rest)]
+        self._rows = (
+            None
+            if loops.coulomb.any()
+            else [
+                [(place, factor) for place, factor in enumerate(row) if factor.any()]
+                for row in _maps(loops, self._rest)
+            ]
+        )
         self._step = np.where(loops.resolution > 0.0, loops.resolution, 1.0)
         self._is_ideal = loops.resolution == 0.0
 
@@ -354,11 +361,6 @@ class Running:
 
 
 Terms = list[tuple[int, Array]]
-
-
-def _terms(row: list[Array]) -> Terms:
-    """Return (place, factor) of the factors that are not zero everywhere."""
-    return [(place, factor) for place, factor in enumerate(row) if factor.any()]
 
 
 def _sum(terms: Terms, known: tuple[Array, ...]) -> Array:

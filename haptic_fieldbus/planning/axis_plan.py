@@ -170,7 +170,8 @@ def draft_axis(
             f"--axis {scene_axis.name}=NAME renders it on another one"
         )
     profile = profiles[axis.profile]
-    _check_usable(profile)
+    if not profile.drive.usable:  # it only documents why its drive cannot render force
+        raise PlanError(f"{profile.title} is not usable for force: {profile.sources.get('drive.usable', profile.name)}")
     _check_workspace(scene, scene_axis, axis)
     _check_zero(scene_axis.name, rig, profile)
     check_guarded(scene_axis.name, profile, axis)
@@ -211,12 +212,6 @@ def draft_axis(
         sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
         bus_name=protocol.bus_name(rig.bus[axis.bus]).text,
     )
-
-
-def _check_usable(profile: DriveProfile) -> None:
-    """Refuse a profile that only documents why its drive cannot render force."""
-    if not profile.drive.usable:
-        raise PlanError(f"{profile.title} is not usable for force: {profile.sources.get('drive.usable', profile.name)}")
 
 
 def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None:

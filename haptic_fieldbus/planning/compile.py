@@ -193,13 +193,9 @@ def _together(
 ) -> dict[str, BusTraffic]:
     """Return the traffic of each bus, whose feedback waits so long for that of other buses [s]."""
     if rate is None and len(buses) > 1:
-        rate = _common_rate([bus.ways(None, waits[name])[0].rate for name, bus in buses.items()])
+        slowest = min(bus.ways(None, waits[name])[0].rate for name, bus in buses.items())
+        rate = 1e3 / math.ceil(1e3 / slowest)  # a period in whole milliseconds, which every drive can take
     return _stiffest({name: bus.ways(rate, waits[name]) for name, bus in buses.items()}, drafts_at)
-
-
-def _common_rate(rates: Sequence[float]) -> float:
-    """Return the rate of several buses [Hz]; its period is in whole milliseconds, which every drive can take."""
-    return 1e3 / math.ceil(1e3 / min(rates))
 
 
 def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> dict[str, BusTraffic]:

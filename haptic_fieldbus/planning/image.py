@@ -142,7 +142,7 @@ class WireCodec:
         fields, own = values[: self._fields], values[self._fields :]
         octets = [b""] * len(own)
         for place, value in zip(self._places, own, strict=True):
-            octets[place] = _to_wire(self._signals[place], value)
+            octets[place] = _turned(self._signals[place], self._signals[place].type.pack(value))
         return self._struct.pack(*fields, *octets)
 
     def pack_into(self, buffer: bytearray, offset: int, *values: int) -> None:
@@ -153,16 +153,8 @@ class WireCodec:
 
     def unpack_from(self, buffer: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
         found = self._struct.unpack_from(buffer, offset)
-        octets = found[self._fields :]
-        return (*found[: self._fields], *[_from_wire(self._signals[place], octets[place]) for place in self._places])
-
-
-def _to_wire(mapped: MappedSignal, value: int) -> bytes:
-    return _turned(mapped, mapped.type.pack(value))
-
-
-def _from_wire(mapped: MappedSignal, octets: bytes) -> int:
-    return mapped.type.unpack(_turned(mapped, octets))
+        own = [(self._signals[place], found[self._fields + place]) for place in self._places]
+        return (*found[: self._fields], *[mapped.type.unpack(_turned(mapped, octets)) for mapped, octets in own])
 
 
 def _turned(mapped: MappedSignal, octets: bytes) -> bytes:

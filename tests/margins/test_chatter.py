@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.margins.chatter import STARTS, chatter_speed, largest_chatter
-from haptic_fieldbus.margins.cycles import edge_chatter
+from haptic_fieldbus.margins.cycles import chatter_speed, edge_chatter
+from haptic_fieldbus.numerics.batch import Running, loops
 from tests.loops import LAG, PERIOD, wall
 from tests.margins.events import Bench
 from tests.margins.laws import Array, Condition, Law
 
 STEP = 1e-5
+STARTS = (0.0, 0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0)
+"""Speeds of the knocks from which cycles are looked for, in steps of the encoder per period."""
+SETTLED, WATCHED = 15_000, 1000
+"""Periods until a cycle has settled, and periods in which its amplitude is read."""
 
 
 def weighted_speed(plant: Plant, delay: float, stiffness: float, speeds: Array) -> Array:
@@ -54,6 +58,26 @@ def test_no_motion_that_lasts_is_faster_than_the_bound(seed: int) -> None:
     bound = chatter_speed(plant, PERIOD, delay, float(stiffness))
     found = weighted_speed(plant, delay, float(stiffness), np.array(STARTS) * STEP / PERIOD)
     assert (found <= 1.02 * bound + 1e-9).all()
+
+
+def largest_chatter(plant: Plant, period: float, delay: float, stiffness: float, damping: float = 0.0) -> float:
+    """Return the largest amplitude [m or rad] of a handle pressed to the edge of a count, found from `STARTS`.
+
+    The contact is a spring with a damper by backward difference; times in s.
+    """
+    step = plant.resolution
+    many = loops(
+        mass=plant.mass, damping=plant.damping, period=period, delay=delay, stiffness=stiffness,
+        virtual_damping=damping, resolution=step, coulomb=plant.coulomb, push=1.5 * stiffness * step,
+        position=1.5 * step, velocity=[start * step / period for start in STARTS],
+    )  # fmt: skip
+    running = Running(many)
+    running.advance(SETTLED)
+    least, most = np.full(len(STARTS), math.inf), np.full(len(STARTS), -math.inf)
+    for _ in range(WATCHED):
+        running.advance(1)
+        least, most = np.minimum(least, running.state[0]), np.maximum(most, running.state[0])
+    return float((most - least).max()) / 2.0
 
 
 @pytest.mark.thorough("searches two loops from 9 starts", quick=0)

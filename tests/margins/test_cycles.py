@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant, quantisation_limit
-from haptic_fieldbus.margins.cycles import LimitCycle, edge_chatter, saturated_cycles
-from haptic_fieldbus.numerics.batch import Loops, Running, loops, run
-from haptic_fieldbus.numerics.describing import saturated_amplitude
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.margins.cycles import edge_chatter
+from haptic_fieldbus.numerics.batch import Loops, Running, loops
 from tests.loops import PERIOD, Array, wall
 
 STEP = 1e-5
@@ -88,69 +86,3 @@ class TestChatterOverTheEdgeOfACount:
         assert edge_chatter(Plant(0.63, 1.58), PERIOD, 0.0, wall(600.0)) is None
         assert edge_chatter(Plant(0.63, 1.58, 0.0, STEP), PERIOD, 0.0, wall(6000.0)) is None
         assert edge_chatter(Plant(0.63, 0.0, 0.0, STEP), PERIOD, 0.0, wall(600.0)) is None
-
-
-class TestSaturation:
-    @pytest.mark.thorough("2 cases of one rule", quick=1)
-    @pytest.mark.parametrize(("stiffness", "damping"), [(3000.0, 0.0), (6000.0, 2.0)])
-    def test_bounds_the_chatter_of_an_unstable_wall(self, stiffness: float, damping: float) -> None:
-        plant = Plant(0.63, 1.58)
-        (found,) = saturated_cycles(plant, PERIOD, 0.3e-3, wall(stiffness, damping), 5.0)
-        assert found.attracts
-        many = loops(
-            mass=0.63, damping=1.58, period=PERIOD, delay=0.3e-3, stiffness=stiffness, virtual_damping=damping,
-            saturation=5.0, position=1e-4,
-        )  # fmt: skip
-        amplitude, turn = measured(motion(many, 12_000, 800))
-        assert amplitude == pytest.approx(found.amplitude, rel=0.1)
-        assert turn == pytest.approx(found.angular_frequency, rel=0.1)
-
-    def test_does_nothing_to_a_wall_that_is_stable_at_every_smaller_force_too(self) -> None:
-        assert saturated_cycles(Plant(0.63, 1.58), PERIOD, 0.3e-3, wall(1000.0), 5.0) == ()
-
-    def test_lets_large_motions_grow_where_less_force_is_unstable(self) -> None:
-        """With an integral Q beside K and B the loop is stable where b + ν·B > m·Q/K, all forces taken ν times."""
-        plant, limit = Plant(0.5, 2.0), 5.0
-        (found,) = saturated_cycles(plant, PERIOD, 0.0, with_integral(400.0, 30.0, 9600.0), limit)
-        assert not found.attracts
-        gain = (0.5 * 9600.0 / 400.0 - 2.0) / 30.0
-        turn = math.sqrt(gain * 400.0 / 0.5)
-        assert found.angular_frequency == pytest.approx(turn, rel=0.02)
-        stiffness = abs(400.0 + 30.0j * turn + 9600.0 / (1j * turn))
-        assert found.amplitude == pytest.approx(saturated_amplitude(gain, limit) / stiffness, rel=0.02)
-        starts = [0.5 * found.amplitude, 2.0 * found.amplitude]
-        many = loops(
-            mass=0.5, damping=2.0, period=PERIOD, saturation=limit, position=starts,
-            environments=[with_integral(400.0, 30.0, 9600.0)] * 2,
-        )  # fmt: skip
-        small, large = run(many, 4000).growth
-        assert small < 0.1
-        assert large > 10.0
-
-    def test_cycles_are_listed_by_size(self) -> None:
-        found = saturated_cycles(Plant(0.63, 1.58), PERIOD, 0.3e-3, wall(3000.0), 5.0)
-        assert all(isinstance(cycle, LimitCycle) for cycle in found)
-        assert sorted(cycle.amplitude for cycle in found) == [cycle.amplitude for cycle in found]
-
-
-def with_integral(spring: float, damper: float, integral: float) -> StateSpace:
-    """F = −K·x − B·(x − x before)/T − Q·Σx·T; states: the sum, and the position before."""
-    a, b = np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[PERIOD], [1.0]])
-    c, d = np.array([[-integral, damper / PERIOD]]), np.array([[-spring - damper / PERIOD]])
-    return StateSpace(a, b, c, d)
-
-
-def test_locally_stable_means_that_small_motions_stick_and_large_ones_grow() -> None:
-    """Diolaiti et al.: friction bridges a count, and takes less of large motions than the sampled spring gives."""
-    stiffness = 6000.0
-    plant = Plant(0.63, 1.58, 1.2 * 0.5 * stiffness * STEP, STEP)
-    assert plant.damping < 0.5 * stiffness * PERIOD
-    assert stiffness < (quantisation_limit(plant) or 0.0)
-    many = loops(
-        mass=plant.mass, damping=plant.damping, coulomb=plant.coulomb, resolution=STEP, period=PERIOD,
-        stiffness=stiffness, position=[1.3 * STEP, 2000 * STEP],
-    )  # fmt: skip
-    running = Running(many)
-    first, last = running.advance(200), [running.advance(200) for _ in range(10)][-1]
-    assert running.state[1][0] == 0.0
-    assert last[1] > 4.0 * first[1]

@@ -14,7 +14,8 @@ from haptic_fieldbus.numerics.estimators.tachometer import (
     bind_position,
 )
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.transfer import TransferFunction, substituted, transfer_function
+from haptic_fieldbus.numerics.transfer import TransferFunction, transfer_function
+from tests.numerics.substitution import substituted
 
 PERIOD = 1e-3
 STEP = 0.004

@@ -14,16 +14,14 @@ from haptic_fieldbus.numerics.estimators import discrete as estimator_system
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.transfer import (
-    RULES,
     TransferFunction,
-    bind_difference_equation,
     difference_equation,
     fraction,
-    substituted,
     transfer_function,
 )
 from tests.cases import every
 from tests.lanes import examples
+from tests.numerics.substitution import RULES, bind_difference_equation, substituted
 from tests.numerics.systems import DAMPED, GROUNDED, SPACES, sprung_mass
 
 AGREE = 1e-12

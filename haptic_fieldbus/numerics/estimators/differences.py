@@ -121,10 +121,6 @@ def _smoothed(period: float, pole: float, order: int) -> StateSpace:
     return StateSpace(a, b, through[None].copy(), np.array([[direct]]))
 
 
-def _smoothed_noise_gain(pole: float, period: float) -> float:
-    return (1.0 - pole) / period * math.sqrt(2.0 / (1.0 + pole))
-
-
 def _pole(setup: EstimatorSetup) -> float:
     return POLES[setup.word("mapping")](setup.number("tau"), setup.period)
 
@@ -173,7 +169,7 @@ FILTERED_DERIVATIVE = Estimator(
     "s/(τs + 1), its s mapped to z",
     start=lambda setup: _start_smoothed(setup.period, _pole(setup), 1),
     system=lambda setup: _smoothed(setup.period, _pole(setup), 1),
-    noise_gain=lambda setup: _smoothed_noise_gain(_pole(setup), setup.period),
+    noise_gain=lambda setup: (1.0 - _pole(setup)) / setup.period * math.sqrt(2.0 / (1.0 + _pole(setup))),
     delay=lambda setup: setup.period * (0.5 + _pole(setup) / (1.0 - _pole(setup))),
     parameters=(
         Parameter("tau", 0.002, "time constant", "s", highest=10.0),

@@ -75,11 +75,6 @@ def _nothing(setup: EstimatorSetup) -> None:
     """Accept any values: they need no check beyond their own limits."""
 
 
-def _backward_difference(setup: EstimatorSetup) -> str:
-    """Return the linear estimator with the least delay."""
-    return "backward-difference"
-
-
 @dataclass(frozen=True)
 class Estimator:
     """An estimator in several forms: the step that the loop runs, the linear system, and closed-form figures."""
@@ -97,7 +92,7 @@ class Estimator:
     parameters: tuple[Parameter, ...] = ()
     check: Callable[[EstimatorSetup], None] = _nothing
     """Function that raises UsageError for parameters that do not fit each other or the period."""
-    stand_in: Callable[[EstimatorSetup], str] = _backward_difference
+    stand_in: Callable[[EstimatorSetup], str] = lambda setup: "backward-difference"
     """Function that returns the linear estimator, as it is written, by which stability is judged without a system."""
     timed: bool = False
     """True when the step takes the time of the sample [ns] beside the position."""

@@ -25,7 +25,7 @@ import numpy as np
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.estimators.differences import shift_register
 from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix
 
 ROUNDING = 1e-12
 """Share of the position that is added to the band, so that rounding does not split a straight line at a band of 0."""
@@ -58,10 +58,6 @@ def _start_least_squares(setup: EstimatorSetup) -> Estimate:
     return step
 
 
-def _least_squares(setup: EstimatorSetup) -> StateSpace:
-    return shift_register(_weights(setup))
-
-
 def _check_order(setup: EstimatorSetup) -> None:
     if setup.whole("window") <= setup.whole("order"):
         raise UsageError(
@@ -87,10 +83,6 @@ Slope = Callable[[int], tuple[float, float, float]]
 
 With w_j the move over the last j periods, they are those of (w_i, Σ w_j, Σ j·w_j), with the sums from j = 1 to i.
 """
-
-
-def _chord(i: int) -> tuple[float, float, float]:
-    return (1.0 / i, 0.0, 0.0)
 
 
 def _best(i: int) -> tuple[float, float, float]:
@@ -133,7 +125,7 @@ LEAST_SQUARES = Estimator(
     "least-squares",
     "slope of a polynomial through the last positions",
     start=_start_least_squares,
-    system=_least_squares,
+    system=lambda setup: shift_register(_weights(setup)),
     noise_gain=_line_noise_gain,
     delay=_line_delay,
     parameters=(
@@ -145,7 +137,7 @@ LEAST_SQUARES = Estimator(
 FOAW_END_FIT = Estimator(
     "foaw-end-fit",
     "chord over the longest window that is straight within a count",
-    start=lambda setup: _start_adaptive(setup, _chord),
+    start=lambda setup: _start_adaptive(setup, lambda i: (1.0 / i, 0.0, 0.0)),
     stand_in=lambda setup: f"moving-average:window={setup.whole('window')}",
     parameters=(WINDOW, BAND),
 )

@@ -38,18 +38,6 @@ GrowthMinusOne = Callable[[Matrix], Matrix]
 """Function R(X) − 1 of a square matrix; without the 1 it keeps the digits of a tiny period."""
 
 
-def _forward(x: Matrix) -> Matrix:
-    return x
-
-
-def _backward(x: Matrix) -> Matrix:
-    return _solve(np.eye(len(x)) - x, x)
-
-
-def _trapezoid(x: Matrix) -> Matrix:
-    return _solve(np.eye(len(x)) - 0.5 * x, x)
-
-
 def _runge_kutta(x: Matrix) -> Matrix:
     """Return R(x) − 1 = x·(1 + x/2·(1 + x/3·(1 + x/4)))."""
     identity = np.eye(len(x))
@@ -80,10 +68,6 @@ def _discretiser(increment_of: GrowthMinusOne, degree: int) -> Callable[[StateSp
     return discretise
 
 
-def _on_an_oscillator(growth: Callable[[complex], complex]) -> Callable[[float], float]:
-    return lambda h: abs(growth(complex(0.0, h)))
-
-
 def _method(
     name: str,
     order: int,
@@ -102,7 +86,7 @@ def _method(
         inputs="u_n, u_{n-1}" if degree else "u_{n-1}",
         update=update,
         growth=growth,
-        oscillator_growth=oscillator_growth or _on_an_oscillator(growth),
+        oscillator_growth=oscillator_growth or (lambda h: abs(growth(complex(0.0, h)))),
         oscillator_limit=limits[0],
         lag_limit=limits[1],
         discretise=_discretiser(increment_of, degree),
@@ -119,15 +103,16 @@ EXACT_ZOH = _method(
     "all states at once, input held", lambda h: 1.0,
 )  # fmt: skip
 FORWARD_EULER = _method(
-    "forward-euler", 1, 1, lambda x: 1.0 + x, _forward, 0, (0.0, 2.0), "all states at once, with the rates of before"
+    "forward-euler", 1, 1, lambda x: 1.0 + x, lambda x: x, 0, (0.0, 2.0), "all states at once, with the rates of before"
 )
 # Of the straight line backward Euler uses the end alone, so its step takes no earlier input.
 BACKWARD_EULER = replace(_method(
-    "backward-euler", 1, 1, lambda x: 1.0 / (1.0 - x), _backward, 1, (math.inf, math.inf),
+    "backward-euler", 1, 1, lambda x: 1.0 / (1.0 - x), lambda x: _solve(np.eye(len(x)) - x, x), 1, (math.inf, math.inf),
     "all states at once, with the rates of after",
 ), inputs="u_n")  # fmt: skip
 TRAPEZOIDAL = _method(
-    "trapezoidal", 2, 2, lambda x: (1.0 + x / 2.0) / (1.0 - x / 2.0), _trapezoid, 1, (math.inf, math.inf),
+    "trapezoidal", 2, 2, lambda x: (1.0 + x / 2.0) / (1.0 - x / 2.0),
+    lambda x: _solve(np.eye(len(x)) - 0.5 * x, x), 1, (math.inf, math.inf),
     "all states at once, with the mean of the rates before and after", lambda h: 1.0,
 )  # fmt: skip
 RK4 = _method(

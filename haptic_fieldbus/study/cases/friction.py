@@ -10,8 +10,7 @@ import math
 import numpy as np
 
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.margins.chatter import chatter_speed
-from haptic_fieldbus.margins.cycles import edge_chatter
+from haptic_fieldbus.margins.cycles import chatter_speed, edge_chatter
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.batch import Array, Loops, Running, loops
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
