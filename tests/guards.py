@@ -54,9 +54,7 @@ GUARDS = {
     "after a trip the voltage is disabled": _cycle(
         "axis", "self.state.controlword = self._axis.power.off", "pass", "test_a_trip_is_final"
     ),
-    "faults of the link": _cycle(
-        "axis", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"
-    ),
+    "faults of the link": _cycle("axis", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"),
     "age of the feedback": _cycle(
         "axis",
         "if rendering and feedback[AGE_NS] > self._oldest_ns:",
