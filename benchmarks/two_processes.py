@@ -262,21 +262,22 @@ def keep(path: Path, words: list[str]) -> None:
     from haptic_fieldbus import api, cli
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.errors import HapticFieldbusError
+    from haptic_fieldbus.planning.request import Task
 
     def kept(result: Result | None) -> None:
         if result is not None and result.periods is not None:
             np.save(path, 1e6 * result.periods.lateness)
 
-    def noted(trial: api.Trial, run: Callable[[api.Trial], Result] = api.run.of) -> Result:
+    def noted(task: Task, trial: api.Trial, run: Callable[[Task, api.Trial], Result] = api.run_of) -> Result:
         try:
-            result = run(trial)
+            result = run(task, trial)
         except HapticFieldbusError as error:
             kept(getattr(error, "result", None))
             raise
         kept(result)
         return result
 
-    api.run.of = noted  # type: ignore[method-assign]
+    api.run_of = noted
     cli.main(words)
 
 

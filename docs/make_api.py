@@ -12,8 +12,11 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import haptic_fieldbus
+from haptic_fieldbus.api import Trial
+from haptic_fieldbus.api.open_loop import OpenLoop
+from haptic_fieldbus.api.stability_limits import Device
 from haptic_fieldbus.errors import Fault
-from haptic_fieldbus.planning.request import Rendering, Task
+from haptic_fieldbus.planning.request import Task
 
 FILE = Path(__file__).resolve().parent / "reference" / "api.md"
 
@@ -50,8 +53,12 @@ SECTIONS = {
     ),
 }
 """All public names but the errors, in the order of the page."""
-SHARED = {Rendering: "Common arguments", Task: "Bench arguments"}
-"""Arguments that several functions share, each listed once."""
+OF_ALL = ("scene", "rate", "settings", "method", "estimator")
+"""Arguments of a task that all functions take; the others are those of the bench."""
+SHARED = {"Common arguments": True, "Bench arguments": False}
+"""Arguments that several functions share, each listed once: whether they are in `OF_ALL`, by heading."""
+OWN: dict[str, tuple[type, ...]] = {"run": (Trial,), "plan": (), "stability": (Device,), "response": (OpenLoop,)}
+"""Fields that are the further arguments of a function."""
 FOR_THE_LOOP = {"Changes": ("check", "open", "close", "make", "applied", "waiting", "scheduled")}
 """Methods that only the package calls; the page omits them."""
 WHOLE = (haptic_fieldbus.Result, haptic_fieldbus.Stability)
@@ -69,25 +76,25 @@ def _section(title: str, names: tuple[str, ...]) -> Iterator[str]:
     for name in names:
         yield from _entry(name, getattr(haptic_fieldbus, name), made=title != GIVEN_BACK)
     if title == "Functions":
-        for kind, heading in SHARED.items():
+        for heading, of_all in SHARED.items():
             yield f"### {heading}\n"
-            yield from _table(_own_fields(kind))
+            yield from _table([row for row in _own_fields(Task) if (row[0] in OF_ALL) is of_all])
 
 
 def _entry(name: str, found: Any, made: bool) -> Iterator[str]:
     if inspect.isclass(found):
         yield from _class(name, found, made)
-    elif hasattr(found, "of"):
-        yield from _function_of_a_value(name, found)
+    elif name in OWN:
+        yield from _function_of_values(name, found)
     else:
         yield f"### `{name}{_signature(found)}`\n\n{_doc(found)}\n"
 
 
-def _function_of_a_value(name: str, function: Any) -> Iterator[str]:
+def _function_of_values(name: str, function: Any) -> Iterator[str]:
     """Yield the entry with its own arguments; shared arguments have their own tables."""
-    (asked,) = [each for key, each in get_type_hints(function.of).items() if key != "return"]
-    own = [each for kind in reversed(asked.__mro__) if kind not in SHARED for each in _own_fields(kind)]
-    shared = [f"[{title.lower()}](#{_anchor(title)})" for kind, title in SHARED.items() if kind in asked.__mro__]
+    own = [each for kind in OWN[name] for each in _own_fields(kind)]
+    taken = [title for title, of_all in SHARED.items() if of_all or "rig" in inspect.signature(function).parameters]
+    shared = [f"[{title.lower()}](#{_anchor(title)})" for title in taken]
     yield f"### `{name}({_first(function)}, *, …)`\n\n{_doc(function)}\n"
     yield f"Takes the {' and the '.join(shared)}{', and these keyword arguments:' if own else '.'}\n"
     if own:

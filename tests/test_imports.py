@@ -54,7 +54,7 @@ DOES_WITHOUT = {
         "cli.options": "documents.quantities planning.request protocols.registry signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots api planning.explain"
-        " planning.request api.model api.open_loop api.stability_limits",
+        " api.model api.open_loop api.stability_limits",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue sim.canopen.simulated_eds documents"
         " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",

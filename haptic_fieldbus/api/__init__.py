@@ -5,23 +5,34 @@
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.api.arguments import arguments_of
+from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.api.open_loop import response as response
-from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Device, judge_scene
 from haptic_fieldbus.assessing.result import Result, known_before
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
+from haptic_fieldbus.defaults import (
+    DEFAULT_BUS,
+    DEFAULT_DURATION,
+    DEFAULT_FADE_IN,
+    DEFAULT_HAND,
+    DEFAULT_NODE,
+    DEFAULT_SEED,
+)
+from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
-from haptic_fieldbus.planning.selection import Selection, check_known, compiled, load, select
+from haptic_fieldbus.planning.selection import Selection, load, select
 from haptic_fieldbus.protocols.registry import protocol_named
+from haptic_fieldbus.scenes.catalogue import Setting
+from haptic_fieldbus.scenes.own_faults import own_faults
+from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.faults import Fault, load_faults
 from haptic_fieldbus.sim.hand import hand_named
 
@@ -30,8 +41,8 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial(Task):
-    """A task to run, and the conditions of the run."""
+class Trial:
+    """The conditions of a run."""
 
     duration: float = DEFAULT_DURATION
     """Time from *operation enabled* on [s]."""
@@ -61,30 +72,97 @@ class Trial(Task):
     """Called with the plan before any bus is opened."""
 
 
-@arguments_of(Task)
-def plan(task: Task) -> Plan:
+def plan(
+    scene: str | Path | Scene,
+    rig: str | Path | Rig | None = None,
+    *,
+    rate: float | None = None,
+    settings: Mapping[str, Setting] | None = None,
+    method: str | None = None,
+    estimator: str | None = None,
+    drive: str | None = None,
+    bus: str | None = None,
+    node: int = DEFAULT_NODE,
+    axes: Mapping[str, str] | None = None,
+    zero: str | None = None,
+    profiles: str | Path | None = None,
+) -> Plan:
     """Compile a scene and return the plan: the signals mapped and left out, and the steps of each period.
 
     `scene` is a name of the library, a file or a Scene; `rig` is a file or a Rig, or None for the shipped bench; `rate`
     is in Hz. Raises DocumentError, UsageError or PlanError.
     """
-    check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
-    return select(task).plan
+    task = Task(
+        scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
+    )  # fmt: skip
+    check_arguments("plan", task)
+    return plan_of(task)
 
 
-@arguments_of(Inquiry)
-def stability(inquiry: Inquiry) -> Stability:
+def stability(
+    scene: str | Path | Scene,
+    rig: str | Path | Rig | None = None,
+    *,
+    rate: float | None = None,
+    settings: Mapping[str, Setting] | None = None,
+    method: str | None = None,
+    estimator: str | None = None,
+    drive: str | None = None,
+    bus: str | None = None,
+    node: int = DEFAULT_NODE,
+    axes: Mapping[str, str] | None = None,
+    zero: str | None = None,
+    profiles: str | Path | None = None,
+    mass: float | None = None,
+    damping: float | None = None,
+    coulomb: float | None = None,
+    resolution: float | None = None,
+    delay: float | None = None,
+) -> Stability:
     """Return the limits of a scene on its bench, for the axis with the smallest margin; it is selected as for `plan`.
 
     Any of mass [kg], damping [N·s/m], Coulomb friction [N], resolution (one encoder count) [m] and delay [s], or their
     rotary counterparts, replaces the bench by a device of exactly these values, with ideal torque. The mass must be
     given then; other values that are left out are 0. Raises the same errors as `plan`.
     """
-    return judge_scene(inquiry).stability
+    task = Task(
+        scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
+    )  # fmt: skip
+    device = Device(mass=mass, damping=damping, coulomb=coulomb, resolution=resolution, delay=delay)
+    check_arguments("stability", task, device)
+    return judge_scene(task, device).stability
 
 
-@arguments_of(Trial)
-def run(trial: Trial) -> Result:
+def run(
+    scene: str | Path | Scene,
+    rig: str | Path | Rig | None = None,
+    *,
+    rate: float | None = None,
+    settings: Mapping[str, Setting] | None = None,
+    method: str | None = None,
+    estimator: str | None = None,
+    drive: str | None = None,
+    bus: str | None = None,
+    node: int = DEFAULT_NODE,
+    axes: Mapping[str, str] | None = None,
+    zero: str | None = None,
+    profiles: str | Path | None = None,
+    duration: float = DEFAULT_DURATION,
+    hand: str | None = None,
+    fade_in: float = DEFAULT_FADE_IN,
+    seed: int = DEFAULT_SEED,
+    faults: str | Path | Sequence[Fault] | None = None,
+    record: str | Path | None = None,
+    force: bool = False,
+    changes: "Changes | Sequence[Scheduled] | None" = None,
+    prove: bool = False,
+    confirm: Callable[[str], bool] | None = None,
+    instruct: Callable[[str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    announce: Callable[[Plan], None] | None = None,
+) -> Result:
     """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz], and return the result.
 
     The bench is selected as for `plan`. On simulated buses `hand` (that of the scene unless given), `seed` and `faults`
@@ -94,42 +172,61 @@ def run(trial: Trial) -> Result:
     SafetyTripError. Torque is zero before any of them is raised; their `result` holds the facts known by then. Ctrl-C,
     SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the result names the signal.
     """
+    task = Task(
+        scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
+    )  # fmt: skip
+    trial = Trial(
+        duration=duration, hand=hand, fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
+        changes=changes, prove=prove, confirm=confirm, instruct=instruct, progress=progress, announce=announce,
+    )  # fmt: skip
+    check_arguments("run", task, trial)
+    return run_of(task, trial)
+
+
+@own_faults()
+def plan_of(task: Task) -> Plan:
+    """Return the plan of a task, as `plan` does."""
+    check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
+    return select(task).plan
+
+
+@own_faults()
+def run_of(task: Task, trial: Trial) -> Result:
+    """Render a task under the conditions of a trial and return the result, as `run` does."""
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
-    bus = trial.bus or DEFAULT_BUS
+    bus = task.bus or DEFAULT_BUS
     name = check_request(
-        bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording
+        bus=bus, node=task.node, rate=task.rate, duration=trial.duration, seed=trial.seed, record=recording
     )
     check_fade_in(trial.fade_in)
     try:
-        selection = _selected(trial)
+        selection = _selected(task, trial)
+        plan = selection.plan.fading_in(trial.fade_in)
     except (PlanError, KeyboardInterrupt) as error:
         # No plan exists yet, so the result holds the request alone.
-        drive, rate = trial.drive or protocol_named(name.section.protocol).default_drive, trial.rate or math.nan
-        vars(error)["result"] = Result(scene=str(trial.scene), drive=drive, bus=bus, rate=rate)
+        drive, rate = task.drive or protocol_named(name.section.protocol).default_drive, task.rate or math.nan
+        vars(error)["result"] = Result(scene=str(task.scene), drive=drive, bus=bus, rate=rate)
         raise
-    changes = _checked(selection, trial)
+    try:
+        changes = _checked(plan, trial)
+    except PlanError as refused:
+        refused.result = known_before(plan, selection.bus.text)
+        raise
     if trial.announce is not None:
-        trial.announce(selection.plan)
+        trial.announce(plan)
     if trial.hand is None:
-        hand = hand_named(selection.plan.scene.hand or DEFAULT_HAND)
-    faults = faults_for(trial.faults, trial.duration, selection.plan)
-    from haptic_fieldbus.api.site import Conditions, site_of
-    from haptic_fieldbus.running.session import Request, render
+        hand = hand_named(plan.scene.hand or DEFAULT_HAND)
+    faults = faults_for(trial.faults, trial.duration, plan)
+    from haptic_fieldbus.api.site import site_of
+    from haptic_fieldbus.running.session import Session
 
-    return render(
-        Request(
-            selection,
-            trial.duration,
-            recording,
-            trial.confirm,
-            trial.progress,
-            changes,
-            prove=trial.prove,
-            instruct=trial.instruct,
-        ),
-        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults)),
-    )
+    session = Session(
+        plan, selection.bus.text, trial.duration, record=recording, changes=changes, prove=trial.prove,
+        confirm=trial.confirm, instruct=trial.instruct, progress=trial.progress,
+    )  # fmt: skip
+    return session.render(site_of(plan, recording, hand, trial.seed, faults))
 
 
 def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, plan: Plan) -> tuple[Fault, ...]:
@@ -149,42 +246,32 @@ def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, pla
     return drawn(seed, duration, kinds_on(plan))
 
 
-def _selected(trial: Trial) -> Selection:
-    """Return the compiled selection; with `force` the bench may be unknown, and real drives give their rated torque.
+def _selected(task: Task, trial: Trial) -> Selection:
+    """Return the selection; with `force` the bench may be unknown, and real drives give their rated torque.
 
     A real drive with a profile of no particular drive is asked for what it has.
     """
-    loaded = load(trial)
-    if trial.prove:  # then no earlier outcome counts, neither for a guard nor against it
-        loaded = replace(loaded, rig=loaded.rig.unproved())
-    if not trial.force:
-        check_known(loaded)
-    elif not loaded.bus.simulated:
-        from haptic_fieldbus.api.site import ask_rated_torques
+    found = load(task) if trial.force else select(task)
+    rig = (
+        found.rig.unproved() if trial.prove else found.rig
+    )  # then no earlier outcome counts, for a guard or against it
+    profiles = found.profiles
+    if not found.bus.simulated:
+        from haptic_fieldbus.api.site import ask_rated_torques, fit_profiles
 
-        loaded = replace(loaded, rig=ask_rated_torques(loaded.rig))
-    if not loaded.bus.simulated:
-        from haptic_fieldbus.api.site import fit_profiles
-
-        rig, profiles = fit_profiles(loaded.rig)
-        loaded = replace(loaded, rig=rig, profiles=profiles)
-    selection = compiled(loaded)
-    return replace(selection, plan=selection.plan.fading_in(trial.fade_in))
+        rig, profiles = fit_profiles(ask_rated_torques(rig) if trial.force else rig)
+    return replace(found, rig=rig, profiles=profiles)
 
 
-def _checked(selection: Selection, trial: Trial) -> "Changes | None":
+def _checked(plan: Plan, trial: Trial) -> "Changes | None":
     """Refuse an unstable loop, and return the checked changes; None when there are none."""
-    try:
-        if not trial.force:
-            check_stable(selection.plan)
-        if trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes):
-            # Nothing more is imported for a run in which nothing changes.
-            return None
-        from haptic_fieldbus.running.changes import Changes
+    if not trial.force:
+        check_stable(plan)
+    if trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes):
+        # Nothing more is imported for a run in which nothing changes.
+        return None
+    from haptic_fieldbus.running.changes import Changes
 
-        wanted = trial.changes if isinstance(trial.changes, Changes) else Changes(trial.changes)
-        wanted.check(selection.plan, trial.duration, force=trial.force)
-        return wanted
-    except PlanError as refused:
-        refused.result = known_before(selection)
-        raise
+    wanted = trial.changes if isinstance(trial.changes, Changes) else Changes(trial.changes)
+    wanted.check(plan, trial.duration, force=trial.force)
+    return wanted

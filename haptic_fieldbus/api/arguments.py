@@ -1,32 +1,22 @@
-"""Functions of one value that are called with the arguments of that value.
+"""Kinds of the arguments of the Python API.
 
-A request to the package is a frozen dataclass, and its fields are the arguments of a function of the Python API. So
-each argument and its default is written once. What each may be stands in `KINDS`: a value of another kind is refused
-with the name of the argument before anything is loaded. Whether the value itself fits is checked where it is used.
+A value of another kind is refused with the name of the argument before anything is loaded. Whether the value itself
+fits is checked where it is used.
 """
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
-from functools import wraps
 from numbers import Integral, Rational, Real
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeVar, cast
+from typing import Any, cast
 
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.errors import wrong_kind
-from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
-
-P = ParamSpec("P")
-Asked = TypeVar("Asked")
-Answer = TypeVar("Answer")
-AskedBy = TypeVar("AskedBy", contravariant=True)
-Answered = TypeVar("Answered", covariant=True)
-
 
 Holds = Callable[[Any], bool]
 """Test of whether a value is of the kind that an argument has."""
+PATH = str | Path
 LARGEST = 10**308
 """Largest whole number that is taken as a number: a float holds it."""
 
@@ -42,30 +32,18 @@ def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, Rational)  # bool and Fraction are rational
 
 
-def _is_truth(value: object) -> bool:
-    return isinstance(value, bool)
-
-
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and value != ""
-
-
-def _is_path(value: object) -> bool:
-    return isinstance(value, str | Path)
 
 
 def _is_settings(value: object) -> bool:
     return isinstance(value, Mapping) and all(map(_is_name, value))
 
 
-def _is_axes(value: object) -> bool:
-    return _is_settings(value) and all(map(_is_name, cast(Mapping[str, object], value).values()))
-
-
 def _is_rig(value: object) -> bool:
     """Return whether a value is a path, or a Rig with at least one axis; `catalogue.check_rig` looks into it."""
     if not isinstance(value, Rig):
-        return _is_path(value)
+        return isinstance(value, PATH)
     return (
         _is_settings(value.bus)
         and _is_settings(value.axis)
@@ -76,75 +54,45 @@ def _is_rig(value: object) -> bool:
 
 
 def _is_faults(value: object) -> bool:
-    return _is_path(value) or (isinstance(value, Sequence) and all(hasattr(each, "kind") for each in value))
-
-
-def _is_changes(value: object) -> bool:
-    """Return whether a value is a list, into which `Changes` looks, or a Changes, which most runs do not import."""
-    return isinstance(value, list | tuple) or hasattr(value, "scheduled")
+    return isinstance(value, PATH) or (isinstance(value, Sequence) and all(hasattr(each, "kind") for each in value))
 
 
 KINDS: Mapping[str, tuple[str, Holds]] = {
-    "scene": ("a name of the library, a path or a Scene", lambda value: _is_path(value) or isinstance(value, Scene)),
+    "scene": (
+        "a name of the library, a path or a Scene",
+        lambda value: isinstance(value, PATH | Scene),
+    ),
     "rig": ("the path of a rig file, or a Rig of buses and axes", _is_rig),
     "settings": ('a mapping such as {"wall.stiffness": 800.0}', _is_settings),
-    "axes": ('a mapping of names, such as {"knob": "handle"}', _is_axes),
+    "axes": (
+        'a mapping of names, such as {"knob": "handle"}',
+        lambda value: _is_settings(value) and all(map(_is_name, value.values())),
+    ),
     "rate": ("a number in Hz", _is_number),
     **dict.fromkeys(("duration", "fade_in", "delay"), ("a number in s", _is_number)),
     **dict.fromkeys(("mass", "damping", "coulomb", "resolution", "amplitude"), ("a number", _is_number)),
     **dict.fromkeys(("node", "seed"), ("a whole number", _is_whole)),
-    **dict.fromkeys(("force", "prove"), ("True or False", _is_truth)),
+    **dict.fromkeys(("force", "prove"), ("True or False", lambda value: isinstance(value, bool))),
     **dict.fromkeys(("method", "estimator", "drive", "bus", "zero", "hand"), ("a name", _is_name)),
-    **dict.fromkeys(("profiles", "record", "input", "file"), ("a path", _is_path)),
+    **dict.fromkeys(("profiles", "record", "input", "file"), ("a path", lambda value: isinstance(value, PATH))),
     "faults": ("a path, random@SEED or a list of faults", _is_faults),
-    "changes": ('a Changes, or a list such as [(2.0, {"wall.stiffness": 800.0})]', _is_changes),
+    # Into a list `Changes` looks itself; most runs do not import it.
+    "changes": (
+        'a Changes, or a list such as [(2.0, {"wall.stiffness": 800.0})]',
+        lambda value: isinstance(value, list | tuple) or hasattr(value, "scheduled"),
+    ),
     **dict.fromkeys(("confirm", "instruct", "progress", "announce"), ("a function", callable)),
 }
 """What an argument is expected to be, by its name: in words, and as a test. None is taken where it is the default."""
 
 
-def check_arguments(function: str, asked: Any) -> None:
-    """Raise one TypeError for all arguments of the wrong kind in a request, each with its name."""
+def check_arguments(function: str, *asked: Any) -> None:
+    """Raise one TypeError for all arguments of the wrong kind in these values, each with its name."""
     wrong = []
-    for field in fields(asked):
+    for each, field in ((value, field) for value in asked for field in fields(value)):
         expected, holds = KINDS.get(field.name, ("", None))
-        value = getattr(asked, field.name)
+        value = getattr(each, field.name)
         if holds and not (value is None and field.default is None) and not holds(value):
             wrong.append(str(wrong_kind(f"{function}() {field.name}", expected, value)))
     if wrong:
         raise TypeError("\n".join(wrong))
-
-
-class Called(Protocol[P, AskedBy, Answered]):
-    """A function that takes the fields of a value as arguments; `of` takes the value itself."""
-
-    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Answered: ...
-
-    def of(self, asked: AskedBy, /) -> Answered: ...
-
-
-def arguments_of(make: Callable[P, Asked]) -> Callable[[Callable[[Asked], Answer]], Called[P, Asked, Answer]]:
-    """Decorate a function of one value: it takes the arguments of `make` instead, and its signature shows them.
-
-    A call with wrong arguments raises TypeError with the name of the decorated function. An error in the code of an own
-    element becomes a SceneError with its name, file and line, also from `of`.
-    """
-
-    def decorated(function: Callable[[Asked], Answer]) -> Called[P, Asked, Answer]:
-        answered = own_faults()(function)
-        shown = inspect.signature(make).replace(return_annotation=inspect.signature(function).return_annotation)
-
-        @wraps(function)
-        def call(*args: P.args, **kwargs: P.kwargs) -> Answer:
-            try:
-                shown.bind(*args, **kwargs)
-            except TypeError as wrong:  # names the function that was called, not the dataclass
-                raise TypeError(f"{function.__name__}() {wrong}") from None
-            asked = make(*args, **kwargs)
-            check_arguments(function.__name__, asked)
-            return answered(asked)
-
-        vars(call).update(__signature__=shown, of=answered)
-        return cast("Called[P, Asked, Answer]", call)
-
-    return decorated

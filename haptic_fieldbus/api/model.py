@@ -21,7 +21,7 @@ from haptic_fieldbus.numerics.integrators import METHODS, discrete
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.numerics.transfer import TransferFunction, transfer_function
-from haptic_fieldbus.planning.request import Rendering
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.scenes.element import DynamicElement
 from haptic_fieldbus.scenes.own_faults import own_faults
 
@@ -97,7 +97,7 @@ class EnvironmentModel:
 
 
 @own_faults()
-def model_of(task: Rendering) -> EnvironmentModel:
+def model_of(task: Task) -> EnvironmentModel:
     """Return the model of the scene's first axis; raises DocumentError or UsageError."""
     period, axis, elements = rendered_axis(task)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.api.arguments import arguments_of
+from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.defaults import (
     DEFAULT_AMPLITUDE,
@@ -26,8 +26,9 @@ from haptic_fieldbus.defaults import (
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.planning.request import Rendering, check_request
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import check_rendering, parsed, with_settings
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import CouplingElement, DynamicElement, Element, Law
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
@@ -112,8 +113,8 @@ STATE_NAMES = ("position", "velocity")
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpenLoop(Rendering):
-    """A scene without a bench, and the prescribed motion of the puck."""
+class OpenLoop:
+    """The prescribed motion of the puck."""
 
     input: str | Path = DEFAULT_MOTION
     """The motion: step, ramp, sine@HZ, or a file with the columns time and position."""
@@ -162,16 +163,34 @@ class _Answer:
     spectral_radius: float | None = None
 
 
-@arguments_of(OpenLoop)
-def response(task: OpenLoop) -> Response:
+def response(
+    scene: str | Path | Scene,
+    *,
+    rate: float | None = None,
+    settings: Mapping[str, Setting] | None = None,
+    method: str | None = None,
+    estimator: str | None = None,
+    input: str | Path = DEFAULT_MOTION,
+    amplitude: float = DEFAULT_AMPLITUDE,
+    duration: float | None = None,
+) -> Response:
     """Return the force on the scene's first axis for a prescribed motion; axes coupled to it stand still.
 
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
     position, which `amplitude` multiplies. `rate` is in Hz, `duration` in s; a file has a duration of its own. Raises
     DocumentError or UsageError.
     """
-    duration = task.duration
-    motion = motion_of(task.input, task.amplitude)
+    task = Task(scene, rate=rate, settings=settings, method=method, estimator=estimator)
+    motion = OpenLoop(input=input, amplitude=amplitude, duration=duration)
+    check_arguments("response", task, motion)
+    return open_loop(task, motion)
+
+
+@own_faults()
+def open_loop(task: Task, asked: OpenLoop) -> Response:
+    """Return the response of the scene of a task, as `response` does."""
+    duration = asked.duration
+    motion = motion_of(asked.input, asked.amplitude)
     check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
     period, axis, elements = rendered_axis(task)
     # Both ends are sampled.
@@ -185,7 +204,7 @@ def response(task: OpenLoop) -> Response:
     return replace(answers.to(time, position, motion.rest, axis.workspace), alias=motion.alias(period))
 
 
-def rendered_axis(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...]]:
+def rendered_axis(task: Task) -> tuple[float, SceneAxis, tuple[Element, ...]]:
     """Return the period [s], the first axis of the scene, and its elements, with couplings felt at this axis alone.
 
     Raises DocumentError or UsageError.
@@ -196,7 +215,8 @@ def rendered_axis(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...
     period = round(1e9 / rate) * 1e-9
     scene = with_settings(task.scene, parsed(task.settings)).at_period(period)
     axis = scene.axes[0]
-    return period, axis, (*scene.of_axis(axis.name), *_grounded(scene, axis.name))
+    grounded = (GroundedCoupling(axis.name, each) for each in scene.couplings if axis.name in each.axes)
+    return period, axis, (*scene.of_axis(axis.name), *grounded)
 
 
 @dataclass(frozen=True)
@@ -225,10 +245,6 @@ class GroundedCoupling:
         space, place = self.coupling.linearised(), self.coupling.axes.index(self.axis)
         own = slice(2 * place, 2 * place + 2)
         return StateSpace(space.a, space.b[:, own], space.c[place : place + 1], space.d[place : place + 1, own])
-
-
-def _grounded(scene: Scene, axis: str) -> Iterator[GroundedCoupling]:
-    return (GroundedCoupling(axis, coupling) for coupling in scene.couplings if axis in coupling.axes)
 
 
 class _Answers:

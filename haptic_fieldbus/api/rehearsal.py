@@ -9,7 +9,8 @@ from haptic_fieldbus.defaults import DEFAULT_HAND, DEFAULT_PROTOCOL
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.selection import Loaded, compiled, load
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
@@ -18,33 +19,27 @@ from haptic_fieldbus.sim.host_request import rig_of
 
 
 @contextmanager
-def rehearsal(trial: Trial) -> Iterator[Rig]:
-    """Simulate the bench of a trial for a `with` block; yield its rig, which a run treats as that of a real bench.
+def rehearsal(task: Task, trial: Trial) -> Iterator[Rig]:
+    """Simulate the bench of a task for a `with` block; yield its rig, which a run treats as that of a real bench.
 
     A hand moves each handle while its drive is off, unless the trial names the hand none. No file is written: `source`
     of the rig is empty. Raises DocumentError, UsageError for a drive on another bus than CAN, or
     PlanError for what cannot be rendered.
     """
-    loaded = load(replace(trial, rig=None, bus=None))
-    slots = _slots(loaded, trial)
-    check_stable(compiled(loaded).plan)
+    selection = load(replace(task, rig=None, bus=None))
+    hand = hand_named(trial.hand or selection.scene.hand or DEFAULT_HAND)
+    slots = []
+    for name, axis in selection.rig.axis.items():
+        profile = load_profile(axis.profile, task.profiles)
+        if profile.drive.protocol != DEFAULT_PROTOCOL:
+            raise UsageError(f"{axis.profile} speaks {profile.drive.protocol}, and a rehearsal is on CANopen")
+        # Each hand waits for the force, and is where the scene holds its axis.
+        holding = hand.after(trial.fade_in) if hand is not None and selection.scene.holds(name) else None
+        # The power of a real drive has to be cut by somebody: that is not taken for granted here.
+        slots.append(DriveOnBus(axis.node, profile, replace(axis, emergency_stop=None), holding, led=hand is not None))
+    check_stable(selection.plan)
     # Imported here, because a trial that is refused needs no bus.
     from haptic_fieldbus.sim.canopen.bus import embedded_bus
 
     with embedded_bus(slots, trial.seed) as section:
-        yield rig_of(BusName(section.channel, section), slots, tuple(loaded.rig.axis))
-
-
-def _slots(loaded: Loaded, trial: Trial) -> list[DriveOnBus]:
-    """Return the drives, each with the hand of the trial where the scene holds its axis; it waits for the force."""
-    scene = loaded.settled.scene
-    hand = hand_named(trial.hand or scene.hand or DEFAULT_HAND)
-    slots = []
-    for name, axis in loaded.rig.axis.items():
-        profile = load_profile(axis.profile, trial.profiles)
-        if profile.drive.protocol != DEFAULT_PROTOCOL:
-            raise UsageError(f"{axis.profile} speaks {profile.drive.protocol}, and a rehearsal is on CANopen")
-        holding = hand.after(trial.fade_in) if hand is not None and scene.holds(name) else None
-        # The power of a real drive has to be cut by somebody: that is not taken for granted here.
-        slots.append(DriveOnBus(axis.node, profile, replace(axis, emergency_stop=None), holding, led=hand is not None))
-    return slots
+        yield rig_of(BusName(section.channel, section), slots, tuple(selection.rig.axis))

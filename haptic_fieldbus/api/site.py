@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from random import Random
@@ -38,50 +38,48 @@ BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulati
 """Entry point groups in which a package adds the real and the simulated half of its protocol."""
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """The conditions on a simulated bench; `seed` determines all random numbers."""
-
-    hand: Hand | None = None
-    seed: int = DEFAULT_SEED
-    faults: tuple[Fault, ...] = ()
-
-
 @contextmanager
-def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator[Site]:
+def site_of(
+    plan: Plan,
+    record: Path | None = None,
+    hand: Hand | None = None,
+    seed: int = DEFAULT_SEED,
+    faults: tuple[Fault, ...] = (),
+) -> Iterator[Site]:
     """Open all buses of a plan, or none, and yield them as a site; frames are recorded if `record` is a file for them.
 
-    Raises UsageError or BusError.
+    `hand`, `seed` (of all random numbers) and `faults` are the conditions on a simulated bench. Raises UsageError or
+    BusError.
     """
     if plan.simulated:
-        _check_faults(conditions.faults, plan)
-    clock = _clock(plan, conditions) if plan.simulated else MonotonicClock()
+        _check_faults(faults, plan)
+    clock = _clock(plan, seed, faults) if plan.simulated else MonotonicClock()
     buses: dict[str, StepwiseBus] = {}
     worlds: dict[str, Truth] = {}
-    faults: list[str] = []
+    log_faults: list[str] = []
     with ExitStack() as opened:
-        logs = _logs(plan, record, opened, faults)
+        logs = _logs(plan, record, opened, log_faults)
         with ExitStack() as failing:
             for part in plan.buses:
                 log = logs.get(part.name)
                 if plan.simulated:
-                    buses[part.name], world = _simulated(plan, part, clock, conditions, log)
+                    buses[part.name], world = _simulated(plan, part, clock, log, hand, seed, faults)
                     worlds |= {} if world is None else {part.name: world}
                 else:
                     buses[part.name] = access_of(part.protocol).open_bus(plan.rig.bus[part.name], clock, log)
                 # Closes the buses that are open when a later one fails; a site that is complete is closed by the run.
                 failing.callback(buses[part.name].close)
             failing.pop_all()
-        yield Site(clock, buses, worlds, "" if conditions.hand is None else conditions.hand.name, faults)
+        yield Site(clock, buses, worlds, "" if hand is None else hand.name, log_faults)
 
 
-def _clock(plan: Plan, conditions: Conditions) -> Clock:
+def _clock(plan: Plan, seed: int, faults: Sequence[Fault]) -> Clock:
     """Return the clock of a simulated run; only a host that is faulty, or late by chance, has one of its own."""
     most_ns = round(1e9 * max(plan.rig.bus[bus.name].lateness for bus in plan.buses))
     if most_ns:
-        draw = Random(f"{conditions.seed}/host")
+        draw = Random(f"{seed}/host")
         return HostClock(VirtualClock(), iter(lambda: draw.randrange(most_ns + 1), None))
-    faulty = any(isinstance(fault, HostFault) for fault in conditions.faults)
+    faulty = any(isinstance(fault, HostFault) for fault in faults)
     return HostClock(VirtualClock()) if faulty else VirtualClock()
 
 
@@ -140,17 +138,16 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
 
 
 def _simulated(
-    plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object
+    plan: Plan, bus: BusPlan, clock: Clock, log: object, hand: Hand | None, seed: int, faults: Sequence[Fault]
 ) -> tuple[StepwiseBus, Truth | None]:
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
-    hand, slots = conditions.hand, []
-    simulation = _simulation(bus.protocol)
-    faults = [fault for fault in faults_on(conditions.faults, bus.name) if fault.kind in simulation.kinds]
+    slots, simulation = [], _simulation(bus.protocol)
+    here = tuple(fault for fault in faults_on(faults, bus.name) if fault.kind in simulation.kinds)
     for axis in plan.on(bus).axes:
         waiting = hand.after(axis.limits.fade_in) if hand is not None and plan.scene.holds(axis.name) else None
-        slots.append(DriveOnBus(axis.node, axis.profile, axis.rig, waiting, tuple(faults)))
+        slots.append(DriveOnBus(axis.node, axis.profile, axis.rig, waiting, here))
     channel = bus.name if len(plan.buses) > 1 else ""
-    return simulation.simulate(plan.rig.bus[bus.name], channel, slots, clock, _seed(plan, bus, conditions.seed), log)
+    return simulation.simulate(plan.rig.bus[bus.name], channel, slots, clock, _seed(plan, bus, seed), log)
 
 
 def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD, DEFAULT_RATE
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -14,7 +14,7 @@ from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.refusal import ExchangeLimit, way_limits
 from haptic_fieldbus.planning.request import Task, check_request
-from haptic_fieldbus.planning.selection import check_rendering, select, settled
+from haptic_fieldbus.planning.selection import at_limit, check_rendering, select, settled
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
@@ -30,24 +30,9 @@ UNCERTAIN = 0.7
 """Share of the Coulomb friction for which a report gives the limits too, besides the full friction."""
 
 
-@dataclass(frozen=True)
-class Device:
-    """A device given by numbers instead of a bench: mass [kg], damping [N·s/m], Coulomb friction [N], and so on.
-
-    `resolution` is one encoder count [m], `delay` the time from sampling to acting [s]; rotary devices have the rotary
-    counterparts.
-    """
-
-    mass: float = 0.0
-    damping: float = 0.0
-    coulomb: float = 0.0
-    resolution: float = 0.0
-    delay: float = 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
-class Inquiry(Task):
-    """A task to judge on its bench, or on a device when any of these values is given; the others are 0 then."""
+class Device:
+    """A device given by numbers instead of a bench; when any of them is given, the others are 0."""
 
     mass: float | None = None
     """Mass [kg] or inertia [kg·m²]."""
@@ -61,10 +46,10 @@ class Inquiry(Task):
     """Time from sampling to acting [s], without the hold."""
 
     @property
-    def device(self) -> Device | None:
-        """The device given by numbers; None when the bench is meant."""
-        given = {field.name: value for field in fields(Device) if (value := getattr(self, field.name)) is not None}
-        return Device(**given) if given else None
+    def values(self) -> dict[str, float]:
+        """Values by their names; empty when the bench is meant."""
+        given = vars(self)
+        return {name: value or 0.0 for name, value in given.items()} if set(given.values()) != {None} else {}
 
 
 @dataclass(frozen=True)
@@ -101,12 +86,12 @@ class Judgement:
 
 
 @own_faults()
-def judge_scene(inquiry: Inquiry) -> Judgement:
+def judge_scene(task: Task, device: Device | None = None) -> Judgement:
     """Judge the scene on its bench, or on the device if one is given; raises DocumentError, UsageError or PlanError."""
-    check_request(bus=inquiry.bus or DEFAULT_BUS, node=inquiry.node, rate=inquiry.rate)
-    if inquiry.device is not None:
-        return _on_device(inquiry, inquiry.device)
-    plan = select(inquiry).plan
+    check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
+    if device is not None and device.values:
+        return _on_device(task, **device.values)
+    plan = select(task).plan
     found = way_limits(plan)
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
@@ -121,49 +106,43 @@ def _weakest(judgements: Iterable[Judgement]) -> Judgement:
     return min(judgements, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
 
 
-def _on_device(task: Task, device: Device) -> Judgement:
-    """Judge the scene with this device, and ideal torque, on each of its axes."""
+def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:
+    """Judge the scene with a device of these values, and ideal torque, on each of its axes."""
     check_rendering(task)
     # The loop counts its period in whole nanoseconds.
     period = round(1e9 / (task.rate or DEFAULT_RATE)) * 1e-9
-    plant = _plant_of(device, period)
+    plant = _plant_of(period, **values, delay=delay)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
 
     def judgement_of(chosen: Scene) -> Judgement:
         spaces, paced = {axis.name: axis.workspace for axis in chosen.axes}, chosen.at_period(period)
-        members = [Member(name, plant, device.delay, paced.of_axis(name), method, estimator) for name in spaces]
+        members = [Member(name, plant, delay, paced.of_axis(name), method, estimator) for name in spaces]
         return _weakest(
             Judgement(chosen, group.reference_axis, spaces[group.reference_axis], group.stability, group)
             for group in groups_of(members, paced.couplings, period)
         )
 
-    wanted = settled(task.scene, task.settings)
+    scene, part = settled(task)
     # A stiffness that is a part of the limit takes two steps: the limit first, then the scene with it.
-    found = judgement_of(wanted.scene)
-    return found if wanted.part is None else judgement_of(wanted.at(found.stability))
+    found = judgement_of(scene)
+    return found if part is None else judgement_of(at_limit(task, scene, part, found.stability))
 
 
-def _plant_of(device: Device, period: float) -> Plant:
+def _plant_of(period: float, *, mass: float, **others: float) -> Plant:
     """Return the plant of a device; raises one UsageError with all values that are impossible."""
-    values = {name: getattr(device, name) for name in ("damping", "coulomb", "resolution", "delay")}
     faults = [
         f"{name} {exactly(value)}: expected a number from 0 up, at most {exactly(LARGEST[name])}"
-        for name, value in values.items()
+        for name, value in others.items()
         if not 0.0 <= value <= LARGEST[name]
     ]
-    mass = RANGES[Quantity.MASS]
-    if not mass.smallest <= device.mass <= mass.largest:
-        expected = f"expected a number above 0, from {exactly(mass.smallest)} to {exactly(mass.largest)}"
-        faults.insert(0, f"mass {exactly(device.mass)}: {expected}{_massless(device, period, faults)}")
+    masses = RANGES[Quantity.MASS]
+    if not masses.smallest <= mass <= masses.largest:
+        expected = f"expected a number above 0, from {exactly(masses.smallest)} to {exactly(masses.largest)}"
+        if not (faults or mass) and others["damping"]:  # then a spring has a limit all the same
+            massless = Plant(0.0, others["damping"])
+            limit = stiffness_limit(massless, period, others["delay"], lambda stiffness: gain([[-stiffness]]))
+            expected += f"; as it goes to 0, the limit of a spring goes to {rounded_limit(limit)}"
+        faults.insert(0, f"mass {exactly(mass)}: {expected}")
     if faults:
         raise UsageError("\n".join(faults))
-    return Plant(device.mass, device.damping, device.coulomb, device.resolution)
-
-
-def _massless(device: Device, period: float, faults: list[str]) -> str:
-    """Return the end of the message about a mass of 0: the limit of a spring as the mass goes to 0, if there is one."""
-    if faults or device.mass or not device.damping:
-        return ""
-    plant = Plant(0.0, device.damping)
-    limit = stiffness_limit(plant, period, device.delay, lambda stiffness: gain([[-stiffness]]))
-    return f"; as it goes to 0, the limit of a spring goes to {rounded_limit(limit)}"
+    return Plant(mass, others["damping"], others["coulomb"], others["resolution"])

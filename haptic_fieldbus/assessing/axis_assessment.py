@@ -15,7 +15,7 @@ from haptic_fieldbus.assessing.run_verdict import FeltError
 from haptic_fieldbus.assessing.torque_error import ErrorFigures, ErrorPoints, Splitter
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import said
 from haptic_fieldbus.signals import Signal
 
@@ -124,7 +124,9 @@ WAY_POINTS = 4
 class Run:
     """Data of a run, from which its result is made."""
 
-    selection: Selection
+    plan: Plan
+    bus: str
+    """Name of the bus, or those of all buses."""
     cycle: Cycle
     record: Record
     report: LoopReport
@@ -167,7 +169,7 @@ class AxisAssessment:
         self.axis = axis
         self._run = run
         self._splitter: Splitter | None = None
-        self._traces = Traces(run.periods, run.selection.plan.period_ns)
+        self._traces = Traces(run.periods, run.plan.period_ns)
         self._zeros: dict[str, float] = {}
 
     @property
@@ -181,7 +183,7 @@ class AxisAssessment:
         found = self.figures
         if found is None or not found.touched:
             return None
-        seconds = found.scored * self._run.selection.plan.period / POINTS_PER_PERIOD
+        seconds = found.scored * self._run.plan.period / POINTS_PER_PERIOD
         if not found.ideal_rms_contact:
             return FeltError(None, 0.0, 0.0, 0.0)
         ideal = found.ideal_rms_contact
@@ -204,7 +206,7 @@ class AxisAssessment:
         """Return the true positions of the handle in new periods of a part and the instants [ns], both `(n,)`."""
         _, trajectory, conversion = self._known_of(self.axis, part)
         first_ns, last_ns = part.times_ns[max(part.overlap - 1, 0)], min(part.times_ns[-1], trajectory.end_ns)
-        spacing_ns = self._run.selection.plan.period_ns // WAY_POINTS
+        spacing_ns = self._run.plan.period_ns // WAY_POINTS
         times_ns = np.append(np.arange(first_ns, last_ns, spacing_ns, dtype=np.int64), last_ns)
         return times_ns, true_motion(times_ns, trajectory, conversion)[0][Signal.POSITION]
 
@@ -221,7 +223,7 @@ class AxisAssessment:
             return
         if self._splitter is None:
             self._splitter = Splitter(
-                period=self._run.selection.plan.period,
+                period=self._run.plan.period,
                 begin_ns=begin_ns,
                 method=axis.method,
                 unit=axis.workspace.effort_unit,
@@ -267,7 +269,7 @@ class AxisAssessment:
         self, elements: tuple[Kind, ...], part: Part, of: Callable[[AxisPlan], tuple[Kind, ...]]
     ) -> list[Span[Kind]]:
         """Return the spans of elements or couplings, as `of` selects them, that act in new periods of the part."""
-        place = self._run.selection.plan.axes.index(self.axis)  # a change keeps the axes and their order
+        place = self._run.plan.axes.index(self.axis)  # a change keeps the axes and their order
         exchanges = [
             Handover(applied.after_ns, applied.periods, of(applied.change.plan.axes[place]))
             for applied in self._run.report.changes
@@ -279,7 +281,7 @@ class AxisAssessment:
         """Return the couplings of an axis, each with the recording and true motion of the axis at its other end."""
         from haptic_fieldbus.assessing.coupling_error import Tie
 
-        others = {each.name: each for each in self._run.selection.plan.axes}
+        others = {each.name: each for each in self._run.plan.axes}
         found = []
         for span in self._spans(self.axis.couplings, part, lambda plan: plan.couplings):
             place = span.element.axes.index(self.axis.name)

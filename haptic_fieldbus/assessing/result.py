@@ -18,7 +18,6 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.explain import summary_json
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.selection import Selection
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
 
@@ -376,14 +375,16 @@ def _finite(value: Json) -> Json:
 
 
 def known_before(
-    selection: Selection, report: "LoopReport | None" = None, trip: safety.Trip | None = None, message: str = ""
+    plan: Plan, bus: str, report: "LoopReport | None" = None, trip: safety.Trip | None = None, message: str = ""
 ) -> Result:
-    """Return the figures known of a run that has not begun (no report), or that ended early by a trip or an error."""
-    plan = selection.plan
+    """Return the figures known of a run that has not begun (no report), or that ended early by a trip or an error.
+
+    `bus` is the name of the bus, or those of all buses.
+    """
     result = Result(
         scene=plan.scene.name,
         drive=plan.axes[0].profile.name,
-        bus=selection.bus.text,
+        bus=bus,
         rate=plan.rate,
         bus_load=plan.bus_load,
         plan=plan,

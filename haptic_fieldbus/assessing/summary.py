@@ -45,14 +45,14 @@ class Assessment:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._axes = [AxisAssessment(run, axis) for axis in run.selection.plan.axes] if run.worlds else []
+        self._axes = [AxisAssessment(run, axis) for axis in run.plan.axes] if run.worlds else []
         self._taken: int | None = None
         """Number of the first row of the record that is not assessed yet."""
         self._begin = 0
         """Number of the first row in operation enabled."""
         self._firsts: list[int] = []
         self._began_ns = 0
-        self._travels = Travels(run.selection.plan.axes, run.report)
+        self._travels = Travels(run.plan.axes, run.report)
 
     def advance(self) -> None:
         """Assess all whole parts of the run so far; to be called between two periods, at least once in `BEHIND`."""
@@ -93,7 +93,7 @@ class Assessment:
         record, first = self._run.record, self._taken
         if first is not None and first < record.pushed:
             times_ns = record.column("t_ns", first).astype(np.int64)
-            for axis in self._run.selection.plan.axes:
+            for axis in self._run.plan.axes:
                 self._travels.add(axis.name, times_ns, record.column(f"{axis.name}.position", first))
             self._taken = record.pushed
 
@@ -128,7 +128,7 @@ class Assessment:
 
 def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Result:
     """Return the result of a run that went to its end, from the assessments of its axes, none on real drives."""
-    plan = run.selection.plan
+    plan = run.plan
     known = [found for each in assessed if (found := each.figures) is not None]
     # Only an axis that the hand holds can be felt, so the verdict is about those.
     held = [each for each in assessed if plan.scene.holds(each.axis.name)]
@@ -147,7 +147,7 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
     )
     traces = {each.axis.name: each.trace for each in assessed}
     return replace(
-        known_before(run.selection, run.report),
+        known_before(run.plan, run.bus, run.report),
         passivity=tuple(passivities(plan, run.cycle, run.report.cycles)),
         clock=run.clock,
         elapsed=elapsed,
@@ -155,13 +155,13 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         energy_generated=sum(found.energy_generated for found in known) if known else None,
         traces=tuple(traces.get(axis.name) or _recorded(axis, run) for axis in plan.axes),
         verdict=verdict if run.worlds else _rendered(run),
-        warnings=tuple(notices(run.selection.plan, run.cycle, run.report)),
+        warnings=tuple(notices(run.plan, run.cycle, run.report)),
     )
 
 
 def _rendered(run: Run) -> str:
     """Return the verdict on a run on real drives."""
-    plan, report = run.selection.plan, run.report
+    plan, report = run.plan, run.report
     periods = max(1, report.cycles + report.missed)
     behind = [share for axis in plan.axes if (share := _behind(run, axis)) is not None]
     return real_verdict(

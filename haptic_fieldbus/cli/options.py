@@ -1,31 +1,41 @@
 """Options that commands share, each declared once, and their conversion to arguments of the API.
 
 The options of a command are the fields of a dataclass, which a further command extends. `options_of` makes Typer see
-the fields as parameters; `given` turns their values into the dataclass that the API takes.
+the fields as parameters; `task` and `given` turn their values into the dataclasses that the API takes.
 """
 
 import inspect
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_MODBUS_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import (
+    DEFAULT_BUS,
+    DEFAULT_DRIVE,
+    DEFAULT_DURATION,
+    DEFAULT_FADE_IN,
+    DEFAULT_HAND,
+    DEFAULT_MODBUS_DRIVE,
+    DEFAULT_NODE,
+    DEFAULT_RATE,
+    DEFAULT_SEED,
+)
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning.request import Rendering
+    from haptic_fieldbus.planning.request import Task
 
 
 P = ParamSpec("P")
 Options = TypeVar("Options")
-ServerRequest = TypeVar("ServerRequest", bound="Rendering")
+Asked = TypeVar("Asked")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 BUSES = (
@@ -40,6 +50,7 @@ RATE = f"{exactly(DEFAULT_RATE)} on CAN, the highest that it sustains on Modbus"
 SHOWN = (
     "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "zero", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
+    "mass", "damping", "coulomb", "resolution", "delay",
 )  # fmt: skip
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
 
@@ -98,11 +109,12 @@ ProfilesOption = Annotated[
     str | None,
     option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
 ]
+PlotOption = Annotated[Path | None, option("PATH", "A picture: .png, .svg or .pdf.", OUTPUT)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """Options of a scene and its rendering."""
+    """Options of the commands that take a scene: those of `run`; others leave out what they have no use for."""
 
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
@@ -117,32 +129,8 @@ class SceneOptions:
     method: Annotated[str | None, option("NAME", "Integrator of virtual states.", RENDERING)] = None
     estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
     as_json: JsonOption = False
-
-    def given(self, kind: type[ServerRequest]) -> ServerRequest:
-        """Return `asked` made from the options; options that were not given keep its defaults.
-
-        Raises UsageError when a `--set` is malformed.
-        """
-        from haptic_fieldbus.planning.request import parse_settings
-
-        # Options such as --plot and --json concern the command alone, and are no fields of `asked`.
-        names = {field.name for field in fields(kind)}
-        values = {name: value for name, value in vars(self).items() if name in names and value is not None}
-        # As of a variable of a shell; other empty names have their own message.
-        if empty := [name for name in ("drive", "bus") if values.get(name) == ""]:
-            raise UsageError("\n".join(f"--{name}: empty; expected a name" for name in empty))
-        return kind(**{**values, "settings": parse_settings(self.settings or [])})
-
-
-@dataclass(frozen=True, kw_only=True)
-class BenchOptions(SceneOptions):
-    """Options of a scene on a bench."""
-
     drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
-    bus: Annotated[
-        str | None,
-        option("BUS", BUSES, BENCH, default=DEFAULT_BUS),
-    ] = None
+    bus: Annotated[str | None, option("BUS", BUSES, BENCH, default=DEFAULT_BUS)] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
     axes: Annotated[
@@ -154,14 +142,62 @@ class BenchOptions(SceneOptions):
         option("here", "Count positions from where the handle is at enabling, whatever the rig says.", BENCH),
     ] = None
     profiles: ProfilesOption = None
+    duration: Annotated[
+        float | None, option("S", "Time from enabling on.", RENDERING, default=DEFAULT_DURATION, parser=seconds)
+    ] = None
+    change: Annotated[
+        list[str] | None,
+        option(
+            "S:ELEMENT.PARAMETER=VALUE",
+            "Change the scene while it runs, S seconds from enabling on; may be repeated.",
+            RENDERING,
+        ),
+    ] = None
+    force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
+    fade_in: Annotated[
+        float,
+        option("S", "Time from enabling to the full force limit.", RENDERING, default=DEFAULT_FADE_IN, parser=seconds),
+    ] = DEFAULT_FADE_IN
+    hand: Annotated[
+        str | None,
+        option("NAME", HANDS, SIMULATION, default=f"that of the scene, or {DEFAULT_HAND}"),
+    ] = None
+    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
+    faults: Annotated[
+        str | None, option("FILE", "Faults of drive, bus, host and hand; random@SEED draws some.", SIMULATION)
+    ] = None
+    prove: Annotated[
+        bool,
+        option(None, "Prove first, at zero torque, that drives left alone let go.", BENCH, "--prove"),
+    ] = False
+    record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
+    plot: PlotOption = None
+    yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
 
-    def given(self, kind: type[ServerRequest]) -> ServerRequest:
-        """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
+    def task(self) -> "Task":
+        """Return the scene on its bench; raises one UsageError for options that are malformed or contradict."""
+        from haptic_fieldbus.planning.request import Task, parse_axes, parse_settings
+
         refuse_beside_rig(self.rig, self.drive, self.node)
-        from haptic_fieldbus.planning.request import parse_axes
+        # As of a variable of a shell; other empty names have their own message.
+        if empty := [name for name in ("drive", "bus") if getattr(self, name) == ""]:
+            raise UsageError("\n".join(f"--{name}: empty; expected a name" for name in empty))
+        found = replace(self.given(Task), settings=parse_settings(self.settings or []))
+        return replace(found, axes=parse_axes(self.axes)) if self.axes else found
 
-        asked = super().given(kind)
-        return replace(asked, axes=parse_axes(self.axes)) if self.axes else asked  # type: ignore[call-arg]
+    def given(self, kind: Callable[P, Asked]) -> Asked:
+        """Return a value of the API made from the options of its fields; those that were not given have its defaults.
+
+        Options such as --plot and --json concern the command alone, and are no fields of it.
+        """
+        names = inspect.signature(kind).parameters
+        values: Any = {name: value for name, value in vars(self).items() if name in names and value is not None}
+        return kind(**values)
+
+
+OF_A_BENCH = ("drive", "bus", "node", "rig", "axes", "zero", "profiles")
+OF_A_RUN = ("duration", "change", "force", "fade_in", "hand", "seed", "faults", "prove", "record", "yes")
+"""Options of `run` that other commands leave out."""
 
 
 def refuse_beside_rig(rig: Path | None, drive: str | None, node: int | None) -> None:
@@ -206,8 +242,6 @@ def note_assumed_bitrate(bus: str | None) -> list[tuple[str, str]]:
 
 
 # Option `--plot`: checked before a command does anything, drawn when it is done.
-
-PlotOption = Annotated[Path | None, option("PATH", "A picture: .png, .svg or .pdf.", OUTPUT)]
 
 
 def check_plot(path: Path | None) -> None:

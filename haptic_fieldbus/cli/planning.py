@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import (
+    OF_A_BENCH,
+    OF_A_RUN,
     RENDERING,
-    BenchOptions,
     JsonOption,
     PlotOption,
     SceneOptions,
@@ -29,7 +30,6 @@ from haptic_fieldbus.numerals import exactly, rounded
 if TYPE_CHECKING:
     from haptic_fieldbus.api.model import EnvironmentModel
     from haptic_fieldbus.api.open_loop import Response
-    from haptic_fieldbus.planning.request import Rendering
     from haptic_fieldbus.protocols.traffic import Json
 
 
@@ -39,7 +39,7 @@ DEVICE_PANEL = "Device, instead of a bench (SI, in the scene's workspace; what i
 
 
 @dataclass(frozen=True, kw_only=True)
-class StabilityOptions(BenchOptions):
+class StabilityOptions(SceneOptions):
     """Further options of `stability`."""
 
     mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)] = None
@@ -49,19 +49,18 @@ class StabilityOptions(BenchOptions):
     delay: Annotated[
         float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE_PANEL, parser=seconds)
     ] = None
-    plot: PlotOption = None
 
 
-@options_of(StabilityOptions)
+@options_of(StabilityOptions, without=OF_A_RUN)
 def stability(options: StabilityOptions) -> None:
     """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
-    from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+    from haptic_fieldbus.api.stability_limits import Device, judge_scene
     from haptic_fieldbus.report.analysis_texts import notes, stability_lines
 
-    inquiry = options.given(Inquiry)
+    task, device = options.task(), options.given(Device)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    judgement = judge_scene(inquiry)
+    judgement = judge_scene(task, device)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import plot_region
 
@@ -105,21 +104,23 @@ class ResponseOptions(SceneOptions):
         bool,
         option(None, "Tell A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"),
     ] = False
-    plot: PlotOption = None
 
 
-@options_of(ResponseOptions)
+@options_of(ResponseOptions, without=(*OF_A_BENCH, *set(OF_A_RUN).difference(["duration"])))
 def response(options: ResponseOptions) -> None:
     """Simulate the open loop: compute the force of SCENE for a prescribed motion of the puck, by any integrator."""
     check_plot(options.plot)
-    from haptic_fieldbus import api
-    from haptic_fieldbus.api.open_loop import OpenLoop
+    from haptic_fieldbus.api.open_loop import OpenLoop, open_loop
     from haptic_fieldbus.report.analysis_texts import response_lines
 
-    asked = options.given(OpenLoop)
-    found = api.response.of(asked)
+    task = options.task()
+    found = open_loop(task, options.given(OpenLoop))
     title = f"{options.scene}, {options.input}"
-    model = _model(asked) if options.model else None
+    model = None
+    if options.model:
+        from haptic_fieldbus.api.model import model_of
+
+        model = model_of(task)
     if options.plot is not None:
         _draw(options.plot, found, model, title)
     if found.diverged:
@@ -138,12 +139,6 @@ def response(options: ResponseOptions) -> None:
         show(model_lines(model))
     if options.plot is not None:
         show([("plot", str(options.plot))])
-
-
-def _model(asked: "Rendering") -> "EnvironmentModel":
-    from haptic_fieldbus.api.model import model_of
-
-    return model_of(asked)
 
 
 def _draw(path: Path, found: "Response", model: "EnvironmentModel | None", title: str) -> None:
@@ -210,16 +205,15 @@ def estimate(options: EstimateOptions) -> None:
 # Command `plan`: compile a scene for a bench and explain the plan; no bus is opened.
 
 
-@options_of(BenchOptions)
-def plan(options: BenchOptions) -> None:
+@options_of(SceneOptions, without=(*OF_A_RUN, "plot"))
+def plan(options: SceneOptions) -> None:
     """Compile SCENE for a drive and explain the plan: the steps of each period, and all that is left out."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.explain import explain, plan_json
-    from haptic_fieldbus.planning.request import Task
 
-    task = options.given(Task)
+    task = options.task()
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    compiled = api.plan.of(task)
+    compiled = api.plan_of(task)
     if options.as_json:
         print_json(plan_json(compiled))
     else:

@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.bench import look
-from haptic_fieldbus.cli.options import OUTPUT, check_plot, option, options_of
+from haptic_fieldbus.cli.options import OUTPUT, SceneOptions, check_plot, option, options_of
 from haptic_fieldbus.cli.output import never_wait
-from haptic_fieldbus.cli.run import RunOptions, instruct, run_and_tell
+from haptic_fieldbus.cli.run import instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import check_free, write
 from haptic_fieldbus.errors import UsageError
@@ -29,7 +29,7 @@ profile, and your motor, mechanism and limits. Leave out `proved` and `seen`: th
 
 
 @dataclass(frozen=True, kw_only=True)
-class RehearseOptions(RunOptions):
+class RehearseOptions(SceneOptions):
     """Options of `rehearse`."""
 
     scene: Annotated[
@@ -56,12 +56,12 @@ def rehearse(options: RehearseOptions) -> None:
         if not options.yes:
             raise UsageError("no terminal to answer on; add --yes")
         never_wait()
-    trial = options.given(api.Trial)
+    task, trial = options.task(), options.given(api.Trial)
     check_plot(options.plot)
     if options.write_rig is not None:
         check_free(options.write_rig)
     talk = sys.stderr if options.as_json else sys.stdout
-    with TemporaryDirectory() as folder, rehearsal(trial) as bench:
+    with TemporaryDirectory() as folder, rehearsal(task, trial) as bench:
         path = options.write_rig or Path(folder) / KEPT
         write(path, bench, HEADING)
         rig = replace(bench, source=str(path))
@@ -71,7 +71,7 @@ def rehearse(options: RehearseOptions) -> None:
         show([("step", f"haptic-fieldbus run {options.scene} --rig {path.name}")], talk)
         talk.flush()
         tell = instruct if sys.stderr.isatty() else _once()
-        run_and_tell(options, replace(trial, rig=rig, drive=None, hand=None, instruct=tell))
+        run_and_tell(options, replace(task, rig=rig, drive=None), replace(trial, hand=None, instruct=tell))
     if options.write_rig is not None:
         show([("rig", str(options.write_rig))], talk)
 

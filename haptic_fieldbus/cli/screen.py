@@ -118,11 +118,6 @@ class ProgressBar:
             self._progress.stop()
 
 
-def bar(duration: float) -> ProgressBar | None:
-    """Return a bar for a loop of this duration [s]; None when standard error is no terminal."""
-    return ProgressBar(duration) if sys.stderr.isatty() else None
-
-
 def plain(value: object) -> "Json":
     """Return a value as JSON has it: enums by value, tuples as lists, mappings as objects, all else as text."""
     if isinstance(value, Enum):

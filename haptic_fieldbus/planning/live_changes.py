@@ -17,7 +17,8 @@ from haptic_fieldbus.planning.compile import compile_plan, grouped
 from haptic_fieldbus.planning.energy import unbounded
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.selection import settled
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import at_limit, settled
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene
@@ -69,10 +70,11 @@ def plan_change(
     if not settings:
         raise UsageError('a change names what it changes, such as {"wall.stiffness": 800.0}')
 
-    wanted = settled(last.scene, settings)
-    plan = _compiled(running, wanted.scene)
-    if wanted.part is not None:  # a part of the limit, which the first plan has made known
-        plan = _compiled(running, wanted.at(plan.stability))
+    task = Task(last.scene, settings=settings)
+    scene, part = settled(task)
+    plan = _compiled(running, scene)
+    if part is not None:  # a part of the limit, which the first plan has made known
+        plan = _compiled(running, at_limit(task, scene, part, plan.stability))
     # A sentence occurs once, however many axes it is about.
     refused = dict.fromkeys(_beyond(running, plan))
     if refused:

@@ -25,17 +25,19 @@ from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
 
-# Requests of a caller as they were given: nothing is loaded or checked yet.
-#
-# Requests with further arguments extend these classes, so that each argument and its default stand in one place.
-
 
 @dataclass(frozen=True)
-class Rendering:
-    """A scene and how it is rendered, on any bench."""
+class Task:
+    """What a caller asks to have rendered, as it was given: a scene on a bench, the shipped one or that of a rig.
+
+    Nothing is loaded or checked yet. A rig replaces `drive` and `node`. A `bus` that is given replaces the buses of the
+    rig. The open loop, which has no bench, takes the scene and how it is rendered alone.
+    """
 
     scene: str | Path | Scene
     """A name of the library, a file, or a scene made in Python."""
+    rig: str | Path | Rig | None = None
+    """A file or a Rig; None is the shipped bench, with one drive for each axis of the scene."""
     _: KW_ONLY
     rate: float | None = None
     """Periods a second [Hz]; None: 1000 Hz, and on a bus that is slower the highest rate that it sustains."""
@@ -45,18 +47,6 @@ class Rendering:
     """Integrator of virtual states, by name."""
     estimator: str | None = None
     """Velocity estimator, by name."""
-
-
-@dataclass(frozen=True)
-class Task(Rendering):
-    """A scene to render on a bench: the shipped one, or that of a rig.
-
-    A rig replaces `drive` and `node`. A `bus` that is given replaces the buses of the rig.
-    """
-
-    rig: str | Path | Rig | None = None
-    """A file or a Rig; None is the shipped bench, with one drive for each axis of the scene."""
-    _: KW_ONLY
     drive: str | None = None
     """Profile of the shipped bench, by name or path; None: that which the protocol of the bus names."""
     bus: str | None = None

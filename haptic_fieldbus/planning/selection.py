@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.closed_loop import stiffest_of
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import BusPlan, Plan
-from haptic_fieldbus.planning.request import Rendering, Task
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_rig, own_profile
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
@@ -24,67 +25,56 @@ from haptic_fieldbus.scenes.element import said
 from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
-from haptic_fieldbus.signals import Workspace
 
 # A scene with its settings applied, one of which may be `max` or `max/N`: the stability limit, or a part of it.
 #
 # The limit is that of the scene with all other settings applied, so it takes two steps: `settled` returns the scene
-# without that setting, and `Settled.at` the final scene, once the caller has judged the first one.
+# without that setting, and `at_limit` the final scene, once the caller has judged the first one.
 
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 """Form of a setting that is a part of the limit: `max`, `max/2`, `max/1.5`."""
 
 
-@dataclass(frozen=True)
-class Settled:
-    """A scene with all settings applied, except one that is a part of the limit."""
+def settled(task: Task) -> tuple[Scene, str | None]:
+    """Load the scene of a task and apply all settings but a part of the limit.
 
-    origin: str | Path | Scene
-    values: Mapping[str, Setting]
-    """All settings; a part of the limit as it was written, such as `max/2`."""
-    scene: Scene
-    part: str | None
-    """Name of the setting that is a part of the limit; None when there is none, so that `scene` is final."""
-
-    def at(self, stability: Stability | None) -> Scene:
-        """Return the final scene, given the verdict on `scene`.
-
-        Raises UsageError when there is no finite limit above 0 to take a part of, and for a division by zero.
-        """
-        if self.part is None:
-            return self.scene
-        text = f"{self.part}={self.values[self.part]}"
-        limit = None if stability is None else stability.stiffness_limit.stable
-        # Also a limit of 0, of which each part is 0.
-        if not limit or math.isinf(limit):
-            raise UsageError(f"{text}: this bench has no stability limit to take a part of")
-        divisor = float(str(self.values[self.part]).partition("/")[2] or 1.0)
-        if divisor == 0.0:
-            raise UsageError(f"{text}: the limit cannot be divided by zero")
-        return with_settings(self.origin, {**self.values, self.part: self._value_at(limit / divisor)})
-
-    def _value_at(self, stiffness: float) -> Setting:
-        """Return the value of the setting that gives this stiffness [N/m or N·m/rad]."""
-        name, _, parameter = str(self.part).rpartition(".")
-        element: Any = next((each for each in self.scene.elements if each.name == name), None)
-        graded = said(element).with_stiffness
-        if parameter == "stiffness" or graded is None:
-            return stiffness
-        value: Setting = getattr(graded(stiffness), parameter)
-        return value
-
-
-def settled(scene: str | Path | Scene, settings: Mapping[str, Setting] | None) -> Settled:
-    """Load the scene and apply all settings but a part of the limit; raises SceneError or UsageError."""
-    values = parsed(settings)
+    Returns the scene and the name of that setting; None when there is none, so that the scene is final. Raises
+    SceneError or UsageError.
+    """
+    values = parsed(task.settings)
     part = _part_of_limit(values)
-    found = with_settings(scene, {key: value for key, value in values.items() if key != part})
+    found = with_settings(task.scene, {key: value for key, value in values.items() if key != part})
     if part is not None:
         _check_scales(part, values[part], found)
-    limited = stiffest_of(found.couplings)  # coupled axes are judged by this stiffness alone
-    if part is not None and limited is not None and part != f"{limited.name}.stiffness":
-        raise UsageError(f"{part}={values[part]}: the limit of coupled axes is told for {limited.name}.stiffness alone")
-    return Settled(scene, values, found, part)
+        limited = stiffest_of(found.couplings)  # coupled axes are judged by this stiffness alone
+        if limited is not None and part != f"{limited.name}.stiffness":
+            raise UsageError(
+                f"{part}={values[part]}: the limit of coupled axes is told for {limited.name}.stiffness alone"
+            )
+    return found, part
+
+
+def at_limit(task: Task, scene: Scene, part: str, stability: Stability | None) -> Scene:
+    """Return the final scene of a task, given the verdict on `scene`, which `settled` returned with `part`.
+
+    Raises UsageError when there is no finite limit above 0 to take a part of, and for a division by zero.
+    """
+    values = parsed(task.settings)
+    text = f"{part}={values[part]}"
+    limit = None if stability is None else stability.stiffness_limit.stable
+    # Also a limit of 0, of which each part is 0.
+    if not limit or math.isinf(limit):
+        raise UsageError(f"{text}: this bench has no stability limit to take a part of")
+    divisor = float(str(values[part]).partition("/")[2] or 1.0)
+    if divisor == 0.0:
+        raise UsageError(f"{text}: the limit cannot be divided by zero")
+    name, _, parameter = part.rpartition(".")
+    element: Any = next((each for each in scene.elements if each.name == name), None)
+    value: Setting = limit / divisor  # [N/m or N·m/rad]
+    graded = said(element).with_stiffness
+    if parameter != "stiffness" and graded is not None:
+        value = getattr(graded(limit / divisor), parameter)
+    return with_settings(task.scene, {**values, part: value})
 
 
 def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> Scene:
@@ -158,51 +148,76 @@ HERE = "here"
 
 
 @dataclass(frozen=True)
-class Loaded:
-    """A task with all that it names loaded: the scene with its settings, the bench, and the bus."""
+class Selection:
+    """A task with all that it names loaded: the scene with its settings, the bench, and the bus; and its plan."""
 
     task: Task
-    settled: Settled
+    scene: Scene
+    """Scene with all settings but `part`."""
+    part: str | None
+    """Name of the setting that is a part of the stability limit; None when there is none."""
     rig: Rig
     bus: BusName
     profiles: Mapping[str, DriveProfile] = field(default_factory=dict)
     """Profiles that are known already, by their names in the rig; others are loaded."""
 
+    @cached_property
+    def plan(self) -> Plan:
+        """Plan of the task, compiled when it is first asked for.
 
-@dataclass(frozen=True)
-class Selection:
-    """A compiled plan and the bus that it is for."""
+        When a setting is a part of the stability limit, it is compiled twice: first without it, to know the limit.
+        Raises ProfileError, EdsError, SceneError, RigError, UsageError or PlanError.
+        """
+        plan = self._compiled(self.scene)
+        if self.part is None:
+            return plan
+        return self._compiled(at_limit(self.task, self.scene, self.part, plan.stability), plan.buses)
 
-    plan: Plan
-    bus: BusName
+    def _compiled(self, scene: Scene, buses: tuple[BusPlan, ...] = ()) -> Plan:
+        """Return the plan of `scene` on the loaded bench, with the exchange of these buses if there are any."""
+        task = self.task
+        names = [axis.profile for axis in self.rig.axis.values()]
+        profiles = {name: self.profiles.get(name) or load_profile(name) for name in names}
+        scene = _renamed(scene, task)
+        return compile_plan(
+            scene, self.rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses
+        )
 
 
 def select(task: Task) -> Selection:
-    """Load, check and compile a task; raises DocumentError, UsageError or PlanError."""
-    loaded = load(task)
-    check_known(loaded)
-    return compiled(loaded)
+    """Load a task and check that its stability can be judged; raises DocumentError, UsageError or PlanError."""
+    found = load(task)
+    missing = [
+        f"axis.{name}.{key}"
+        for name, axis in found.rig.axis.items()
+        for key in ("rated_torque", "inertia", "viscous_damping")
+        if getattr(axis, key) is None
+    ]
+    if missing:
+        raise PlanError(
+            f"the bench on {found.bus.text} is unknown, so stability cannot be judged. A rig file (--rig FILE) must "
+            f"give: {', '.join(missing)}. Without them, --force allows 5 % of rated torque"
+        )
+    return found
 
 
-def load(task: Task) -> Loaded:
+def load(task: Task) -> Selection:
     """Load all that the task names, except profiles, and judge nothing; raises DocumentError or UsageError."""
     check_rendering(task)
-    rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else _checked(task.rig)
+    if isinstance(task.rig, Rig):
+        check_rig(task.rig)  # made in Python, it may say what no file may say
+    rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
     # A bus that is named replaces the buses of the rig; without either it is the simulation.
     bus = parse_bus(task.bus or DEFAULT_BUS) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
         rig = _on_bus(rig, bus)
-    scene = settled(task.scene, task.settings)
+    scene, part = settled(task)
     if rig is None:
-        rig = _shipped_bench(_renamed(scene.scene, task), task.drive, bus, task.node)
-    return Loaded(task, scene, _with_own_profiles(_with_zero(rig, task.zero), task.profiles), bus)
-
-
-def _checked(rig: Rig | None) -> Rig | None:
-    """Return a rig that was made in Python; raises RigError for what no file may say."""
-    if rig is not None:
-        check_rig(rig)
-    return rig
+        rig = _shipped_bench(_renamed(scene, task), task.drive, bus, task.node)
+    rig = _with_zero(rig, task.zero)
+    # Paths take the place of the names of own profiles, so that loading them needs no folder.
+    axes = {name: replace(axis, profile=own_profile(axis.profile, task.profiles)) for name, axis in rig.axis.items()}
+    return Selection(task, scene, part, replace(rig, axis=axes), bus)
 
 
 def _with_zero(rig: Rig, zero: str | None) -> Rig:
@@ -219,68 +234,25 @@ def _with_zero(rig: Rig, zero: str | None) -> Rig:
     )
 
 
-def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
-    """Return the rig with paths in the place of the names of own profiles, so that loading them needs no folder."""
-    return replace(
-        rig, axis={name: replace(axis, profile=own_profile(axis.profile, profiles)) for name, axis in rig.axis.items()}
-    )
-
-
-def check_rendering(rendering: Rendering) -> None:
+def check_rendering(task: Task) -> None:
     """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
 
     Raises UsageError for an unknown name, SceneError for an element that a scene file could not have, TypeError for an
     element that is none.
     """
     # Imported only when named, because a scene that needs neither must not import them.
-    if rendering.method is not None:
+    if task.method is not None:
         from haptic_fieldbus.numerics.integrators import method_named
 
-        method_named(rendering.method)
-    if rendering.estimator is not None:
+        method_named(task.method)
+    if task.estimator is not None:
         from haptic_fieldbus.numerics.estimators import chosen
 
-        chosen(rendering.estimator)
-    if isinstance(rendering.scene, Scene):
-        check_kinds(rendering.scene)
-        check_shapes(rendering.scene)
-        check_elements(rendering.scene, 1.0 / (rendering.rate or DEFAULT_RATE), rendering.method)
-
-
-def check_known(loaded: Loaded) -> None:
-    """Raise PlanError when stability cannot be judged; it names every key that the rig lacks for it."""
-    missing = [
-        f"axis.{name}.{key}"
-        for name, axis in loaded.rig.axis.items()
-        for key in ("rated_torque", "inertia", "viscous_damping")
-        if getattr(axis, key) is None
-    ]
-    if missing:
-        raise PlanError(
-            f"the bench on {loaded.bus.text} is unknown, so stability cannot be judged. A rig file (--rig FILE) must "
-            f"give: {', '.join(missing)}. Without them, --force allows 5 % of rated torque"
-        )
-
-
-def compiled(loaded: Loaded) -> Selection:
-    """Compile the loaded task; raises ProfileError, EdsError, SceneError, RigError, UsageError or PlanError.
-
-    When a setting is a part of the stability limit, the plan is compiled twice: first without it, to know the limit.
-    """
-    plan = _compiled(loaded, loaded.settled.scene)
-    if loaded.settled.part is not None:
-        plan = _compiled(loaded, loaded.settled.at(plan.stability), plan.buses)
-    return Selection(plan, loaded.bus)
-
-
-def _compiled(loaded: Loaded, scene: Scene, buses: tuple[BusPlan, ...] = ()) -> Plan:
-    """Return the plan of `scene` on the loaded bench, with the exchange of these buses if there are any."""
-    task, rig = loaded.task, loaded.rig
-    names = [axis.profile for axis in rig.axis.values()]
-    profiles = {name: loaded.profiles.get(name) or load_profile(name) for name in names}
-    return compile_plan(
-        _renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses
-    )
+        chosen(task.estimator)
+    if isinstance(task.scene, Scene):
+        check_kinds(task.scene)
+        check_shapes(task.scene)
+        check_elements(task.scene, 1.0 / (task.rate or DEFAULT_RATE), task.method)
 
 
 def _renamed(scene: Scene, task: Task) -> Scene:
@@ -341,19 +313,11 @@ def _shipped_bench(scene: Scene, drive: str | None, bus: BusName, node: int) -> 
     On a real bus nothing is known of the motors, so that rated torque, inertia and damping are None.
     """
     name, drive = bus.text.partition("@")[0], drive or protocol_named(bus.section.protocol).default_drive
-    make = _simulated_axis if bus.simulated else _unknown_axis
-    axes = {
-        axis.name: make(axis.workspace, bus=name, node=node + position, profile=drive)
-        for position, axis in enumerate(scene.axes)
-    }
+    axes = {}
+    for number, axis in enumerate(scene.axes, start=node):
+        made = RigAxis(name, number, drive, shipped_mechanism(axis.workspace), COUNTS_PER_REVOLUTION)
+        if bus.simulated:  # nobody holds it, and its power can be cut at any time
+            made = default_axis(axis.workspace, bus=name, node=number, profile=drive)
+            made = replace(made, emergency_stop="power")
+        axes[axis.name] = made
     return Rig({name: bus.section}, axes)
-
-
-def _simulated_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
-    """Return an axis of the shipped bench; nobody holds it, and its power can be cut at any time."""
-    return replace(default_axis(workspace, bus=bus, node=node, profile=profile), emergency_stop="power")
-
-
-def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
-    """Return an axis of a real bench that no rig file describes, with the mechanism of the shipped bench."""
-    return RigAxis(bus, node, profile, shipped_mechanism(workspace), COUNTS_PER_REVOLUTION)

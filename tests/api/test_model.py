@@ -12,7 +12,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.api.model import EnvironmentModel, model_of, poles_along, poles_of
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.planning.request import Rendering
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.report.analysis_texts import model_lines
 from haptic_fieldbus.scenes.catalogue import scene_names
 
@@ -30,7 +30,7 @@ RATE = 200.0
 
 
 def model(scene: str, **words: object) -> EnvironmentModel:
-    return model_of(Rendering(scene, **words))  # type: ignore[arg-type]
+    return model_of(Task(scene, **words))  # type: ignore[arg-type]
 
 
 def closed(space: StateSpace) -> tuple[Array, Array, Array, Array]:

@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.signal
 
 import haptic_fieldbus
-from haptic_fieldbus.api.open_loop import _grounded
+from haptic_fieldbus.api.open_loop import GroundedCoupling
 from haptic_fieldbus.errors import DocumentError, UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -202,8 +202,7 @@ def test_what_is_coupled_to_the_first_axis_stands_still(axes: tuple[str, str], e
     found = haptic_fieldbus.response(Scene("shaft", "", spaces, (Wall("b", 100.0), shaft)), duration=0.005)
     np.testing.assert_allclose(found.force[1:], expected)
     assert abs(found.force[0]) > 3000.0 * abs(expected) / 200.0, "the step's velocity is damped"
-    (grounded,) = _grounded(Scene("shaft", "", spaces, (shaft,)), "a")
-    np.testing.assert_allclose(grounded.linearised().d, [[expected, 3.0 / 200.0 * expected]])
+    np.testing.assert_allclose(GroundedCoupling("a", shaft).linearised().d, [[expected, 3.0 / 200.0 * expected]])
 
 
 def test_settings_hold_for_a_scene_made_in_python_too() -> None:

@@ -6,9 +6,10 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Device, judge_scene
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.margins import Plant, Verdict, stiffness_limit
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
@@ -54,12 +55,12 @@ def test_rates_that_no_bus_carries_are_no_matter_to_a_device() -> None:
 def test_of_several_axes_the_one_with_the_smallest_margin_is_told() -> None:
     walls = (Wall("x", 400.0, name="soft"), Wall("y", 900.0, name="hard"))
     scene = Scene("two", "", (SceneAxis("x", Workspace.LINEAR), SceneAxis("y", Workspace.LINEAR)), walls)
-    found = judge_scene(Inquiry(scene, mass=0.5, damping=1.2))
+    found = judge_scene(Task(scene), Device(mass=0.5, damping=1.2))
     assert (found.axis, found.stability.stiffness) == ("y", 900.0)
 
 
 def test_less_friction_means_less_stiffness() -> None:
-    found = judge_scene(Inquiry("wall"))
+    found = judge_scene(Task("wall"))
     less, all_of_it = found.group.weakened(0.7).stability.stiffness_limit, found.stability.stiffness_limit
     assert less.quantisation == pytest.approx(0.7 * all_of_it.quantisation)  # type: ignore[operator]
     assert less.stable == pytest.approx(0.7 * all_of_it.stable, rel=0.02)  # type: ignore[operator]
@@ -71,31 +72,31 @@ def test_less_friction_means_less_stiffness() -> None:
 def test_an_estimator_that_is_not_linear_is_replaced_and_named(
     estimator: str | None, stands_for_it: str | None
 ) -> None:
-    found = judge_scene(Inquiry("damped_wall", estimator=estimator))
+    found = judge_scene(Task("damped_wall", estimator=estimator))
     assert found.linear_estimator == stands_for_it
-    assert judge_scene(Inquiry("wall", estimator=estimator)).linear_estimator is None
+    assert judge_scene(Task("wall", estimator=estimator)).linear_estimator is None
 
 
 @pytest.mark.parametrize(
-    ("inquiry", "sentence"),
+    ("device", "sentence"),
     [
-        (Inquiry("wall", delay=0.0), "mass 0: expected a number above 0, from 1e-12 to 1e9"),
+        (Device(delay=0.0), "mass 0: expected a number above 0, from 1e-12 to 1e9"),
         (
-            Inquiry("wall", damping=1.5),
+            Device(damping=1.5),
             "mass 0: expected a number above 0, from 1e-12 to 1e9; as it goes to 0, the limit of a spring goes to 3000",
         ),
         (
-            Inquiry("wall", mass=-1.0, damping=-2.0),
+            Device(mass=-1.0, damping=-2.0),
             "mass -1: expected a number above 0, from 1e-12 to 1e9\n"
             "damping -2: expected a number from 0 up, at most 1e9",
         ),
-        (Inquiry("wall", mass=math.nan), "mass nan: expected a number above 0, from 1e-12 to 1e9"),
-        (Inquiry("wall", mass=1.0, delay=math.inf), "delay inf: expected a number from 0 up, at most 100"),
+        (Device(mass=math.nan), "mass nan: expected a number above 0, from 1e-12 to 1e9"),
+        (Device(mass=1.0, delay=math.inf), "delay inf: expected a number from 0 up, at most 100"),
     ],
 )
-def test_a_device_that_cannot_be_is_refused_with_the_limit(inquiry: Inquiry, sentence: str) -> None:
+def test_a_device_that_cannot_be_is_refused_with_the_limit(device: Device, sentence: str) -> None:
     with pytest.raises(UsageError) as refused:
-        judge_scene(inquiry)
+        judge_scene(Task("wall"), device)
     assert str(refused.value) == sentence
 
 

@@ -18,7 +18,7 @@ from haptic_fieldbus.assessing.result import (
 )
 from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.planning.selection import compiled, load
+from haptic_fieldbus.planning.selection import load
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -100,9 +100,9 @@ def test_the_bus_load_counts_the_frames_of_other_devices() -> None:
     done = run("wall", duration=0.1)
     assert done.plan is not None
     assert done.bus_load == done.plan.bus_load
-    selection = compiled(load(Task("wall")))
+    found = load(Task("wall")).plan
     report = LoopReport(foreign_load={"handle": 0.125})
-    assert known_before(selection, report).bus_load == pytest.approx(selection.plan.bus_load + 0.125)
+    assert known_before(found, "sim", report).bus_load == pytest.approx(found.bus_load + 0.125)
 
 
 @pytest.mark.thorough("2 cases of one rule", quick=1)

@@ -17,7 +17,7 @@ from haptic_fieldbus.assessing.travel import Reach, Travel
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.planning.selection import compiled, load
+from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.end_stop import EndStop
 from haptic_fieldbus.scenes.magnet import Magnet
@@ -196,12 +196,12 @@ def test_the_depth_is_that_in_the_element_that_acted(
 
 def test_of_real_drives_the_decoded_positions_count_also_those_that_the_record_has_lost() -> None:
     """From operation enabled on: what a handle did before is not of the run."""
-    selection = compiled(load(Task("wall")))
-    cycle, report = Cycle(selection.plan), LoopReport()
+    plan = load(Task("wall")).plan
+    cycle, report = Cycle(plan), LoopReport()
     record = Record(cycle.columns, 50)
-    assessment = Assessment(Run(selection, cycle, record, report, {}, "monotonic", 400, ""))
+    assessment = Assessment(Run(plan, "sim", cycle, record, report, {}, "monotonic", 400, ""))
     row = dict.fromkeys(cycle.columns, 0.0)
-    assert assessment.with_travel(known_before(selection)).travel == ()
+    assert assessment.with_travel(known_before(plan, "sim")).travel == ()
     for number in range(400):
         row["t_ns"] = 1e6 * number
         # The deepest place, 0.031, is passed at row 110 only; before operation enabled the handle was further still.
@@ -210,7 +210,7 @@ def test_of_real_drives_the_decoded_positions_count_also_those_that_the_record_h
         report.enabled_at_ns = 10_000_000 if number >= 10 else None
         if number % 20 == 0:
             assessment.advance()
-    (found,) = assessment.with_travel(known_before(selection)).travel
+    (found,) = assessment.with_travel(known_before(plan, "sim")).travel
     assert (found.lowest, found.highest) == (1e-4, 0.031)
     assert found.depth == {"wall": pytest.approx(0.011)}
     assert replace(found) == found

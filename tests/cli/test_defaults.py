@@ -11,10 +11,9 @@ import pytest
 
 from haptic_fieldbus import api, defaults
 from haptic_fieldbus.api.open_loop import OpenLoop
-from haptic_fieldbus.api.stability_limits import Inquiry
-from haptic_fieldbus.cli.options import BenchOptions
+from haptic_fieldbus.api.stability_limits import Device
+from haptic_fieldbus.cli.options import SceneOptions
 from haptic_fieldbus.cli.planning import ResponseOptions, StabilityOptions
-from haptic_fieldbus.cli.run import RunOptions
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.sim.host_request import HostRequest
@@ -23,13 +22,13 @@ from tests.cli.command import Command
 from tests.source import modules, nodes_of, reads_the_source, tree_of
 
 PACKAGE = Path(defaults.__file__).parent
-REQUESTS = (Task, Inquiry, OpenLoop, api.Trial, HostRequest)
+REQUESTS = (Task, Device, OpenLoop, api.Trial, HostRequest)
 """What is asked of the package."""
 COMMANDS = {
-    "plan": (BenchOptions, Task),
-    "stability": (StabilityOptions, Inquiry),
+    "plan": (SceneOptions, Task),
+    "stability": (StabilityOptions, Device),
     "response": (ResponseOptions, OpenLoop),
-    "run": (RunOptions, api.Trial),
+    "run": (SceneOptions, api.Trial),
 }
 """Of each command its options, and what it asks."""
 TEXTS = {value for name, value in vars(defaults).items() if name.isupper() and isinstance(value, str)} - {"none"}

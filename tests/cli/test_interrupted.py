@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus import api
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.assessing.summary import Assessment
 from haptic_fieldbus.buses.bus import InSteps
 from haptic_fieldbus.cli import run as run_command
 from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.planning import selection
 from haptic_fieldbus.running.ending import SIGNALS
 from haptic_fieldbus.running.rows import Rows
 from tests.cli.command import Command, FinalState
@@ -177,7 +177,7 @@ def test_a_trip_keeps_its_status(command: Command, monkeypatch: pytest.MonkeyPat
 def test_a_signal_while_the_scene_is_compiled_is_told(
     number: signal.Signals, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(api, "compiled", lambda *_: signal.raise_signal(number))
+    monkeypatch.setattr(selection, "compile_plan", lambda *_, **__: signal.raise_signal(number))
     finished = command("run", "wall", "--json", "--duration", "60")
     assert check_stopped(finished, number)["plan"] is None
 
@@ -185,9 +185,9 @@ def test_a_signal_while_the_scene_is_compiled_is_told(
 @pytest.mark.parametrize(
     ("words", "place", "number"),
     [
-        *[("plan wall", "haptic_fieldbus.planning.selection.compiled", number) for number in SIGNALS],
+        *[("plan wall", "haptic_fieldbus.planning.selection.compile_plan", number) for number in SIGNALS],
         ("stability wall", "haptic_fieldbus.api.stability_limits.judge_scene", signal.SIGINT),
-        ("response sprung_mass", "haptic_fieldbus.api.response.of", signal.SIGINT),
+        ("response sprung_mass", "haptic_fieldbus.api.open_loop.open_loop", signal.SIGINT),
         ("estimate signal.csv", "haptic_fieldbus.api.estimation.estimate_from", signal.SIGINT),
         ("scan", "haptic_fieldbus.api.bench.scans", signal.SIGINT),
         ("doctor", "haptic_fieldbus.api.bench.examined", signal.SIGINT),

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from haptic_fieldbus.cli.screen import ProgressBar, bar, plain, print_json, show, show_table
+from haptic_fieldbus.cli.screen import ProgressBar, plain, print_json, show, show_table
 from haptic_fieldbus.signals import Workspace
 
 
@@ -80,16 +80,10 @@ def test_values_become_plain() -> None:
     }
 
 
-def test_there_is_no_bar_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", io.StringIO())
-    assert bar(10.0) is None
-
-
 def test_the_bar_shows_the_seconds_done(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    progress = bar(10.0)
-    assert progress is not None
+    progress = ProgressBar(10.0)
     progress(500, 10_000)
     progress(501, 10_000)
     progress(10_000, 10_000)

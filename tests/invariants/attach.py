@@ -125,7 +125,7 @@ class Watch:
         """A run of the API: its outcome is judged too."""
         if not self.findings.watching:
             return inner(request, place)
-        plan = request.selection.plan
+        plan = request.plan
         self.judged, self._must_prove = [], not plan.simulated
         self._asked = request.prove
         error: BaseException | None = None
@@ -154,7 +154,7 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
 
     watch = Watch(Findings(keep=keep))
     watch.findings.settle = watch.end_all
-    render, prove = session.render, guard_proof.prove
+    render, prove = session.Session.render, guard_proof.prove
 
     def rendered(request: Any, place: Any) -> Any:
         return watch.render(render, request, place)
@@ -162,7 +162,7 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
     def proved(*args: Any) -> Any:
         return watch.prove(prove, *args)
 
-    patched: Any = session
+    patched: Any = session.Session
     patched.render = rendered
     patched_proving: Any = guard_proof
     patched_proving.prove = proved

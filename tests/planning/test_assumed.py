@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Device, judge_scene
 from haptic_fieldbus.planning.plan import assumed_words
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from tests.builders import PROFILE
 from tests.cases import every
@@ -43,5 +44,5 @@ def test_two_drives_are_told_apart() -> None:
 
 
 def test_a_judgement_carries_it_and_one_of_a_device_given_by_numbers_has_none() -> None:
-    assert judge_scene(Inquiry("wall", drive="generic_cia402")).assumed == (TIMES,)
-    assert judge_scene(Inquiry("wall", mass=0.6, damping=1.6, delay=8e-4)).assumed == ()
+    assert judge_scene(Task("wall", drive="generic_cia402")).assumed == (TIMES,)
+    assert judge_scene(Task("wall"), Device(mass=0.6, damping=1.6, delay=8e-4)).assumed == ()

@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import Device, judge_scene
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.report.analysis_texts import stability_lines
 from haptic_fieldbus.report.texts import announcement, stability_text
 from haptic_fieldbus.scenes.constant import Constant
@@ -104,7 +105,7 @@ class TestVerdict:
         assert limits[1] == pytest.approx((limits[0] or 0.0) * 0.02**2, rel=1e-6)
 
     def test_is_the_same_by_the_stability_command(self) -> None:
-        judged = judge_scene(Inquiry("virtual_shaft"))
+        judged = judge_scene(Task("virtual_shaft"))
         assert judged.stability == haptic_fieldbus.plan("virtual_shaft").stability
         text = dict(stability_lines(judged))
         assert "coupling left, right" in text["scene"]
@@ -115,17 +116,17 @@ class TestVerdict:
 
     def test_of_a_weaker_axis_beside_the_pair_is_told_as_its_own(self) -> None:
         scene = scene_of(SHAFT, Wall("foot", stiffness=900.0))
-        judged = judge_scene(Inquiry(scene, drive="generic_cia402", rate=800.0))
+        judged = judge_scene(Task(scene, drive="generic_cia402", rate=800.0))
         assert (judged.axis, judged.group.couplings, judged.stability.stiffness) == ("foot", (), 900.0)
-        device = judge_scene(Inquiry(scene, mass=0.6, damping=1.6, delay=8e-4))
+        device = judge_scene(Task(scene), Device(mass=0.6, damping=1.6, delay=8e-4))
         assert (device.axis, device.group.couplings) == ("foot", ())
 
     def test_names_an_estimator_that_is_judged_as_another(self) -> None:
-        judged = judge_scene(Inquiry("virtual_shaft", estimator="levant"))
+        judged = judge_scene(Task("virtual_shaft", estimator="levant"))
         assert judged.linear_estimator is not None
 
     def test_gives_both_axes_the_device_of_numbers(self) -> None:
-        found = judge_scene(Inquiry(SCENE, mass=0.5, damping=1.2, delay=5e-4))
+        found = judge_scene(Task(SCENE), Device(mass=0.5, damping=1.2, delay=5e-4))
         pair = PairByHand((found.stability.plant, found.stability.plant), (0.5, 0.5), 0.3)
         limit = found.stability.stiffness_limit.stable
         assert limit is not None
@@ -215,5 +216,5 @@ def test_the_picture_of_the_region_is_drawn_of_a_pair_too(tmp_path: Path, monkey
     from haptic_fieldbus.report import analysis_plots
 
     monkeypatch.setattr(analysis_plots, "POINTS", 3)
-    analysis_plots.plot_region(judge_scene(Inquiry("virtual_shaft")), tmp_path / "region.png")
+    analysis_plots.plot_region(judge_scene(Task("virtual_shaft")), tmp_path / "region.png")
     assert (tmp_path / "region.png").stat().st_size > 10_000

@@ -18,8 +18,8 @@ from haptic_fieldbus.errors import (
     UsageError,
 )
 from haptic_fieldbus.numerics.linear import gain
-from haptic_fieldbus.planning.request import Rendering, Task
-from haptic_fieldbus.planning.selection import check_rendering, compiled, load, select
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import check_rendering, load, select
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
@@ -154,8 +154,8 @@ def test_of_a_real_bus_without_a_rig_the_bench_is_unknown() -> None:
 )
 def test_names_are_checked_also_where_the_scene_needs_neither(wrong: dict[str, str], sentence: str) -> None:
     with pytest.raises(UsageError, match=sentence):
-        check_rendering(Rendering(SCENE, method=wrong.get("method"), estimator=wrong.get("estimator")))
-    check_rendering(Rendering(SCENE, method="rk4", estimator="kalman-velocity"))
+        check_rendering(Task(SCENE, method=wrong.get("method"), estimator=wrong.get("estimator")))
+    check_rendering(Task(SCENE, method="rk4", estimator="kalman-velocity"))
 
 
 def test_a_profile_of_no_particular_drive_is_asked_for_by_a_run_and_the_plan_says_so() -> None:
@@ -175,7 +175,7 @@ def test_a_profile_that_is_known_already_is_not_loaded() -> None:
     loaded = load(Task("wall"))
     axes = {name: replace(axis, profile="no file has this name") for name, axis in loaded.rig.axis.items()}
     known = {"no file has this name": canopen("generic_cia402")}
-    (axis,) = compiled(replace(loaded, rig=replace(loaded.rig, axis=axes), profiles=known)).plan.axes
+    (axis,) = replace(loaded, rig=replace(loaded.rig, axis=axes), profiles=known).plan.axes
     assert axis.profile is known["no file has this name"]
 
 
@@ -196,11 +196,11 @@ class Own:
 
 
 def test_the_linear_model_of_an_own_element_has_one_form() -> None:
-    check_rendering(Rendering(scene_of(Own(gain([[0.0, 0.0]])))))
+    check_rendering(Task(scene_of(Own(gain([[0.0, 0.0]])))))
     told = r"scene: element own: linearised\(\) must give a StateSpace of 2 inputs and 1 output"
     for wrong in (3, gain([[0.0]])):
         with pytest.raises(UsageError, match=told):
-            check_rendering(Rendering(scene_of(Own(wrong))))
+            check_rendering(Task(scene_of(Own(wrong))))
 
 
 def test_a_rig_made_in_python_is_held_to_the_rules_of_files() -> None:

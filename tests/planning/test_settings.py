@@ -6,17 +6,18 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.selection import parsed, settled
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import at_limit, parsed, settled
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import scene_of
 
 
 def test_numbers_are_read_from_texts_and_the_scene_is_final() -> None:
-    found = settled("wall", {"wall.stiffness": "800", "wall.position": "25 mm", "wall.sides": "bilateral"})
-    assert found.part is None
-    assert found.scene.elements == (Wall("handle", 800.0, position=0.025, sides="bilateral"),)
-    assert found.at(None) is found.scene
+    texts = {"wall.stiffness": "800", "wall.position": "25 mm", "wall.sides": "bilateral"}
+    scene, part = settled(Task("wall", settings=texts))
+    assert part is None
+    assert scene.elements == (Wall("handle", 800.0, position=0.025, sides="bilateral"),)
 
 
 def test_true_and_false_are_no_texts_and_what_is_no_text_stays() -> None:
@@ -42,34 +43,39 @@ def test_a_value_that_cannot_even_be_shown_is_refused_by_its_kind() -> None:
 
 def test_without_settings_a_scene_made_in_python_is_itself() -> None:
     scene = scene_of(Wall("handle", 300.0))
-    assert settled(scene, None).scene is scene
+    assert settled(Task(scene))[0] is scene
 
 
 @pytest.mark.parametrize("made", [False, True], ids=["of a file", "made in Python"])
 @pytest.mark.parametrize(("text", "divisor"), [("max", 1.0), ("max/2", 2.0), ("max/2.5", 2.5)])
 def test_a_part_of_the_limit_waits_for_a_verdict(text: str, divisor: float, made: bool) -> None:
     scene = load_scene("damped_wall") if made else "damped_wall"
-    found = settled(scene, {"wall.stiffness": text, "wall.damping": 3.0})
-    assert found.part == "wall.stiffness"
-    assert found.scene == load_scene("damped_wall", {"wall.damping": 3.0})
-    stability = plan(found.scene).stability
+    task = Task(scene, settings={"wall.stiffness": text, "wall.damping": 3.0})
+    found, part = settled(task)
+    assert part == "wall.stiffness"
+    assert found == load_scene("damped_wall", {"wall.damping": 3.0})
+    stability = plan(found).stability
     assert stability is not None
     limit = stability.stiffness_limit.stable
     assert limit is not None
-    assert found.at(stability) == load_scene("damped_wall", {"wall.stiffness": limit / divisor, "wall.damping": 3.0})
+    final = load_scene("damped_wall", {"wall.stiffness": limit / divisor, "wall.damping": 3.0})
+    assert at_limit(task, found, part, stability) == final
 
 
 def test_a_part_of_the_limit_may_be_what_the_stiffness_follows_from() -> None:
-    wanted = settled("hunt_crossley", {"hunt_crossley.effort": "max/2"})
+    task = Task("hunt_crossley", settings={"hunt_crossley.effort": "max/2"})
+    scene, part = settled(task)
+    assert part == "hunt_crossley.effort"
     stability = haptic_fieldbus.stability("hunt_crossley")
     limit = stability.stiffness_limit.stable
     assert limit is not None
     # K = n·effort/depth, with n = 1.5 and a depth of 15 mm.
-    assert wanted.at(stability).elements[0].effort == pytest.approx(limit / 2.0 * 0.015 / 1.5)  # type: ignore[attr-defined]
+    final = at_limit(task, scene, part, stability).elements[0]
+    assert final.effort == pytest.approx(limit / 2.0 * 0.015 / 1.5)  # type: ignore[attr-defined]
     with pytest.raises(UsageError, match="only a stiffness has a limit, or what it follows from"):
-        settled("hunt_crossley", {"hunt_crossley.depth": "max/2"})
+        settled(Task("hunt_crossley", settings={"hunt_crossley.depth": "max/2"}))
     with pytest.raises(UsageError, match="only a stiffness has a limit, or what it follows from"):
-        settled("damped_wall", {"wall.damping": "max"})
+        settled(Task("damped_wall", settings={"wall.damping": "max"}))
 
 
 @pytest.mark.parametrize(
@@ -89,22 +95,22 @@ def test_a_part_that_cannot_be_is_refused_before_anything_is_loaded(
     settings: dict[str, Setting], sentence: str
 ) -> None:
     with pytest.raises(UsageError) as refused:
-        settled("no such scene", settings)
+        settled(Task("no such scene", settings=settings))
     assert str(refused.value) == sentence
 
 
 def test_the_limit_of_coupled_axes_is_that_of_the_stiffest_coupling() -> None:
-    assert settled("virtual_shaft", {"shaft.stiffness": "max/2"}).part == "shaft.stiffness"
+    assert settled(Task("virtual_shaft", settings={"shaft.stiffness": "max/2"}))[1] == "shaft.stiffness"
     with pytest.raises(UsageError, match=r"^wall\.stiffness=max: the limit .* is told for shaft\.stiffness alone$"):
-        settled("virtual_shaft", {"wall.stiffness": "max"})
+        settled(Task("virtual_shaft", settings={"wall.stiffness": "max"}))
 
 
 def test_without_a_limit_there_is_no_part_of_it() -> None:
-    found = settled("wall", {"wall.stiffness": "max/2"})
+    task = Task("wall", settings={"wall.stiffness": "max/2"})
     with pytest.raises(UsageError, match=r"^wall\.stiffness=max/2: this bench has no stability limit to take a part"):
-        found.at(None)
+        at_limit(task, settled(task)[0], "wall.stiffness", None)
     with pytest.raises(UsageError, match=r"^wall\.stiffness=max/0: the limit cannot be divided by zero$"):
-        settled("wall", {"wall.stiffness": "max/0"}).at(plan("wall").stability)
+        haptic_fieldbus.plan("wall", settings={"wall.stiffness": "max/0"})
 
 
 def test_a_number_of_numpy_is_a_number() -> None:

@@ -5,9 +5,10 @@ import json
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api.stability_limits import Inquiry, judge_scene
+from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import explain
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.report.analysis_texts import stability_lines
 from haptic_fieldbus.report.texts import stability_text
 
@@ -17,9 +18,7 @@ METHOD = "backward-euler"
 
 def test_the_limits_of_a_scene_say_so() -> None:
     lines = [
-        text
-        for key, text in stability_lines(judge_scene(Inquiry("sprung_mass", method=METHOD)))
-        if key in ("limits", "")
+        text for key, text in stability_lines(judge_scene(Task("sprung_mass", method=METHOD))) if key in ("limits", "")
     ]
     assert lines[0] == "stable with no limit"
     assert lines[1].startswith("passive at no stiffness")

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import can
 
-from haptic_fieldbus.api import Trial
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.selection import compiled, load
-from haptic_fieldbus.running import session
-from haptic_fieldbus.running.session import Request, Site
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.running.session import Session, Site
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, Fault
@@ -70,9 +69,9 @@ class GuardBench:
     def __init__(
         self, rig: Path, *, scene: str = "wall", rate: float = 1000.0, seed: int = 0, prove: bool = False
     ) -> None:
-        self.trial = Trial(scene, rate=rate, rig=rig, prove=prove)
-        loaded = load(self.trial)
-        self.selection = compiled(replace(loaded, rig=loaded.rig.unproved()) if prove else loaded)
+        self.prove = prove
+        found = load(Task(scene, rate=rate, rig=rig))
+        self.selection = replace(found, rig=found.rig.unproved()) if prove else found
         self.clock = Frozen()
         self.world = World(self.clock, 1_000_000, seed)
         self.frames: list[tuple[int, int, bytes]] = []
@@ -101,9 +100,9 @@ class GuardBench:
             self.asked = question
             return True
 
-        request = Request(self.selection, seconds, confirm=confirm, prove=self.trial.prove)
+        session = Session(self.plan, self.selection.bus.text, seconds, confirm=confirm, prove=self.prove)
         try:
-            return session.render(request, nullcontext(Site(self.clock, {"can": self.bus}, {}, "")))
+            return session.render(nullcontext(Site(self.clock, {"can": self.bus}, {}, "")))
         finally:
             self.forger.shutdown()
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import haptic_fieldbus
 from haptic_fieldbus.api import run
-from haptic_fieldbus.api.site import Conditions, site_of
+from haptic_fieldbus.api.site import site_of
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.result import Result, Trace
 from haptic_fieldbus.buses.bus import StepwiseBus
@@ -23,10 +23,8 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import BusError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.selection import Selection
-from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.running.loop import run_loop
-from haptic_fieldbus.running.session import Request, render
+from haptic_fieldbus.running.session import Session
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
@@ -182,8 +180,7 @@ def free_plan(stiffness: float, damping: float) -> Plan:
 
 def rate_of_growth(plan: Plan) -> float:
     """Of the twist's peaks after a flick [1/s], as the package's own simulation runs it."""
-    request = Request(Selection(plan, parse_bus("sim")), 4.0)
-    left, right = traces(render(request, site_of(plan, None, Conditions(FLICK))))
+    left, right = traces(Session(plan, "sim", 4.0).render(site_of(plan, hand=FLICK)))
     twist = left.position - right.position
     size, later = np.abs(twist), left.times > left.times[0] + 0.2
     peaks = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:]) & later[1:-1]) + 1
