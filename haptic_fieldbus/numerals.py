@@ -5,6 +5,8 @@ thousands, so that what is read can be typed, `--set wall.stiffness=3370`.
 """
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 DIGITS = 3
 """Significant digits of what was measured or computed: more than a hand can tell."""
@@ -64,3 +66,40 @@ def percent(share: float, digits: int = PERCENT_DIGITS) -> str:
     """Return a share in percent, whole ones from ten percent on."""
     whole = len(str(round(abs(100.0 * share)))) if math.isfinite(share) else 0
     return f"{rounded(100.0 * share, max(digits, whole))} %"
+
+
+# What is told of a plan, a run, a judgement or a bench is made once, as rows; texts and JSON objects are drawn of them.
+
+Line = tuple[str, str]
+"""A key and a text; an empty key continues the line before."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One thing that is told: in words, as a value of a JSON object, or both."""
+
+    label: str = ""
+    """Word in the column of keys of a text."""
+    note: Iterable[str] = ()
+    """Lines beside it, which are drawn once; none for what is told in JSON alone."""
+    key: str = ""
+    """Key of the JSON object, which says the unit of a number; empty for what is told in words alone."""
+    value: object = None
+    """Value of the key as JSON has it, SI unless the key says otherwise."""
+
+
+def lines_of(rows: Iterable[Row], *, once: bool = False) -> list[Line]:
+    """Return rows in words; `once`: a label that the row before has too is not repeated."""
+    lines: list[Line] = []
+    before = ""
+    for row in rows:
+        for number, text in enumerate(row.note):
+            lines.append(("" if number or (once and row.label == before) else row.label, text))
+            before = row.label
+    return lines
+
+
+def object_of(rows: Iterable[Row], order: Iterable[str] = ()) -> dict[str, object]:
+    """Return the JSON object of rows, with the keys of `order` first."""
+    found = {row.key: row.value for row in rows if row.key}
+    return {key: found[key] for key in dict.fromkeys((*order, *found)) if key in found}

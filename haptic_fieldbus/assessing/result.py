@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptic_fieldbus.assessing.passivity import Passivity
+from haptic_fieldbus.assessing.passivity import Passivity, cost_text, forgiven_text
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.planning.explain import summary_json
+from haptic_fieldbus.numerals import DIGITS, Row, exactly, in_unit, object_of, percent, rounded
+from haptic_fieldbus.planning.explain import milliseconds, summary_json
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
@@ -332,33 +332,137 @@ class Result:
 
     def to_json(self) -> dict[str, Json]:
         """Return the object that `run --json` prints; SI units, None for figures that do not apply."""
-        return finite(
-            {
-                "scene": self.scene,
-                "drive": self.drive,
-                "bus": self.bus,
-                "rate_hz": self.rate,
-                "clock": self.clock,
-                "cycles": self.cycles,
-                "missed_cycles": self.missed_cycles,
-                "duration_s": self.duration,
-                "bus_load": self.bus_load,
-                "plan": summary_json(self.plan) if self.plan else None,
-                "timing": self.timing.to_json() if self.timing else None,
-                "torque_error": self.torque_error.to_json() if self.torque_error else None,
-                "energy_generated_j": self.energy_generated,
-                "travel": [each.to_json() for each in self.travel],
-                "stability": cast(Json, self.stability.to_json()) if self.stability else None,
-                "trips": [trip.to_json() for trip in self.trips],
-                "stopped": self.stopped.to_json() if self.stopped else None,
-                "changes": [change.to_json() for change in self.changes],
-                "passivity": [each.to_json() for each in self.passivity],
-                "verdict": self.verdict,
-                "guards": [proof.to_json() for proof in self.proofs],
-                "host": [right.to_json() for right in self.host] or None,
-                "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
-            }
-        )
+        return finite(cast(dict[str, Json], object_of(self.rows(), ORDER)))
+
+    def rows(self) -> Iterator[Row]:
+        """Yield all that is told of a run, in the order of its text; figures that are not known have no text."""
+        plan, timing, error, stability = self.plan, self.timing, self.torque_error, self.stability
+        yield Row("guard", map(str, self.proofs), "guards", [proof.to_json() for proof in self.proofs])
+        yield from (Row(key=name, value=getattr(self, name)) for name in ("scene", "drive", "bus", "clock", "cycles"))
+        yield Row(key="rate_hz", value=self.rate)
+        yield Row(key="missed_cycles", value=self.missed_cycles)
+        yield Row(key="duration_s", value=self.duration)
+        yield Row(key="bus_load", value=self.bus_load)
+        yield Row("result", _periods_texts(self), "timing", timing.to_json() if timing else None)
+        yield Row("result", map(travel_text, self.travel), "travel", [each.to_json() for each in self.travel])
+        sizes = [f"{error_sizes(error)}{_sources_text(error)}"] if error else []
+        yield Row("result", sizes, "torque_error", error.to_json() if error else None)
+        # Only a run that went to its end has a verdict, so nothing tripped.
+        ended = [] if self.verdict is None else [f"{energy_text(self.energy_generated)}no trip"]
+        yield Row("result", ended, "energy_generated_j", self.energy_generated)
+        yield Row("verdict", [] if self.verdict is None else [self.verdict], "verdict", self.verdict)
+        told = (text for tell in (forgiven_text, cost_text) for text in filter(None, map(tell, self.passivity)))
+        yield Row("passivity", told, "passivity", [each.to_json() for each in self.passivity])
+        begun = (change_text(change.time, change.settings) for change in self.changes)
+        yield Row("changed", begun, "changes", [change.to_json() for change in self.changes])
+        yield Row("host", rights_texts(self.host), "host", [right.to_json() for right in self.host] or None)
+        yield Row("warning", self.warnings)
+        yield Row(key="plan", value=summary_json(plan) if plan else None)
+        yield Row(key="stability", value=stability.to_json() if stability else None)
+        yield Row(key="trips", value=[trip.to_json() for trip in self.trips])
+        yield Row(key="stopped", value=self.stopped.to_json() if self.stopped else None)
+        yield Row(key="deadlines", value=[each.to_json() for each in plan.deadlines] if plan else None)
+
+
+ORDER = (
+    "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
+    "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
+    "guards", "host", "deadlines",
+)  # fmt: skip
+"""Order of the keys of the object, which is not that of the text; new keys follow."""
+
+
+# A result in words.
+
+WORTH_NAMING = 0.01
+"""Smallest share with which a source of error, or of load, is named."""
+
+
+def _periods_texts(result: Result) -> Iterator[str]:
+    """Yield how many periods there were, at which load and speed, and how punctual they were; nothing without any."""
+    if not result.cycles:
+        return
+    speed = ""
+    if result.clock == "virtual" and result.elapsed and result.duration:
+        speed = f" · {rounded(result.duration)} s in {rounded(result.elapsed)} s"
+    yield f"{periods_text(result)}{load_text(result)}{speed}"
+    if result.clock != "virtual" and result.periods is not None and result.timing is not None:
+        named = (("began late by", result.timing.lateness_us), ("age of the feedback", result.timing.age_us))
+        texts = [f"{name} {_percentiles_text(times)}" for name, times in named if times is not None]
+        if texts:
+            yield "; ".join(texts)
+
+
+def travel_text(travel: Travel) -> str:
+    """Return how far a handle went, in steps that a hand could tell from the whole, and how deep into what."""
+    most = max(abs(travel.lowest), abs(travel.highest))
+    decimals = DIGITS - 1 - math.floor(math.log10(most)) if most else 0
+    lowest, highest = (length(round(end, decimals), travel.workspace) for end in (travel.lowest, travel.highest))
+    deep = [
+        f"{length(float(rounded(depth)), travel.workspace)} deep in {name}"
+        for name, depth in travel.depth.items()
+        if depth
+    ]
+    way = f"stayed at {highest}" if lowest == highest else f"from {lowest.partition(' ')[0]} to {highest}"
+    return ", ".join([f"{travel.axis} {way}", *deep])
+
+
+def change_text(time: float, settings: Mapping[str, object]) -> str:
+    """Return the time of a change [s from operation enabled] and its new values."""
+    texts = {key: exactly(value) if isinstance(value, float) else value for key, value in settings.items()}
+    values = [f"{key}={text}" for key, text in texts.items()]
+    return f"at {exactly(time)} s {', '.join(values)}"
+
+
+def periods_text(result: Result) -> str:
+    """Return the number of periods, and how many were missed or began late."""
+    missed, timing = result.missed_cycles or 0, result.timing
+    words = f"{result.cycles or 0} periods, {missed or 'none'} missed"
+    if timing is None or timing.lateness_us is None or not timing.late:
+        return words
+    lateness = timing.lateness_us
+    most, longest = milliseconds(1e-6 * lateness.p999), milliseconds(1e-6 * lateness.max)
+    return f"{words}, {timing.late} late (99.9 % by at most {most}, the latest by {longest})"
+
+
+def _percentiles_text(times: Percentiles) -> str:
+    """Return the median, two percentiles and the maximum of a time."""
+    shares = ((times.p50, "median"), (times.p99, "99 %"), (times.p999, "99.9 %"), (times.max, "at most"))
+    return ", ".join(f"{milliseconds(1e-6 * value)} ({share})" for value, share in shares)
+
+
+def load_text(result: Result) -> str:
+    if result.bus_load is None:
+        return ""
+    others = result.bus_load - (result.plan.bus_load if result.plan is not None else result.bus_load)
+    of_it = f", {percent(others)} of it by other devices" if others >= WORTH_NAMING else ""
+    return f" · bus load {percent(result.bus_load)}{of_it}"
+
+
+def error_sizes(error: TorqueError) -> str:
+    """Return rms and largest error with their unit."""
+    name = "force" if error.unit == "N" else "torque"
+    return f"{name} error {in_unit(error.rms, error.unit)} rms, {in_unit(error.max, error.unit)} max"
+
+
+def _sources_text(error: TorqueError) -> str:
+    """Return the sources with a considerable share in brackets, the largest first; empty when there is none."""
+    by_size = sorted(error.by_source.items(), key=lambda item: -abs(item[1]))
+    named = [f"{name} {percent(share)}" for name, share in by_size if abs(share) >= WORTH_NAMING]
+    return f" ({', '.join(named)})" if named else ""
+
+
+def energy_text(energy: float | None) -> str:
+    """Return the work that the error did on the hand [J]: more or less than the ideal; empty when unknown or 0."""
+    if not energy:
+        return ""
+    way = "gives the hand" if energy > 0.0 else "takes from the hand"
+    return f"{way} {in_unit(abs(energy), 'J')} more than the ideal · "
+
+
+def length(value: float, workspace: Workspace) -> str:
+    """Return a position in the workspace [m or rad], metres shown in millimetres."""
+    return f"{exactly(1e3 * value)} mm" if workspace is Workspace.LINEAR else f"{exactly(value)} rad"
 
 
 def finite(value: dict[str, Json]) -> dict[str, Json]:

@@ -27,7 +27,7 @@ from haptic_fieldbus.cli.options import (
 from haptic_fieldbus.cli.screen import KEY_WIDTH, console, json_text, print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import in_unit, rounded
+from haptic_fieldbus.numerals import Row, in_unit, lines_of, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest
@@ -101,17 +101,14 @@ def scan(options: ScanOptions) -> None:
 
 
 def _tell_of(found: "Scan") -> None:
-    show([("bus", found.listened)])
-    if found.masters:
-        show([("listened", found.masters)])
-    if not found.nodes:
-        show([("none", NOBODY_ANSWERS)])
-        return
-    show_table(
-        ("node", "vendor", "product", "revision", "serial", "name", "NMT", "state", "profile"),
-        (list(_cells(node)) for node in found.nodes),
-    )
-    show((f"node {node.node}", node.sure) for node in found.nodes if node.sure is not None)
+    heard = [Row("bus", [found.listened]), Row("listened", filter(None, [found.masters]))]
+    show(lines_of([*heard, Row("none", [] if found.nodes else [NOBODY_ANSWERS])]))
+    if found.nodes:
+        show_table(
+            ("node", "vendor", "product", "revision", "serial", "name", "NMT", "state", "profile"),
+            (list(_cells(node)) for node in found.nodes),
+        )
+        show((f"node {node.node}", node.sure) for node in found.nodes if node.sure is not None)
 
 
 def _cells(node: "FoundNode") -> Iterator[str]:
@@ -162,9 +159,8 @@ def doctor(options: DoctorOptions) -> None:
         print_json({"checks": [check.to_json() for check in checks]})
     else:
         for check in checks:
-            show([(WORDS[check.ok], f"{check.name.replace('_', ' ')}: {check.measured}")])
-            if check.advice:
-                show([("", check.advice)])
+            told = f"{check.name.replace('_', ' ')}: {check.measured}"
+            show(lines_of([Row(WORDS[check.ok], filter(None, [told, check.advice]))]))
     if any(check.ok is False and check.name in FAILED for check in checks):
         raise typer.Exit(1)
 
@@ -228,7 +224,7 @@ def _live(stream: TextIO) -> Iterator[Shown]:
 
 def _named_lines(views: Mapping[str, "View"]) -> Iterator[str]:
     for name, view in views.items():
-        yield from (f"{name:{KEY_WIDTH}}{line}" for line in lines_of(view))
+        yield from (f"{name:{KEY_WIDTH}}{line}" for line in view_lines(view))
 
 
 def _print_json_line(views: Mapping[str, "View"]) -> None:
@@ -237,11 +233,11 @@ def _print_json_line(views: Mapping[str, "View"]) -> None:
 
 def _print_lines(views: Mapping[str, "View"], stream: TextIO) -> None:
     for name, view in views.items():
-        show((("" if number else name, line) for number, line in enumerate(lines_of(view))), stream)
+        show((("" if number else name, line) for number, line in enumerate(view_lines(view))), stream)
     stream.flush()
 
 
-def lines_of(view: "View") -> Iterator[str]:
+def view_lines(view: "View") -> Iterator[str]:
     """Yield the lines of one axis: its values, and a note where there is something to be told."""
     parts = [f"node {view.node}", view.state or "state unknown"]
     if view.statusword is not None:

@@ -30,7 +30,6 @@ from haptic_fieldbus.numerals import exactly, rounded
 if TYPE_CHECKING:
     from haptic_fieldbus.api.model import EnvironmentModel
     from haptic_fieldbus.api.open_loop import Response
-    from haptic_fieldbus.protocols.traffic import Json
 
 
 # Command `stability`: the stability limits of a scene, computed before anything moves.
@@ -55,7 +54,7 @@ class StabilityOptions(SceneOptions):
 def stability(options: StabilityOptions) -> None:
     """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
     from haptic_fieldbus.api.stability_limits import Device, judge_scene
-    from haptic_fieldbus.report.analysis_texts import notes, stability_lines
+    from haptic_fieldbus.report.analysis_texts import notes, stability_json, stability_lines
 
     task, device = options.task(), options.given(Device)
     check_plot(options.plot)
@@ -67,9 +66,7 @@ def stability(options: StabilityOptions) -> None:
         draw(options.plot, lambda path: plot_region(judgement, path))
     show(notes(judgement), sys.stderr)
     if options.as_json:
-        found = {key: plain(value) for key, value in judgement.stability.to_json().items()}
-        ways: list[Json] = [way.to_json() for way in judgement.ways]
-        print_json({**found, "assumed": list(judgement.assumed), "ways": ways})
+        print_json({key: plain(value) for key, value in stability_json(judgement).items()})
         return
     show(stability_lines(judgement))
     if options.plot is not None:

@@ -12,7 +12,7 @@ from typing import cast
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.cautious import Cautious, Obstacle
 from haptic_fieldbus.margins.closed_loop import stiffness_of
-from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import Row, exactly, in_unit, lines_of, object_of, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER, enabling_lines, unseen_text
 from haptic_fieldbus.planning.encoder_probe import encoder_lines, encoder_probe
@@ -25,7 +25,7 @@ from haptic_fieldbus.planning.limits import (
     LARGEST_MISSING_SHARE,
     START_SHARE,
 )
-from haptic_fieldbus.planning.plan import BusPlan, Plan
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import own_law_texts, softer, way_limits
 from haptic_fieldbus.planning.sign_probe import is_checked, sign_probe
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
@@ -143,43 +143,77 @@ def _text(row: LimitRow) -> str:
     return f"{row.name} {in_unit(row.value, row.unit).rstrip()}{time}"
 
 
-# A plan as the JSON object that the command line prints; its keys are a contract.
+# A plan in rows, of which the text and the JSON object are drawn; the keys of the object are a contract.
+
+KEY_WIDTH = 11
+ORDER = (
+    "mapped", "left_out", "assumed", *TRAFFIC_KEYS.values(), "bus_load", "delay_s", "ways", "couplings", "limits",
+    "guards", "sign", "stability", "modules", "deadlines",
+)  # fmt: skip
+"""Order of the keys of the object, which is not that of the text; new keys follow."""
+
+
+def explain(plan: Plan) -> str:
+    """Return the plan in words: lines of a key and a text each, without a final newline."""
+    return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in lines_of(plan_rows(plan)))
 
 
 def plan_json(plan: Plan) -> dict[str, Json]:
     """Return the object that `plan --json` prints; delays and ages in s."""
-    delay = plan.delay
-    return {
-        **summary_json(plan),
-        **_traffic_json(plan),
-        "bus_load": plan.bus_load,
-        "delay_s": {
-            "bus": delay.bus,
-            "compute": delay.compute,
-            "drive": delay.drive,
-            "torque_loop": delay.torque_loop,
-            "total": delay.total,
-        },
-        "ways": [way.to_json() for way in way_limits(plan)],
-        "couplings": [
-            {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
-            for each in plan.coupling_ages
-        ],
-        "limits": [row for axis in plan.axes for row in _limits_json(axis, plan.period)],
-        "guards": [guard.to_json() for guard in plan.guards],
-        "sign": [_sign_json(axis, plan.period) for axis in plan.axes],
-        "stability": None if plan.stability is None else cast(Json, plan.stability.to_json()),
-        "modules": list(plan.modules),
-        "deadlines": [each.to_json() for each in plan.deadlines],
-    }
+    return cast(dict[str, Json], object_of(plan_rows(plan), ORDER))
 
 
 def summary_json(plan: Plan) -> dict[str, Json]:
+    """Return what `run --json` tells of a plan."""
     return {
         "mapped": list(plan.mapped),
         "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
         "assumed": list(plan.assumed),
     }
+
+
+def plan_rows(plan: Plan) -> Iterator[Row]:
+    """Yield the rows of a plan, in the order of its text."""
+    summary, ways, ages, axes = summary_json(plan), way_limits(plan), plan.coupling_ages, plan.axes
+    yield Row("scene", [f"{plan.scene.name}: {plan.scene.description}"])
+    for axis in axes:
+        effort = f"at most {in_unit(axis.limits.effort, axis.workspace.effort_unit)}"
+        yield Row("axis", [f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"])
+    for bus in plan.buses:
+        # Its name and axes are given only when the plan has several buses.
+        name, on_it = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
+        yield Row("bus", [f"{name}{bus.traffic.line()}{on_it}"])
+        yield from (Row(key, [text]) for axis in plan.on(bus).axes for key, text in axis.traffic.lines())
+    yield from (Row(key=key, value=value) for key, value in _traffic_json(plan).items())
+    yield Row(key="mapped", value=summary["mapped"])
+    yield Row(key="bus_load", value=plan.bus_load)
+    yield Row("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
+    yield Row("modules", plan.modules, "modules", list(plan.modules))
+    yield Row("left out", [f"{left.what}: {left.why}" for left in plan.left_out], "left_out", summary["left_out"])
+    prefixes = [f"{axis.name}: " if len(axes) > 1 else "" for axis in axes]
+    for prefix, axis in zip(prefixes, axes, strict=True):
+        yield Row("limits", [prefix + line for line in limit_lines(axis, plan.period)])
+    yield Row(key="limits", value=[row for axis in axes for row in _limits_json(axis, plan.period)])
+    yield Row(key="sign", value=[_sign_json(axis, plan.period) for axis in axes])
+    if plan.rig.source:  # the shipped bench is nobody's, and has no file to write them into
+        yield Row("advice", filter(None, map(recommended_limits, axes)))
+    for prefix, axis in zip(prefixes, axes, strict=True):
+        yield Row("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
+    guards = plan.guards
+    yield Row(
+        "guard", guard_lines(guards, simulated=plan.simulated), "guards", [guard.to_json() for guard in guards]
+    )  # fmt: skip
+    yield Row("enabling", enabling_lines(axes))
+    parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
+    yield Row("delay", [delay_text(plan)], "delay_s", parts)
+    yield Row("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
+    yield Row("assumed", plan.assumed, "assumed", summary["assumed"])
+    yield Row("deadlines", deadline_texts(plan), "deadlines", [each.to_json() for each in plan.deadlines])
+    yield Row("unseen", filter(None, (unseen_text(axis, plan.period) for axis in axes)))
+    coupled = [{"name": each.name, "age_s": {on: dict(told) for on, told in each.ages.items()}} for each in ages]
+    yield Row("coupling", map(str, ages), "couplings", coupled)
+    found = plan.stability
+    yield Row("stability", _stability(plan), "stability", None if found is None else found.to_json())
 
 
 def _traffic_json(plan: Plan) -> dict[str, Json]:
@@ -222,61 +256,6 @@ def _limits_json(axis: AxisPlan, period: float) -> list[Json]:
     ]
 
 
-KEY_WIDTH = 11
-
-
-def explain(plan: Plan) -> str:
-    """Return the plan in words: lines of a key and a text each, without a final newline."""
-    return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in _lines(plan))
-
-
-def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
-    yield "scene", f"{plan.scene.name}: {plan.scene.description}"
-    for axis in plan.axes:
-        yield "axis", _axis(axis)
-    for bus in plan.buses:
-        yield "bus", _bus(plan, bus)
-        for axis in plan.on(bus).axes:
-            yield from axis.traffic.lines()
-    yield from _listed("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
-    yield from _listed("modules", list(plan.modules))
-    yield from _listed("left out", [f"{left.what}: {left.why}" for left in plan.left_out])
-    for axis in plan.axes:
-        prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
-        yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
-    if plan.rig.source:  # the shipped bench is nobody's, and has no file to write them into
-        yield from _listed("advice", [text for axis in plan.axes if (text := recommended_limits(axis))])
-    for axis in plan.axes:
-        prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
-        yield from _listed("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
-    yield from _listed("guard", list(guard_lines(plan.guards, simulated=plan.simulated)))
-    yield from _listed("enabling", list(enabling_lines(plan.axes)))
-    yield "delay", delay_text(plan)
-    yield from _listed("ways", [way.text() for way in way_limits(plan)])
-    yield from _listed("assumed", list(plan.assumed))
-    yield from _listed("deadlines", list(deadline_texts(plan)))
-    yield from _listed("unseen", [text for axis in plan.axes if (text := unseen_text(axis, plan.period))])
-    yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
-    yield from _stability(plan)
-
-
-def _axis(axis: AxisPlan) -> str:
-    effort = f"at most {in_unit(axis.limits.effort, axis.workspace.effort_unit)}"
-    return f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"
-
-
-def _bus(plan: Plan, bus: BusPlan) -> str:
-    """Return the line of a bus; its name and axes are given only when the plan has several buses."""
-    name, axes = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
-    return f"{name}{bus.traffic.line()}{axes}"
-
-
-def _listed(key: str, texts: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield one line for each text, with the key on the first line only."""
-    for position, text in enumerate(texts):
-        yield (key if position == 0 else ""), text
-
-
 def delay_text(plan: Plan) -> str:
     """Return the delay budget in one line [ms]."""
     delay = plan.delay
@@ -305,27 +284,27 @@ def milliseconds(seconds: float) -> str:
     return f"{math.ceil(1e4 * seconds - 1e-6) / 10:g} ms" if math.isfinite(seconds) else "without end"
 
 
-def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
+def _stability(plan: Plan) -> Iterator[str]:
     """Yield the verdict on the weakest axis, with its limits when a stiffness can be varied."""
     axis, stability = plan.weakest, plan.stability
     if axis is None or stability is None:
-        yield "stability", "unknown: the rig does not give inertia and viscous_damping"
+        yield "unknown: the rig does not give inertia and viscous_damping"
         return
-    limit = stability.stiffness_limit
+    limit, verdict = stability.stiffness_limit, stability.verdict.value
     if stability.stiffness is None or limit.stable is None or limit.passive is None:
-        yield "stability", stability.verdict.value
-        yield from (("", text) for text in place_texts(stability, axis.workspace))
+        yield verdict
+        yield from place_texts(stability, axis.workspace)
         return
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
-    yield "stability", f"{stability.verdict.value}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
-    yield from (("", text) for text in place_texts(stability, axis.workspace))
+    yield f"{verdict}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
+    yield from place_texts(stability, axis.workspace)
     if stability.cautious is not None:
-        yield "", f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability.cautious, axis.workspace)}"
+        yield f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability.cautious, axis.workspace)}"
         if stability.cautious.obstacle is not None:
-            yield "", obstacle_text(stability.cautious.obstacle, axis.workspace)
+            yield obstacle_text(stability.cautious.obstacle, axis.workspace)
     if stability.recommended is not None:
-        yield "", f"recommended up to {rounded_limit(stability.recommended)} {per}"
+        yield f"recommended up to {rounded_limit(stability.recommended)} {per}"
 
 
 def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:

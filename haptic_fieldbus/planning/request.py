@@ -3,7 +3,7 @@
 The Python API and the command line both use these functions, so both refuse the same requests in the same words.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from haptic_fieldbus.defaults import (
     DEFAULT_RATE,
     DEFAULT_SEED,
 )
-from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
@@ -129,24 +128,6 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
     return sorted(changes.items())
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A name that must be one of a table."""
-
-    what: str
-    """Word for the kind of name, used in messages."""
-    given: str | None
-    """Name to be checked; None: none was given."""
-    names: Collection[str]
-    """Known names."""
-
-    def faults(self) -> list[str]:
-        """Return the fault of an unknown name with the nearest ones; empty when there is none."""
-        if self.given is None or self.given in self.names:
-            return []
-        return [f'no {self.what} "{self.given}"{suggestion(self.given, self.names)}']
-
-
 def check_request(
     *,
     bus: str = DEFAULT_BUS,
@@ -154,18 +135,14 @@ def check_request(
     rate: float | None = None,
     duration: float = DEFAULT_DURATION,
     seed: int = DEFAULT_SEED,
-    choices: Sequence[Choice] = (),
     record: Path | None = None,
-    plot: Path | None = None,
 ) -> BusName:
     """Check a request and return its bus; `rate` in Hz, None for that of the bus, `duration` in s.
 
     Raises one UsageError that lists every fault.
     """
     faults = _number_faults(DEFAULT_RATE if rate is None else rate, duration, seed)
-    faults += [fault for choice in choices for fault in choice.faults()]
     faults += file_faults("record", record, RECORD_SUFFIXES)
-    faults += file_faults("plot", plot, PLOT_SUFFIXES)
     try:
         name = parse_bus(bus)
     except UsageError as error:

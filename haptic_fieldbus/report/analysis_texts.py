@@ -12,11 +12,11 @@ from haptic_fieldbus.api.open_loop import Response
 from haptic_fieldbus.api.stability_limits import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.margins.bodies import HungBody
-from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
+from haptic_fieldbus.numerals import Line, Row, exactly, in_unit, lines_of, object_of, percent, rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.transfer import difference_equation, fraction
 from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
-from haptic_fieldbus.report.texts import Line, parameter_units
+from haptic_fieldbus.report.texts import parameter_units
 from haptic_fieldbus.signals import Workspace
 
 # Open-loop response in words, as lines of a key and a text.
@@ -196,36 +196,44 @@ MEANING = {
 
 def stability_lines(judgement: Judgement) -> list[Line]:
     """Return lines on scene, device, delay, limits with full and reduced friction, and the verdict."""
-    stability, unit = judgement.stability, parameter_units(judgement.workspace)["stiffness"]
-    return [
-        ("scene", f"{judgement.scene.name}: {_asked(stability, unit, judgement.workspace)}{_axis(judgement)}"),
-        *_devices(judgement),
-        *(("" if number else "ways", way.text()) for number, way in enumerate(judgement.ways)),
-        *(("assumed", text) for text in judgement.assumed),
-        *_keyed("limits", _limits(judgement, unit)),
-        ("radius", f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"),
-        *_keyed("place", place_texts(stability, judgement.workspace)),
-        ("verdict", f"{stability.verdict.value}: {_meaning(stability, judgement.workspace)}{_margin(stability)}"),
-    ]
+    return lines_of(stability_rows(judgement))
 
 
-def _keyed(key: str, texts: Iterator[str]) -> Iterator[Line]:
-    """Yield a line for each text, with the key on the first one only."""
-    return ((key if number == 0 else "", text) for number, text in enumerate(texts))
+def stability_json(judgement: Judgement) -> dict[str, object]:
+    """Return the object that `stability --json` prints."""
+    return object_of(stability_rows(judgement), (*judgement.stability.to_json(), "assumed", "ways"))
 
 
-def _devices(judgement: Judgement) -> Iterator[Line]:
-    """Yield a line for the device of each axis judged, and one for the delays and the period."""
+def stability_rows(judgement: Judgement) -> Iterator[Row]:
+    """Yield all that is told of a judgement, in the order of its text."""
+    stability, space = judgement.stability, judgement.workspace
+    unit, ways, assumed = parameter_units(space)["stiffness"], judgement.ways, judgement.assumed
+    yield from (Row(key=key, value=value) for key, value in stability.to_json().items())
+    yield Row("scene", [f"{judgement.scene.name}: {_asked(stability, unit, space)}{_axis(judgement)}"])
+    yield from _devices(judgement)
+    yield Row("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
+    yield from (Row("assumed", [text]) for text in assumed)
+    yield Row(key="assumed", value=list(assumed))
+    yield Row("limits", _limits(judgement, unit))
+    yield Row("radius", [f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"])
+    yield Row("place", place_texts(stability, space))
+    margin = stability.margin
+    told = "" if margin is None or math.isinf(margin) else f" · margin {rounded(margin)}"
+    yield Row("verdict", [f"{stability.verdict.value}: {_meaning(stability, space)}{told}"])
+
+
+def _devices(judgement: Judgement) -> Iterator[Row]:
+    """Yield a row for the device of each axis judged, and one for the delays and the period."""
     spaces = {axis.name: axis.workspace for axis in judgement.scene.axes}
     members, delays = judgement.group.members, []
     for member in members:
         name = f"{member.name}: " if len(members) > 1 else ""
-        yield "device", f"{name}{_device(member.plant, spaces[member.name])}"
-        for body in member.bodies:
-            yield "", f"{name}{_load(body, spaces[member.name])}"
+        texts = [_device(member.plant, spaces[member.name])]
+        texts += [_load(body, spaces[member.name]) for body in member.bodies]
+        yield Row("device", [f"{name}{text}" for text in texts])
         delays.append(f"{name.replace(':', '')}{rounded(1e3 * member.delay)} ms")
     period = rounded(1e3 * judgement.stability.period_s)
-    yield "delay", f"{', '.join(delays)} from sampling to acting, period {period} ms"
+    yield Row("delay", [f"{', '.join(delays)} from sampling to acting, period {period} ms"])
 
 
 def notes(judgement: Judgement) -> list[Line]:
@@ -320,10 +328,3 @@ def _up_to(value: float | None, unit: str) -> str:
     if value <= 0.0:
         return "at no stiffness"
     return "with no limit" if math.isinf(value) else f"to {rounded_limit(value)} {unit}"
-
-
-def _margin(stability: Stability) -> str:
-    """Return the margin; empty when there is none to tell."""
-    if stability.margin is None or math.isinf(stability.margin):
-        return ""
-    return f" · margin {rounded(stability.margin)}"

@@ -14,7 +14,7 @@ import can
 import pytest
 
 from haptic_fieldbus.buses.canopen.opening import hears_its_group_alone
-from haptic_fieldbus.cli.bench import lines_of
+from haptic_fieldbus.cli.bench import view_lines
 from haptic_fieldbus.running.watch import View
 from tests.cli.test_beside_guide import TOO_SLOW
 from tests.peers.hosts import GROUP, PROJECT, STARTS_WITHIN, free_port, line_of, require_multicast, typed
@@ -159,7 +159,7 @@ def _watched(walk: Walk) -> None:
     assert {each["state"] for each in seen} == {"switch on disabled"}
     assert all(each["age_s"] < 0.5 and each["note"] is None and each["torque_actual"] == 0.0 for each in seen)
     # The line of the page has the parts of a line that is told.
-    told = next(lines_of(View(**seen[-1])))
+    told = next(view_lines(View(**seen[-1])))
     assert len(told.split(" · ")) == len(WATCHED.split(" · "))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from haptic_fieldbus.buses.scan_result import Check
 from haptic_fieldbus.cli import bench as doctor_command
-from haptic_fieldbus.cli.bench import lines_of
+from haptic_fieldbus.cli.bench import view_lines
 from haptic_fieldbus.running.watch import View
 from tests.cli.command import Command
 
@@ -98,7 +98,7 @@ def test_a_faulty_check_is_followed_by_its_advice_and_a_dead_bus_is_a_failure(
 
 
 def test_a_line_has_every_value_with_its_unit_and_the_note_below() -> None:
-    line, note = lines_of(FAULTY)
+    line, note = view_lines(FAULTY)
     assert line == (
         "node 5 · fault (0218h) · error code 8130h · 0.0124 m (1016 counts) · -0.5 m/s · torque 12 "
         "(steps of the drive) · 6.2 ms old · operational, heartbeat 50 ms ago"

@@ -13,7 +13,6 @@ from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import (
     RECORD_SUFFIXES,
-    Choice,
     check_fade_in,
     check_request,
     parse_changes,
@@ -203,9 +202,8 @@ def test_a_good_request_gives_the_bus_that_was_named(node: int, rate: float) -> 
         ({"duration": 1e-4}, "less than one period"),
         ({"seed": -1}, "seed -1"),
         ({"bus": "simm"}, 'no bus "simm"'),
-        ({"choices": [Choice("hand", "pusk", ("push", "tap"))]}, 'no hand "pusk"; nearest: push'),
         ({"record": Path("frames.txt")}, "suffix must be one of .log, .blf, .csv"),
-        ({"plot": Path("no such folder/demo.png")}, "there is no folder"),
+        ({"record": Path("no such folder/demo.csv")}, "there is no folder"),
     ],
 )
 def test_each_wrong_value_is_named_alone(wrong: dict[str, object], sentence: str) -> None:
@@ -221,23 +219,18 @@ def test_all_wrong_values_are_told_at_once() -> None:
     assert len(str(raised.value).splitlines()) == 5
 
 
-def test_a_choice_that_is_left_open_or_known_is_no_fault() -> None:
-    names = ("push", "tap")
-    assert Choice("hand", None, names).faults() == []
-    assert Choice("hand", "tap", names).faults() == []
-
-
 def test_what_cannot_be_written_is_known_before(tmp_path: Path) -> None:
-    folder = tmp_path / "folder.png"
+    folder = tmp_path / "folder.csv"
     folder.mkdir()
     with pytest.raises(UsageError, match="Is a directory"):
-        check_request(plot=folder)
+        check_request(record=folder)
 
 
 def test_asking_whether_a_file_can_be_written_leaves_no_trace(tmp_path: Path) -> None:
     kept = tmp_path / "frames.log"
     kept.write_text("frames of another run")
-    check_request(plot=tmp_path / "picture.png", record=kept)
+    check_request(record=kept)
+    check_request(record=tmp_path / "rows.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["frames.log"]
     assert kept.read_text() == "frames of another run"
 

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.assessing.result import Percentiles, PeriodTimes, Result, Right, Timing, TorqueError, TripRecord
+from haptic_fieldbus.assessing.result import (
+    Percentiles,
+    PeriodTimes,
+    Result,
+    Right,
+    Timing,
+    TorqueError,
+    TripRecord,
+    energy_text,
+    length,
+    travel_text,
+)
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
@@ -13,12 +24,9 @@ from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.report.texts import (
     announcement,
     bench_text,
-    energy_text,
     key_figures,
-    length,
     outcome,
     stability_text,
-    travel_text,
 )
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
