@@ -13,8 +13,11 @@ from haptic_fieldbus.numerals import (
     GIVEN_DIGITS,
     PLAIN_BELOW,
     PLAIN_FROM,
+    Row,
     exactly,
     in_unit,
+    lines_of,
+    object_of,
     percent,
     rounded,
     rounded_down,
@@ -122,3 +125,39 @@ def test_other_styles_are_found(text: str, found: list[str]) -> None:
 @every("path", [*GOLDEN_TEXTS, *DOCUMENTS], ids=lambda path: str(path.relative_to(PROJECT)))
 def test_no_text_has_numbers_in_another_style(path: Path) -> None:
     assert strange_numbers(path.read_text(encoding="utf-8"), is_prose=path in DOCUMENTS) == []
+
+
+ROWS = (
+    Row("scene", ["wall"], "scene", "wall"),
+    Row(key="rate_hz", value=1000.0),
+    Row("result", ["10 periods"], "cycles", 10),
+    Row("result", ["no trip", "10 mm deep"]),
+    Row("warning"),
+    Row("verdict", ["felt"]),
+)
+
+
+def test_a_text_has_the_lines_of_the_rows_that_have_words() -> None:
+    shown = [
+        ("scene", "wall"),
+        ("result", "10 periods"),
+        ("result", "no trip"),
+        ("", "10 mm deep"),
+        ("verdict", "felt"),
+    ]
+    assert lines_of(ROWS) == shown
+
+
+def test_a_label_may_be_told_once() -> None:
+    assert [label for label, _ in lines_of(ROWS, once=True)] == ["scene", "result", "", "", "verdict"]
+
+
+def test_an_object_has_the_rows_with_a_key_the_ordered_ones_first() -> None:
+    assert list(object_of(ROWS, ("cycles", "unknown")).items()) == [
+        ("cycles", 10), ("scene", "wall"), ("rate_hz", 1000.0)
+    ]  # fmt: skip
+
+
+def test_lines_are_made_when_they_are_drawn() -> None:
+    refused = (str(1 // number) for number in (0,))
+    assert object_of([Row("limits", refused, "limits", [])]) == {"limits": []}

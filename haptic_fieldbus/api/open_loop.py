@@ -257,7 +257,10 @@ class _Answers:
     def to(self, time: Array, position: Array, rest: float, workspace: Workspace) -> Response:
         """Return the sum of all forces; the samples end where the first element diverges."""
         velocity = self._velocity(position, rest)
-        answers = [self._guarded(element, position, velocity, rest) for element in self._elements]
+        answers = []
+        for element in self._elements:
+            with own_faults(element):
+                answers.append(self._answer(element, position, velocity, rest))
         rows = min([len(answer.force) for answer in answers], default=len(time))
         force = np.sum([answer.force[:rows] for answer in answers], axis=0) if answers else np.zeros(rows)
         finite = np.isfinite(force)
@@ -291,10 +294,6 @@ class _Answers:
         if not chosen(self._estimator).estimator.timed:
             return np.array([estimate(x) for x in [rest, *position.tolist()]])[1:]
         return np.array([estimate(x, k * period_ns) for k, x in enumerate([rest, *position.tolist()])])[1:]
-
-    def _guarded(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
-        with own_faults(element):
-            return self._answer(element, position, velocity, rest)
 
     def _answer(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
         if isinstance(element, DynamicElement):

@@ -69,7 +69,11 @@ class Judgement:
     @property
     def estimator(self) -> str | None:
         """The velocity estimator of the elements or couplings; None when none of them needs the velocity."""
-        return next((each.estimator for each in self.group.members if self._needs_velocity(each)), None)
+        for member in self.group.members:
+            couplings = (each for each in self.group.couplings if member.name in each.axes)
+            if any(Signal.VELOCITY in each.needs for each in (*member.elements, *couplings)):
+                return member.estimator
+        return None
 
     @property
     def linear_estimator(self) -> str | None:
@@ -79,10 +83,6 @@ class Judgement:
         from haptic_fieldbus.numerics.estimators import linear_stand_in
 
         return linear_stand_in(self.estimator)
-
-    def _needs_velocity(self, member: Member) -> bool:
-        couplings = (each for each in self.group.couplings if member.name in each.axes)
-        return any(Signal.VELOCITY in each.needs for each in (*member.elements, *couplings))
 
 
 @own_faults()

@@ -41,13 +41,7 @@ class Right:
     """What a person can do to get what was refused; empty when it was granted."""
 
     def to_json(self) -> Json:
-        return {
-            "name": self.name,
-            "wished": self.wished,
-            "got": self.got,
-            "granted": self.granted,
-            "advice": self.advice or None,
-        }
+        return {**vars(self), "advice": self.advice or None}
 
 
 def rights_texts(rights: Iterable[Right]) -> Iterator[str]:
@@ -161,7 +155,7 @@ class Percentiles:
         return cls(float(p50), float(p99), float(p999), float(largest))
 
     def to_json(self) -> Json:
-        return {"p50": self.p50, "p99": self.p99, "p999": self.p999, "max": self.max}
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -180,13 +174,8 @@ class Timing:
     """Number of periods that began more than a tenth of the period late."""
 
     def to_json(self) -> Json:
-        return {
-            "period_us": self.period_us.to_json() if self.period_us else None,
-            "age_us": self.age_us.to_json() if self.age_us else None,
-            "compute_us": self.compute_us.to_json() if self.compute_us else None,
-            "lateness_us": self.lateness_us.to_json() if self.lateness_us else None,
-            "late": self.late,
-        }
+        times = {name: each.to_json() if isinstance(each, Percentiles) else None for name, each in vars(self).items()}
+        return {**times, "late": self.late}
 
 
 @dataclass(frozen=True)
@@ -233,8 +222,8 @@ class Stopped:
     message: str
 
     def to_json(self) -> Json:
-        values = (self.signal, self.time, self.duration, self.message)
-        return dict(zip(("signal", "time_s", "duration_s", "message"), values, strict=True))
+        times = {"time_s": self.time, "duration_s": self.duration}
+        return {"signal": self.signal, **times, "message": self.message}
 
 
 @dataclass(frozen=True)
@@ -496,6 +485,8 @@ def known_before(
     )
     if report is None:
         return result
+    names = ("period_ns", "age_ns", "compute_ns", "lateness_ns")
+    period, age, compute, lateness = (Percentiles.of(report.sample(name)) for name in names)
     foreign = report.foreign_load
     loads = [bus.traffic.load + max(foreign.get(axis, 0.0) for axis in bus.axes) for bus in plan.buses]
     return replace(
@@ -503,7 +494,7 @@ def known_before(
         bus_load=max(loads),
         trips=tuple(_trips(report, trip, message)),
         changes=tuple(Changed(applied.time, applied.change.settings) for applied in report.changes),
-        timing=_timing(report),
+        timing=Timing(period, age, compute, lateness, report.late),
         cycles=report.cycles,
         missed_cycles=report.missed,
         duration=report.duration,
@@ -518,13 +509,3 @@ def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iter
         yield TripRecord(trip.kind.value, None if begin_ns is None else (trip.t_ns - begin_ns) * 1e-9, message)
     elif message and begin_ns is not None:
         yield TripRecord("bus failed", report.duration, message)
-
-
-def _timing(report: "LoopReport") -> Timing:
-    return Timing(
-        period_us=Percentiles.of(report.sample("period_ns")),
-        age_us=Percentiles.of(report.sample("age_ns")),
-        compute_us=Percentiles.of(report.sample("compute_ns")),
-        lateness_us=Percentiles.of(report.sample("lateness_ns")),
-        late=report.late,
-    )

@@ -16,8 +16,7 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
-from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
-from haptic_fieldbus.assessing.torque_error import ErrorFigures
+from haptic_fieldbus.assessing.run_verdict import real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.travel import Travels
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import GapCounts
@@ -137,7 +136,12 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
     first = plan.axes[0]
     verdict = run_verdict(
         scene=plan.scene.name.replace("_", " "),
-        stable=all(map(_is_stable, [plan, *[applied.change.plan for applied in run.report.changes]])),
+        # An axis without a judgement counts as stable.
+        stable=not any(
+            axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE
+            for each in (plan, *(applied.change.plan for applied in run.report.changes))
+            for axis in each.axes
+        ),
         effort=first.workspace.effort_name,
         hand=run.hand,
         felt=worst,
@@ -145,13 +149,17 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         ripple=None if Signal.ELAPSED_NS in first.needs else ripple(_enabled(run, f"{first.name}.command"), plan.rate),
         missed=run.report.missed,
     )
+    error = None
+    if known:  # of the first axis, with the largest relative error in moving contact of all axes
+        contact, seconds = (None, 0.0) if worst is None else (worst.contact, worst.seconds)
+        error = TorqueError(known[0].rms, known[0].max, known[0].unit, known[0].by_source, contact, seconds)
     traces = {each.axis.name: each.trace for each in assessed}
     return replace(
         known_before(run.plan, run.bus, run.report),
         passivity=tuple(passivities(plan, run.cycle, run.report.cycles)),
         clock=run.clock,
         elapsed=elapsed,
-        torque_error=_error_of(known[0], worst) if known else None,
+        torque_error=error,
         energy_generated=sum(found.energy_generated for found in known) if known else None,
         traces=tuple(traces.get(axis.name) or _recorded(axis, run) for axis in plan.axes),
         verdict=verdict if run.worlds else _rendered(run),
@@ -269,17 +277,6 @@ def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
         f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
         f"{in_unit(axis.limits.before_sign, axis.workspace.effort_unit)}; {told}"
     )
-
-
-def _is_stable(plan: Plan) -> bool:
-    """Return whether no axis is judged unstable; an axis without a judgement counts as stable."""
-    return all(axis.stability is None or axis.stability.verdict is not Verdict.UNSTABLE for axis in plan.axes)
-
-
-def _error_of(split: ErrorFigures, worst: FeltError | None) -> TorqueError:
-    """Return the error of one axis with the largest relative error in moving contact of all axes."""
-    contact, seconds = (None, 0.0) if worst is None else (worst.contact, worst.seconds)
-    return TorqueError(split.rms, split.max, split.unit, split.by_source, contact, seconds)
 
 
 def _enabled(run: Run, column: str) -> Array:

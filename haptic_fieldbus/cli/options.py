@@ -185,7 +185,7 @@ class SceneOptions:
         found = replace(self.given(Task), settings=parse_settings(self.settings or []))
         return replace(found, axes=parse_axes(self.axes)) if self.axes else found
 
-    def given(self, kind: Callable[P, Asked]) -> Asked:
+    def given(self, kind: type[Asked]) -> Asked:
         """Return a value of the API made from the options of its fields; those that were not given have its defaults.
 
         Options such as --plot and --json concern the command alone, and are no fields of it.

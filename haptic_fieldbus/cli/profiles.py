@@ -300,14 +300,12 @@ def _json(profile: "DriveProfile") -> "dict[str, Json]":
     plain_fields = {
         field.name: getattr(profile, field.name) for field in fields(profile) if field.name not in ("eds", "lacks")
     }
-    return {name: _plain(value) for name, value in plain_fields.items()}
-
-
-def _plain(value: object) -> "Json":
-    """Return a field of the profile as JSON has it, dataclasses as objects."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value, dict_factory=lambda pairs: {key: plain(member) for key, member in pairs})
-    return plain(value)
+    return {
+        name: asdict(value, dict_factory=lambda pairs: {key: plain(member) for key, member in pairs})
+        if is_dataclass(value) and not isinstance(value, type)
+        else plain(value)
+        for name, value in plain_fields.items()
+    }
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:

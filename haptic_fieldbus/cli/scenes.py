@@ -14,7 +14,6 @@ from haptic_fieldbus.numerals import exactly, rounded_limit
 
 if TYPE_CHECKING:
     from haptic_fieldbus.planning.plan import Plan
-    from haptic_fieldbus.scenes.element import AnyElement
     from haptic_fieldbus.scenes.scene import Scene
 
 app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=True)
@@ -50,12 +49,18 @@ def show_scene(
 
     scene = load_scene(name)
     if as_json:
+        from haptic_fieldbus.scenes.registry import kind_of
+
         print_json(
             {
                 "name": scene.name,
                 "description": scene.description,
                 "axes": [{"name": axis.name, "workspace": axis.workspace.value} for axis in scene.axes],
-                "elements": [_element_json(element) for element in scene.elements],
+                # The kind of an element that no scene file can name is None.
+                "elements": [
+                    {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
+                    for element in scene.elements
+                ],
                 "source": scene.source,
             }
         )
@@ -113,13 +118,6 @@ def _advice(compiled: "Plan") -> str:
         return "any stiffness" if found.stiffness else "no stiffness in it"
     unit = f"{space.effort_unit}/{space.length_unit}"
     return f"stiffness up to {rounded_limit(found.recommended)} {unit} (asked {rounded_limit(found.stiffness)})"
-
-
-def _element_json(element: "AnyElement") -> Any:
-    """Return an element as JSON has it, with its kind; None for the kind of an element that no scene file can name."""
-    from haptic_fieldbus.scenes.registry import kind_of
-
-    return {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:

@@ -163,15 +163,14 @@ class Plan:
     @property
     def guards(self) -> tuple[AxisGuard, ...]:
         """Guard of the drive of each axis, and what is known of it."""
-        return tuple(self._guard_of(axis) for axis in self.axes)
-
-    def _guard_of(self, axis: AxisPlan) -> AxisGuard:
-        traffic = self._traffic[axis.name]
-        late = axis.delay.transport + axis.profile.timing.control_period
-        set_to = SetGuard(
-            traffic.guard(axis.name), late, self.period, (*traffic.guarding(axis.name, axis.rig), self.place(axis))
-        )
-        return guard_of(axis.name, axis.profile, axis.rig, set_to, self.rig.source)
+        found = []
+        for axis in self.axes:
+            traffic = self._traffic[axis.name]
+            late = axis.delay.transport + axis.profile.timing.control_period
+            written = (*traffic.guarding(axis.name, axis.rig), self.place(axis))
+            set_to = SetGuard(traffic.guard(axis.name), late, self.period, written)
+            found.append(guard_of(axis.name, axis.profile, axis.rig, set_to, self.rig.source))
+        return tuple(found)
 
     def place(self, axis: AxisPlan) -> str:
         """Return where the drive of an axis is: the wires of its bus, and its number on it."""

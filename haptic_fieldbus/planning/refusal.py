@@ -42,27 +42,18 @@ class ExchangeLimit:
 
     def to_json(self) -> dict[str, Json]:
         """Return the object of `plan --json` and `stability --json`."""
-        return {
-            "bus": self.bus,
-            "exchange": self.exchange,
-            "rate_hz": self.rate,
-            "delay_s": self.delay,
-            "stiffness_limit": self.limit,
-            "chosen": self.chosen,
-        }
+        told: dict[str, Json] = {"bus": self.bus, "exchange": self.exchange, "rate_hz": self.rate}
+        return {**told, "delay_s": self.delay, "stiffness_limit": self.limit, "chosen": self.chosen}
 
 
 def way_limits(plan: Plan) -> tuple[ExchangeLimit, ...]:
     """Return the limits of each bus with several ways, the chosen way first; empty where each bus has one way."""
-    return tuple(limit for bus in plan.buses for limit in _of_bus(plan, bus))
-
-
-def _of_bus(plan: Plan, bus: BusPlan) -> Iterator[ExchangeLimit]:
-    others = bus.traffic.others()
-    if others:
-        yield _limit(plan, bus, bus.traffic)
-    for traffic in others:
-        yield _limit(_by(plan, bus, traffic), bus, traffic)
+    found = []
+    for bus in plan.buses:
+        others = bus.traffic.others()
+        found += [_limit(plan, bus, bus.traffic)] if others else []
+        found += [_limit(_by(plan, bus, traffic), bus, traffic) for traffic in others]
+    return tuple(found)
 
 
 def _by(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> Plan:

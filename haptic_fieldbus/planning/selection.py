@@ -107,16 +107,12 @@ def _plain(key: str, value: Setting) -> Setting:
     value = value.item() if hasattr(value, "item") else value  # a number of numpy
     if not isinstance(value, float | int | str | bool | list | tuple):
         raise wrong_kind(f"settings: {key}", "a number, a text, True or False", value)
-    return _parsed(value) if isinstance(value, str) else value
-
-
-def _parsed(text: str) -> Setting:
-    if text in ("true", "false"):
-        return text == "true"
+    if value in ("true", "false"):
+        return value == "true"
     try:
-        return float(text)
+        return float(value) if isinstance(value, str) else value
     except ValueError:
-        return text
+        return value
 
 
 def _part_of_limit(values: Mapping[str, Setting]) -> str | None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import Estimation
-from haptic_fieldbus.api.model import EnvironmentModel, Poles, poles_along, poles_of, step_growth
+from haptic_fieldbus.api.model import EnvironmentModel, poles_along, poles_of, step_growth
 from haptic_fieldbus.api.open_loop import Response
 from haptic_fieldbus.api.stability_limits import Judgement
 from haptic_fieldbus.assessing.result import Array
@@ -71,15 +71,11 @@ def _draw_plane(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
         if len(poles):
             look = line(method, marked=False) | {"linestyle": "none", "marker": ".", "markersize": 2.2, "alpha": 0.6}
             panel.plot(poles.real.ravel(), poles.imag.ravel(), **look)
-        _draw_poles(panel, method, [*poles_along(model.integrated, np.array([model.period]), method)])
+        for each in poles_along(model.integrated, np.array([model.period]), method):
+            panel.plot(each.real, each.imag, **line(method) | {"linestyle": "none"}, zorder=3)
     panel.set(xlim=(-VIEW, VIEW), ylim=(-VIEW, VIEW), aspect="equal", xlabel="Re z", ylabel="Im z")
     panel.set_title(f"z-plane: markers at {in_unit(model.period, 's')}, paths over all periods", loc="left", size=10.5)
     panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-
-
-def _draw_poles(panel: Axes, method: str, poles: list[Poles]) -> None:
-    for each in poles:
-        panel.plot(each.real, each.imag, **line(method) | {"linestyle": "none"}, zorder=3)
 
 
 def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:

@@ -79,7 +79,8 @@ def model_lines(model: EnvironmentModel) -> list[Line]:
     (function,) = model.discrete.transfer_functions.values()
     lines.append(("", difference_equation(function, "x", "F")))
     if model.integrated.order:
-        growth = ", ".join(f"{method} {_growth(value)}" for method, value in model.growth.items())
+        steps = {name: "no step" if by is None else rounded(by, DIGITS) for name, by in model.growth.items()}
+        growth = ", ".join(f"{method} {by}" for method, by in steps.items())
         lines.append(("growth", f"of a free motion in a step, its spectral radius: {growth}"))
     return lines
 
@@ -89,10 +90,6 @@ def _natural(pole: complex) -> str:
     frequency = abs(pole) / (2.0 * math.pi)
     turns = f"{rounded(abs(pole))} rad/s, {rounded(frequency)} Hz, a period of {rounded(1.0 / frequency)} s"
     return f"natural frequency {turns}, damping ratio {rounded(-pole.real / abs(pole))}"
-
-
-def _growth(value: float | None) -> str:
-    return "no step" if value is None else rounded(value, DIGITS)
 
 
 def _lines(key: str, title: str, model: LinearModel, variable: str) -> list[Line]:
@@ -219,7 +216,9 @@ def stability_rows(judgement: Judgement) -> Iterator[Row]:
     yield Row("place", place_texts(stability, space))
     margin = stability.margin
     told = "" if margin is None or math.isinf(margin) else f" · margin {rounded(margin)}"
-    yield Row("verdict", [f"{stability.verdict.value}: {_meaning(stability, space)}{told}"])
+    is_limited = math.isfinite(stability.effort)
+    held = f"up to {in_unit(stability.effort, space.effort_unit)}" if is_limited else "a hand"
+    yield Row("verdict", [f"{stability.verdict.value}: {MEANING[stability.verdict].format(held=held)}{told}"])
 
 
 def _devices(judgement: Judgement) -> Iterator[Row]:
@@ -313,13 +312,6 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
     yield f"with {exactly(UNCERTAIN)} of the friction: {limits}"
-
-
-def _meaning(stability: Stability, workspace: Workspace) -> str:
-    """Return what the verdict says, with the force up to which places were judged."""
-    is_limited = math.isfinite(stability.effort)
-    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if is_limited else "a hand"
-    return MEANING[stability.verdict].format(held=held)
 
 
 def _up_to(value: float | None, unit: str) -> str:

@@ -123,8 +123,11 @@ def stability_text(plan: Plan) -> str:
     if math.isinf(stable):
         return f"stable with no limit on this bench; {asked}"
     unit = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    limits = f"stable to {rounded_limit(stable)} {unit} on this bench{_passive_text(stability)}"
-    return f"{limits}; {asked}{_margin_text(stability)}{_cautious_text(stability, axis.workspace)}"
+    passive = stability.stiffness_limit.passive
+    proved = "" if passive is None else f" (passive {f'to {rounded_limit(passive)}' if passive else 'at none'})"
+    margin = f", margin {rounded(stability.margin)}" if stability.margin is not None else ""
+    limits = f"stable to {rounded_limit(stable)} {unit} on this bench{proved}"
+    return f"{limits}; {asked}{margin}{_cautious_text(stability, axis.workspace)}"
 
 
 def _cautious_text(stability: Stability, workspace: Workspace) -> str:
@@ -139,18 +142,6 @@ def _cautious_text(stability: Stability, workspace: Workspace) -> str:
     if stability.stiffness <= least.stable:
         return f"; {limit}"
     return f"; above the {limit}, {exactly(rounded_down(least.stable))} would be inside"
-
-
-def _passive_text(stability: Stability) -> str:
-    """Return the limit of passivity in brackets; empty when it is unknown."""
-    passive = stability.stiffness_limit.passive
-    if passive is None:
-        return ""
-    return f" (passive to {rounded_limit(passive)})" if passive else " (passive at none)"
-
-
-def _margin_text(stability: Stability) -> str:
-    return f", margin {rounded(stability.margin)}" if stability.margin is not None else ""
 
 
 def key_figures(result: Result) -> str:

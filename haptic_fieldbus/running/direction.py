@@ -43,7 +43,11 @@ def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | N
     """
     due = [axis for axis in plan.axes if axis.rig.seen.direction is None]
     if instruct is None or not plan.rig.source:
-        return [_unconfirmed(axis) for axis in due]
+        return [
+            f"axis {axis.name}: direction not confirmed by a person. Only somebody at the handle can see that "
+            "positions grow to the positive side: start once with a rig file at a terminal, without --yes"
+            for axis in due
+        ]
     if not due:
         return []
     with started(plan, bus, ending):
@@ -51,13 +55,6 @@ def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | N
         for axis in due:
             _show(axis, plan, exchange, instruct)
     return [warning for axis in due for warning in _kept(axis, plan)]
-
-
-def _unconfirmed(axis: AxisPlan) -> str:
-    return (
-        f"axis {axis.name}: direction not confirmed by a person. Only somebody at the handle can see that positions "
-        "grow to the positive side: start once with a rig file at a terminal, without --yes"
-    )
 
 
 def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instruct) -> None:

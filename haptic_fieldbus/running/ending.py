@@ -104,7 +104,8 @@ def ended_by_signals(now: Callable[[], float] = monotonic) -> Iterator[EndSignal
     """Yield an `EndSignals` that signals reach inside the block; outside the main thread none do."""
     main = threading.current_thread() is threading.main_thread()
     handlers = {each: signal.getsignal(each) for each in SIGNALS if main}
-    outer = next((found for each in handlers.values() if (found := _behind(each)) is not None), None)
+    owners = (getattr(each, "__self__", None) for each in handlers.values())
+    outer = next((owner for owner in owners if isinstance(owner, EndSignals)), None)
     if outer is not None:
         yield outer
         return
@@ -116,9 +117,3 @@ def ended_by_signals(now: Callable[[], float] = monotonic) -> Iterator[EndSignal
     finally:
         for each, handler in before:
             signal.signal(each, signal.SIG_IGN if ending.last else handler)
-
-
-def _behind(handler: object) -> EndSignals | None:
-    """Return the `EndSignals` to which a handler belongs; None for any other handler."""
-    owner = getattr(handler, "__self__", None)
-    return owner if isinstance(owner, EndSignals) else None

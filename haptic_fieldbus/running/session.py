@@ -90,7 +90,10 @@ class Session:
         plan, duration = self.plan, self.duration
         cycles = max(1, round(duration * plan.rate))
         cycle, report = Cycle(plan), LoopReport()
-        record = _record_of(plan, cycles)
+        # The record has room for the periods until the drives are enabled.
+        enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
+        kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
+        record = Record(columns(plan), min(cycles, kept) + enabling + 1)
         try:
             rows = Rows(record, self.record, simulated=plan.simulated)
         except OSError as error:
@@ -224,13 +227,6 @@ class Session:
                 self.progress(done, cycles)
 
         return follow
-
-
-def _record_of(plan: Plan, cycles: int) -> Record:
-    """Return the record of a run, with room for the periods until the drives are enabled."""
-    kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-    enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
-    return Record(columns(plan), min(cycles, kept) + enabling + 1)
 
 
 @contextmanager

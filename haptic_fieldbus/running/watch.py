@@ -74,14 +74,17 @@ class Viewer:
         state = None if statusword is None else axis.power.state(statusword)
         velocity = self._velocity(glimpse, position)
         enabled = ENABLED if state is PowerState.OPERATION_ENABLED else ""
+        torque = values.get(Signal.TORQUE_ACTUAL)
+        offered = None if torque is None else self._offers[Signal.TORQUE_ACTUAL].unit
+        step = None if offered is None else torque_step(offered, axis.rig, axis.profile.full_scale)
         self._before = None if position is None else (glimpse.t_ns, position)
         return View(
             node=axis.rig.node,
             position=position,
             position_counts=values.get(Signal.POSITION),
             velocity=velocity,
-            torque_actual=self._torque(values.get(Signal.TORQUE_ACTUAL)),
-            torque_actual_raw=values.get(Signal.TORQUE_ACTUAL),
+            torque_actual=None if torque is None or step is None else torque * step,
+            torque_actual_raw=torque,
             statusword=statusword,
             state=None if state is None else state.value,
             nmt_state=glimpse.nmt_state,
@@ -111,12 +114,6 @@ class Viewer:
         if position is None or self._before is None or glimpse.t_ns <= self._before[0]:
             return None
         return (position - self._before[1]) / (glimpse.t_ns - self._before[0]) * 1e9
-
-    def _torque(self, raw: int | None) -> float | None:
-        if raw is None:
-            return None
-        step = torque_step(self._offers[Signal.TORQUE_ACTUAL].unit, self._axis.rig, self._axis.profile.full_scale)
-        return None if step is None else raw * step
 
 
 ENABLED = "somebody has left it enabled: torque may act"
