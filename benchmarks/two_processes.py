@@ -268,7 +268,7 @@ def keep(path: Path, words: list[str]) -> None:
         if result is not None and result.periods is not None:
             np.save(path, 1e6 * result.periods.lateness)
 
-    def noted(task: Task, trial: api.Trial, run: Callable[[Task, api.Trial], Result] = api.run_of) -> Result:
+    def noted(task: Task, trial: api.Trial, run: Callable[[Task, api.Trial], Result] = api.run_task) -> Result:
         try:
             result = run(task, trial)
         except HapticFieldbusError as error:
@@ -277,7 +277,7 @@ def keep(path: Path, words: list[str]) -> None:
         kept(result)
         return result
 
-    api.run_of = noted
+    api.run_task = noted
     cli.main(words)
 
 

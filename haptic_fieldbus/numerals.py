@@ -75,7 +75,7 @@ Line = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Row:
+class OutputRow:
     """One thing that is told: in words, as a value of a JSON object, or both."""
 
     label: str = ""
@@ -88,7 +88,7 @@ class Row:
     """Value of the key as JSON has it, SI unless the key says otherwise."""
 
 
-def lines_of(rows: Iterable[Row], *, once: bool = False) -> list[Line]:
+def lines_of(rows: Iterable[OutputRow], *, once: bool = False) -> list[Line]:
     """Return rows in words; `once`: a label that the row before has too is not repeated."""
     lines: list[Line] = []
     before = ""
@@ -99,7 +99,7 @@ def lines_of(rows: Iterable[Row], *, once: bool = False) -> list[Line]:
     return lines
 
 
-def object_of(rows: Iterable[Row], order: Iterable[str] = ()) -> dict[str, object]:
+def object_of(rows: Iterable[OutputRow], order: Iterable[str] = ()) -> dict[str, object]:
     """Return the JSON object of rows, with the keys of `order` first."""
     found = {row.key: row.value for row in rows if row.key}
     return {key: found[key] for key in dict.fromkeys((*order, *found)) if key in found}

@@ -13,7 +13,7 @@ from haptic_fieldbus.numerals import (
     GIVEN_DIGITS,
     PLAIN_BELOW,
     PLAIN_FROM,
-    Row,
+    OutputRow,
     exactly,
     in_unit,
     lines_of,
@@ -128,12 +128,12 @@ def test_no_text_has_numbers_in_another_style(path: Path) -> None:
 
 
 ROWS = (
-    Row("scene", ["wall"], "scene", "wall"),
-    Row(key="rate_hz", value=1000.0),
-    Row("result", ["10 periods"], "cycles", 10),
-    Row("result", ["no trip", "10 mm deep"]),
-    Row("warning"),
-    Row("verdict", ["felt"]),
+    OutputRow("scene", ["wall"], "scene", "wall"),
+    OutputRow(key="rate_hz", value=1000.0),
+    OutputRow("result", ["10 periods"], "cycles", 10),
+    OutputRow("result", ["no trip", "10 mm deep"]),
+    OutputRow("warning"),
+    OutputRow("verdict", ["felt"]),
 )
 
 
@@ -160,4 +160,4 @@ def test_an_object_has_the_rows_with_a_key_the_ordered_ones_first() -> None:
 
 def test_lines_are_made_when_they_are_drawn() -> None:
     refused = (str(1 // number) for number in (0,))
-    assert object_of([Row("limits", refused, "limits", [])]) == {"limits": []}
+    assert object_of([OutputRow("limits", refused, "limits", [])]) == {"limits": []}

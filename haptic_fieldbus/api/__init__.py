@@ -97,7 +97,7 @@ def plan(
         drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
     )  # fmt: skip
     check_arguments("plan", task)
-    return plan_of(task)
+    return plan_task(task)
 
 
 def stability(
@@ -181,18 +181,18 @@ def run(
         changes=changes, prove=prove, confirm=confirm, instruct=instruct, progress=progress, announce=announce,
     )  # fmt: skip
     check_arguments("run", task, trial)
-    return run_of(task, trial)
+    return run_task(task, trial)
 
 
 @own_faults()
-def plan_of(task: Task) -> Plan:
+def plan_task(task: Task) -> Plan:
     """Return the plan of a task, as `plan` does."""
     check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
     return select(task).plan
 
 
 @own_faults()
-def run_of(task: Task, trial: Trial) -> Result:
+def run_task(task: Task, trial: Trial) -> Result:
     """Render a task under the conditions of a trial and return the result, as `run` does."""
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)

@@ -15,7 +15,7 @@ from haptic_fieldbus.assessing.passivity import Passivity, cost_text, forgiven_t
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.numerals import DIGITS, Row, exactly, in_unit, object_of, percent, rounded
+from haptic_fieldbus.numerals import DIGITS, OutputRow, exactly, in_unit, object_of, percent, rounded
 from haptic_fieldbus.planning.explain import milliseconds, summary_json
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import Json as Json
@@ -321,36 +321,39 @@ class Result:
 
     def to_json(self) -> dict[str, Json]:
         """Return the object that `run --json` prints; SI units, None for figures that do not apply."""
-        return finite(cast(dict[str, Json], object_of(self.rows(), ORDER)))
+        return finite(cast(dict[str, Json], object_of(result_rows(self), ORDER)))
 
-    def rows(self) -> Iterator[Row]:
-        """Yield all that is told of a run, in the order of its text; figures that are not known have no text."""
-        plan, timing, error, stability = self.plan, self.timing, self.torque_error, self.stability
-        yield Row("guard", map(str, self.proofs), "guards", [proof.to_json() for proof in self.proofs])
-        yield from (Row(key=name, value=getattr(self, name)) for name in ("scene", "drive", "bus", "clock", "cycles"))
-        yield Row(key="rate_hz", value=self.rate)
-        yield Row(key="missed_cycles", value=self.missed_cycles)
-        yield Row(key="duration_s", value=self.duration)
-        yield Row(key="bus_load", value=self.bus_load)
-        yield Row("result", _periods_texts(self), "timing", timing.to_json() if timing else None)
-        yield Row("result", map(travel_text, self.travel), "travel", [each.to_json() for each in self.travel])
-        sizes = [f"{error_sizes(error)}{_sources_text(error)}"] if error else []
-        yield Row("result", sizes, "torque_error", error.to_json() if error else None)
-        # Only a run that went to its end has a verdict, so nothing tripped.
-        ended = [] if self.verdict is None else [f"{energy_text(self.energy_generated)}no trip"]
-        yield Row("result", ended, "energy_generated_j", self.energy_generated)
-        yield Row("verdict", [] if self.verdict is None else [self.verdict], "verdict", self.verdict)
-        told = (text for tell in (forgiven_text, cost_text) for text in filter(None, map(tell, self.passivity)))
-        yield Row("passivity", told, "passivity", [each.to_json() for each in self.passivity])
-        begun = (change_text(change.time, change.settings) for change in self.changes)
-        yield Row("changed", begun, "changes", [change.to_json() for change in self.changes])
-        yield Row("host", rights_texts(self.host), "host", [right.to_json() for right in self.host] or None)
-        yield Row("warning", self.warnings)
-        yield Row(key="plan", value=summary_json(plan) if plan else None)
-        yield Row(key="stability", value=stability.to_json() if stability else None)
-        yield Row(key="trips", value=[trip.to_json() for trip in self.trips])
-        yield Row(key="stopped", value=self.stopped.to_json() if self.stopped else None)
-        yield Row(key="deadlines", value=[each.to_json() for each in plan.deadlines] if plan else None)
+
+def result_rows(result: Result) -> Iterator[OutputRow]:
+    """Yield all that is told of a run, in the order of its text; figures that are not known have no text."""
+    plan, timing, error, stability = result.plan, result.timing, result.torque_error, result.stability
+    yield OutputRow("guard", map(str, result.proofs), "guards", [proof.to_json() for proof in result.proofs])
+    yield from (
+        OutputRow(key=name, value=getattr(result, name)) for name in ("scene", "drive", "bus", "clock", "cycles")
+    )
+    yield OutputRow(key="rate_hz", value=result.rate)
+    yield OutputRow(key="missed_cycles", value=result.missed_cycles)
+    yield OutputRow(key="duration_s", value=result.duration)
+    yield OutputRow(key="bus_load", value=result.bus_load)
+    yield OutputRow("result", _periods_texts(result), "timing", timing.to_json() if timing else None)
+    yield OutputRow("result", map(travel_text, result.travel), "travel", [each.to_json() for each in result.travel])
+    sizes = [f"{error_sizes(error)}{_sources_text(error)}"] if error else []
+    yield OutputRow("result", sizes, "torque_error", error.to_json() if error else None)
+    # Only a run that went to its end has a verdict, so nothing tripped.
+    ended = [] if result.verdict is None else [f"{energy_text(result.energy_generated)}no trip"]
+    yield OutputRow("result", ended, "energy_generated_j", result.energy_generated)
+    yield OutputRow("verdict", [] if result.verdict is None else [result.verdict], "verdict", result.verdict)
+    told = (text for tell in (forgiven_text, cost_text) for text in filter(None, map(tell, result.passivity)))
+    yield OutputRow("passivity", told, "passivity", [each.to_json() for each in result.passivity])
+    begun = (change_text(change.time, change.settings) for change in result.changes)
+    yield OutputRow("changed", begun, "changes", [change.to_json() for change in result.changes])
+    yield OutputRow("host", rights_texts(result.host), "host", [right.to_json() for right in result.host] or None)
+    yield OutputRow("warning", result.warnings)
+    yield OutputRow(key="plan", value=summary_json(plan) if plan else None)
+    yield OutputRow(key="stability", value=stability.to_json() if stability else None)
+    yield OutputRow(key="trips", value=[trip.to_json() for trip in result.trips])
+    yield OutputRow(key="stopped", value=result.stopped.to_json() if result.stopped else None)
+    yield OutputRow(key="deadlines", value=[each.to_json() for each in plan.deadlines] if plan else None)
 
 
 ORDER = (

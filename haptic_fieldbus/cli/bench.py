@@ -27,7 +27,7 @@ from haptic_fieldbus.cli.options import (
 from haptic_fieldbus.cli.screen import KEY_WIDTH, console, json_text, print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import Row, in_unit, lines_of, rounded
+from haptic_fieldbus.numerals import OutputRow, in_unit, lines_of, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest
@@ -101,8 +101,8 @@ def scan(options: ScanOptions) -> None:
 
 
 def _tell_of(found: "Scan") -> None:
-    heard = [Row("bus", [found.listened]), Row("listened", filter(None, [found.masters]))]
-    show(lines_of([*heard, Row("none", [] if found.nodes else [NOBODY_ANSWERS])]))
+    heard = [OutputRow("bus", [found.listened]), OutputRow("listened", filter(None, [found.masters]))]
+    show(lines_of([*heard, OutputRow("none", [] if found.nodes else [NOBODY_ANSWERS])]))
     if found.nodes:
         show_table(
             ("node", "vendor", "product", "revision", "serial", "name", "NMT", "state", "profile"),
@@ -160,7 +160,7 @@ def doctor(options: DoctorOptions) -> None:
     else:
         for check in checks:
             told = f"{check.name.replace('_', ' ')}: {check.measured}"
-            show(lines_of([Row(WORDS[check.ok], filter(None, [told, check.advice]))]))
+            show(lines_of([OutputRow(WORDS[check.ok], filter(None, [told, check.advice]))]))
     if any(check.ok is False and check.name in FAILED for check in checks):
         raise typer.Exit(1)
 

@@ -210,7 +210,7 @@ def plan(options: SceneOptions) -> None:
 
     task = options.task()
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    compiled = api.plan_of(task)
+    compiled = api.plan_task(task)
     if options.as_json:
         print_json(plan_json(compiled))
     else:

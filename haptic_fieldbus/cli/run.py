@@ -61,7 +61,7 @@ def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial") -> None:
     trial = replace(trial, changes=changes, confirm=confirm, progress=progress, announce=announce)
     with _partial_result(trial.duration, options.as_json):
         try:
-            result = api.run_of(task, trial)
+            result = api.run_task(task, trial)
         finally:  # before any line is printed: the bar is drawn over its own line
             if progress is not None:
                 progress.close()

@@ -12,7 +12,16 @@ from typing import cast
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.cautious import Cautious, Obstacle
 from haptic_fieldbus.margins.closed_loop import stiffness_of
-from haptic_fieldbus.numerals import Row, exactly, in_unit, lines_of, object_of, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import (
+    OutputRow,
+    exactly,
+    in_unit,
+    lines_of,
+    object_of,
+    rounded,
+    rounded_down,
+    rounded_limit,
+)
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER, enabling_lines, unseen_text
 from haptic_fieldbus.planning.encoder_probe import encoder_lines, encoder_probe
@@ -172,48 +181,50 @@ def summary_json(plan: Plan) -> dict[str, Json]:
     }
 
 
-def plan_rows(plan: Plan) -> Iterator[Row]:
+def plan_rows(plan: Plan) -> Iterator[OutputRow]:
     """Yield the rows of a plan, in the order of its text."""
     summary, ways, ages, axes = summary_json(plan), way_limits(plan), plan.coupling_ages, plan.axes
-    yield Row("scene", [f"{plan.scene.name}: {plan.scene.description}"])
+    yield OutputRow("scene", [f"{plan.scene.name}: {plan.scene.description}"])
     for axis in axes:
         effort = f"at most {in_unit(axis.limits.effort, axis.workspace.effort_unit)}"
-        yield Row("axis", [f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"])
+        yield OutputRow(
+            "axis", [f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"]
+        )
     for bus in plan.buses:
         # Its name and axes are given only when the plan has several buses.
         name, on_it = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
-        yield Row("bus", [f"{name}{bus.traffic.line()}{on_it}"])
-        yield from (Row(key, [text]) for axis in plan.on(bus).axes for key, text in axis.traffic.lines())
-    yield from (Row(key=key, value=value) for key, value in _traffic_json(plan).items())
-    yield Row(key="mapped", value=summary["mapped"])
-    yield Row(key="bus_load", value=plan.bus_load)
-    yield Row("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
-    yield Row("modules", plan.modules, "modules", list(plan.modules))
-    yield Row("left out", [f"{left.what}: {left.why}" for left in plan.left_out], "left_out", summary["left_out"])
+        yield OutputRow("bus", [f"{name}{bus.traffic.line()}{on_it}"])
+        yield from (OutputRow(key, [text]) for axis in plan.on(bus).axes for key, text in axis.traffic.lines())
+    yield from (OutputRow(key=key, value=value) for key, value in _traffic_json(plan).items())
+    yield OutputRow(key="mapped", value=summary["mapped"])
+    yield OutputRow(key="bus_load", value=plan.bus_load)
+    yield OutputRow("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
+    yield OutputRow("modules", plan.modules, "modules", list(plan.modules))
+    yield OutputRow("left out", [f"{left.what}: {left.why}" for left in plan.left_out], "left_out", summary["left_out"])
     prefixes = [f"{axis.name}: " if len(axes) > 1 else "" for axis in axes]
     for prefix, axis in zip(prefixes, axes, strict=True):
-        yield Row("limits", [prefix + line for line in limit_lines(axis, plan.period)])
-    yield Row(key="limits", value=[row for axis in axes for row in _limits_json(axis, plan.period)])
-    yield Row(key="sign", value=[_sign_json(axis, plan.period) for axis in axes])
+        yield OutputRow("limits", [prefix + line for line in limit_lines(axis, plan.period)])
+    yield OutputRow(key="limits", value=[row for axis in axes for row in _limits_json(axis, plan.period)])
+    yield OutputRow(key="sign", value=[_sign_json(axis, plan.period) for axis in axes])
     if plan.rig.source:  # the shipped bench is nobody's, and has no file to write them into
-        yield Row("advice", filter(None, map(recommended_limits, axes)))
+        yield OutputRow("advice", filter(None, map(recommended_limits, axes)))
     for prefix, axis in zip(prefixes, axes, strict=True):
-        yield Row("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
+        yield OutputRow("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
     guards = plan.guards
-    yield Row(
+    yield OutputRow(
         "guard", guard_lines(guards, simulated=plan.simulated), "guards", [guard.to_json() for guard in guards]
     )  # fmt: skip
-    yield Row("enabling", enabling_lines(axes))
+    yield OutputRow("enabling", enabling_lines(axes))
     parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
-    yield Row("delay", [delay_text(plan)], "delay_s", parts)
-    yield Row("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
-    yield Row("assumed", plan.assumed, "assumed", summary["assumed"])
-    yield Row("deadlines", deadline_texts(plan), "deadlines", [each.to_json() for each in plan.deadlines])
-    yield Row("unseen", filter(None, (unseen_text(axis, plan.period) for axis in axes)))
+    yield OutputRow("delay", [delay_text(plan)], "delay_s", parts)
+    yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
+    yield OutputRow("assumed", plan.assumed, "assumed", summary["assumed"])
+    yield OutputRow("deadlines", deadline_texts(plan), "deadlines", [each.to_json() for each in plan.deadlines])
+    yield OutputRow("unseen", filter(None, (unseen_text(axis, plan.period) for axis in axes)))
     coupled = [{"name": each.name, "age_s": {on: dict(told) for on, told in each.ages.items()}} for each in ages]
-    yield Row("coupling", map(str, ages), "couplings", coupled)
+    yield OutputRow("coupling", map(str, ages), "couplings", coupled)
     found = plan.stability
-    yield Row("stability", _stability(plan), "stability", None if found is None else found.to_json())
+    yield OutputRow("stability", _stability(plan), "stability", None if found is None else found.to_json())
 
 
 def _traffic_json(plan: Plan) -> dict[str, Json]:

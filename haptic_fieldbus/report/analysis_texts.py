@@ -12,7 +12,17 @@ from haptic_fieldbus.api.open_loop import Response
 from haptic_fieldbus.api.stability_limits import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.margins.bodies import HungBody
-from haptic_fieldbus.numerals import Line, Row, exactly, in_unit, lines_of, object_of, percent, rounded, rounded_limit
+from haptic_fieldbus.numerals import (
+    Line,
+    OutputRow,
+    exactly,
+    in_unit,
+    lines_of,
+    object_of,
+    percent,
+    rounded,
+    rounded_limit,
+)
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.transfer import difference_equation, fraction
 from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
@@ -201,27 +211,27 @@ def stability_json(judgement: Judgement) -> dict[str, object]:
     return object_of(stability_rows(judgement), (*judgement.stability.to_json(), "assumed", "ways"))
 
 
-def stability_rows(judgement: Judgement) -> Iterator[Row]:
+def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     """Yield all that is told of a judgement, in the order of its text."""
     stability, space = judgement.stability, judgement.workspace
     unit, ways, assumed = parameter_units(space)["stiffness"], judgement.ways, judgement.assumed
-    yield from (Row(key=key, value=value) for key, value in stability.to_json().items())
-    yield Row("scene", [f"{judgement.scene.name}: {_asked(stability, unit, space)}{_axis(judgement)}"])
+    yield from (OutputRow(key=key, value=value) for key, value in stability.to_json().items())
+    yield OutputRow("scene", [f"{judgement.scene.name}: {_asked(stability, unit, space)}{_axis(judgement)}"])
     yield from _devices(judgement)
-    yield Row("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
-    yield from (Row("assumed", [text]) for text in assumed)
-    yield Row(key="assumed", value=list(assumed))
-    yield Row("limits", _limits(judgement, unit))
-    yield Row("radius", [f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"])
-    yield Row("place", place_texts(stability, space))
+    yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
+    yield from (OutputRow("assumed", [text]) for text in assumed)
+    yield OutputRow(key="assumed", value=list(assumed))
+    yield OutputRow("limits", _limits(judgement, unit))
+    yield OutputRow("radius", [f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"])
+    yield OutputRow("place", place_texts(stability, space))
     margin = stability.margin
     told = "" if margin is None or math.isinf(margin) else f" · margin {rounded(margin)}"
     is_limited = math.isfinite(stability.effort)
     held = f"up to {in_unit(stability.effort, space.effort_unit)}" if is_limited else "a hand"
-    yield Row("verdict", [f"{stability.verdict.value}: {MEANING[stability.verdict].format(held=held)}{told}"])
+    yield OutputRow("verdict", [f"{stability.verdict.value}: {MEANING[stability.verdict].format(held=held)}{told}"])
 
 
-def _devices(judgement: Judgement) -> Iterator[Row]:
+def _devices(judgement: Judgement) -> Iterator[OutputRow]:
     """Yield a row for the device of each axis judged, and one for the delays and the period."""
     spaces = {axis.name: axis.workspace for axis in judgement.scene.axes}
     members, delays = judgement.group.members, []
@@ -229,10 +239,10 @@ def _devices(judgement: Judgement) -> Iterator[Row]:
         name = f"{member.name}: " if len(members) > 1 else ""
         texts = [_device(member.plant, spaces[member.name])]
         texts += [_load(body, spaces[member.name]) for body in member.bodies]
-        yield Row("device", [f"{name}{text}" for text in texts])
+        yield OutputRow("device", [f"{name}{text}" for text in texts])
         delays.append(f"{name.replace(':', '')}{rounded(1e3 * member.delay)} ms")
     period = rounded(1e3 * judgement.stability.period_s)
-    yield Row("delay", [f"{', '.join(delays)} from sampling to acting, period {period} ms"])
+    yield OutputRow("delay", [f"{', '.join(delays)} from sampling to acting, period {period} ms"])
 
 
 def notes(judgement: Judgement) -> list[Line]:

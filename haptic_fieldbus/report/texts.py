@@ -5,10 +5,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any, cast
 
-from haptic_fieldbus.assessing.result import Result, change_text, error_sizes, length, load_text, periods_text
+from haptic_fieldbus.assessing.result import (
+    Result,
+    change_text,
+    error_sizes,
+    length,
+    load_text,
+    periods_text,
+    result_rows,
+)
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability, Verdict
-from haptic_fieldbus.numerals import Line, Row, exactly, in_unit, lines_of, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import Line, OutputRow, exactly, in_unit, lines_of, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds, obstacle_text
@@ -23,26 +31,26 @@ from haptic_fieldbus.signals import Workspace
 def announcement(plan: Plan, changes: Iterable[tuple[float, Mapping[str, object]]] = ()) -> list[Line]:
     """Return lines on the run to come: scene, bench, plan, delay and stability, and the scheduled changes."""
     rows = [
-        Row("scene", [scene_text(plan)]),
-        Row("bench", (bench_text(plan, axis) for axis in plan.axes)),
-        Row("limit", (f"{axis.name}: {axis.cap}" for axis in plan.axes if axis.cap)),
-        Row("plan", (text for axis in plan.axes for text in axis.traffic.summary())),
-        Row("plan", [f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"]),
-        Row("enabling", enabling_lines(plan.axes)),
-        Row("delay", [delay_text(plan)]),
-        Row("ways", (way.text() for way in way_limits(plan))),
-        Row("assumed", plan.assumed),
-        Row("deadlines", [deadlines_text(plan)]),
-        Row("coupling", map(str, plan.coupling_ages)),
-        Row("stability", [stability_text(plan)]),
-        Row("changes", (change_text(time, settings) for time, settings in changes)),
+        OutputRow("scene", [scene_text(plan)]),
+        OutputRow("bench", (bench_text(plan, axis) for axis in plan.axes)),
+        OutputRow("limit", (f"{axis.name}: {axis.cap}" for axis in plan.axes if axis.cap)),
+        OutputRow("plan", (text for axis in plan.axes for text in axis.traffic.summary())),
+        OutputRow("plan", [f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"]),
+        OutputRow("enabling", enabling_lines(plan.axes)),
+        OutputRow("delay", [delay_text(plan)]),
+        OutputRow("ways", (way.text() for way in way_limits(plan))),
+        OutputRow("assumed", plan.assumed),
+        OutputRow("deadlines", [deadlines_text(plan)]),
+        OutputRow("coupling", map(str, plan.coupling_ages)),
+        OutputRow("stability", [stability_text(plan)]),
+        OutputRow("changes", (change_text(time, settings) for time, settings in changes)),
     ]
     return lines_of(rows, once=True)
 
 
 def outcome(result: Result) -> list[Line]:
     """Return lines on a run as far as its figures are known; the reason of a trip stands in the error's own message."""
-    return lines_of(result.rows(), once=True)
+    return lines_of(result_rows(result), once=True)
 
 
 def deadlines_text(plan: Plan) -> str:
