@@ -17,11 +17,13 @@ from haptic_fieldbus.scenes.scene import Scene
 Holds = Callable[[Any], bool]
 """Test of whether a value is of the kind that an argument has."""
 PATH = str | Path
+"""Types of a path."""
 LARGEST = 10**308
 """Largest whole number that is taken as a number: a float holds it."""
 
 
 def _is_whole(value: object) -> bool:
+    """Return whether a value is a whole number; True and False are none."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
@@ -33,10 +35,12 @@ def _is_number(value: object) -> bool:
 
 
 def _is_name(value: object) -> bool:
+    """Return whether a value is a text that is not empty."""
     return isinstance(value, str) and value != ""
 
 
 def _is_settings(value: object) -> bool:
+    """Return whether a value is a mapping of names."""
     return isinstance(value, Mapping) and all(map(_is_name, value))
 
 
@@ -54,6 +58,7 @@ def _is_rig(value: object) -> bool:
 
 
 def _is_faults(value: object) -> bool:
+    """Return whether a value is a path or a list of faults; each fault has a kind."""
     return isinstance(value, PATH) or (isinstance(value, Sequence) and all(hasattr(each, "kind") for each in value))
 
 

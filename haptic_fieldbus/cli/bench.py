@@ -101,6 +101,7 @@ def scan(options: ScanOptions) -> None:
 
 
 def _tell_of(found: "Scan") -> None:
+    """Print what was heard on one bus, and a table of its nodes."""
     heard = [OutputRow("bus", [found.listened]), OutputRow("listened", filter(None, [found.masters]))]
     show(lines_of([*heard, OutputRow("none", [] if found.nodes else [NOBODY_ANSWERS])]))
     if found.nodes:
