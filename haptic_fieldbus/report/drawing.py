@@ -109,12 +109,12 @@ LOOKS = {
     "tick-interval": CurveStyle(GREY, "h", ":"),
 }
 OTHERS = (
-    CurveStyle(BLUE, "o"),
-    CurveStyle(VERMILION, "s"),
-    CurveStyle(GREEN, "^"),
-    CurveStyle(PURPLE, "D"),
-    CurveStyle(ORANGE, "v"),
-    CurveStyle(SKY, "P"),
+    CurveStyle(BLUE, "o", ":"),
+    CurveStyle(VERMILION, "s", ":"),
+    CurveStyle(GREEN, "^", ":"),
+    CurveStyle(PURPLE, "D", ":"),
+    CurveStyle(ORANGE, "v", ":"),
+    CurveStyle(SKY, "P", ":"),
 )
 
 

@@ -20,18 +20,19 @@ from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal, Workspace
 from tests.builders import plan_of, rig_of, scene_of
+from tests.scenes.test_element_contract import SHEETS
 
 RANGE = r"expected -0\.1 to 0\.1 m, the range of the axis handle on this bench"
 
 
 def with_place(kind: type[AnyElement]) -> Scene:
-    """A scene of the library with an element of this kind, and of no other that must fit to it."""
+    """A scene of the library, else of a sheet, with an element of this kind, and of no other that must fit to it."""
     for name in scene_names():
         scene = load_scene(name)
         mine = [each for each in scene.elements if type(each) is kind]
         if mine:
             return replace(scene, elements=(mine[0],))
-    raise LookupError(kind.__name__)
+    return scene_of(next(sheet.examples[0] for sheet in SHEETS.values() if type(sheet.examples[0]) is kind))
 
 
 def placed(scene: Scene, parameter: str, place: float) -> Scene:

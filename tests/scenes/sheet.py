@@ -89,6 +89,7 @@ class Sheet:
     continuous an upper bound of the energy given to the hand [J] along a motion, forces acting at once
     sampled    the same with each force held for one period
     reach      (middle, amplitude) of the motions that it is tried with
+    remembers  whether its energy neither follows from where the handle is nor is bounded: it then states none
     """
 
     examples: tuple[AnyElement, ...]
@@ -100,6 +101,7 @@ class Sheet:
     stiffest: Callable[[Any], tuple[Motion, float]] = lambda element: (at_once(0.0), 1.0)
     jump: Callable[[Any, float], float] = lambda element, speed: 0.0
     reach: tuple[float, float] = (0.0, 0.03)
+    remembers: bool = False
 
 
 def spring_leak(stiffness: float, motion: Motion) -> float:

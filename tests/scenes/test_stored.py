@@ -17,12 +17,17 @@ from haptic_fieldbus.scenes.texture import Texture
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 from tests.cases import every
+from tests.scenes.test_element_contract import EXAMPLES, SHEETS
 
-REMEMBERS = {"sprung_mass", "damped_sprung_mass", "free_puck", "virtual_coupling", "inertia"}
-"""Kinds whose energy does not follow from where the handle is, and is not bounded."""
 LIBRARY: dict[str, AnyElement] = {
     f"{scene}.{element.name}": element for scene in scene_names() for element in load_scene(scene).elements
 }
+LIBRARY |= {
+    f"example.{name}": element
+    for name, (kind, element) in EXAMPLES.items()
+    if kind not in set(map(kind_of, map(type, LIBRARY.values())))
+}
+"""Also the examples of kinds that no scene of the library has."""
 MORE: dict[str, AnyElement] = {
     "bilateral": Wall("handle", 600.0, 0.01, sides="bilateral"),
     "left": Wall("handle", 600.0, 0.01, side="negative"),
@@ -42,9 +47,10 @@ def that_say(ability: str) -> list[str]:
 @every("kind", ELEMENTS)
 def test_each_kind_states_its_energy_or_is_known_to_remember(kind: str) -> None:
     found = [element for element in LIBRARY.values() if kind_of(type(element)) == kind]
-    assert found, f"no scene of the library has a {kind}; add one, so that its energy is tested"
     states = any(said(each).stored or said(each).reserve is not None or said(each).strongest for each in found)
-    assert states == (kind not in REMEMBERS)
+    assert states != SHEETS[kind].remembers, (
+        f"{kind}: give it `stored`, `reserve` or `strongest`, so that its energy is known, or `remembers` to its sheet"
+    )
 
 
 @pytest.mark.thorough("quadrature of each", quick=4)

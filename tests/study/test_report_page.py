@@ -15,6 +15,7 @@ import pytest
 from haptic_fieldbus import api
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.report.drawing import LOOKS, OTHERS, look_of
 from haptic_fieldbus.study import make_report as run_report
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.measure.bench import Tools, bench_of
@@ -22,11 +23,9 @@ from haptic_fieldbus.study.measure.timing import Cost
 from haptic_fieldbus.study.measure.work_precision import Point, Set, has_failed
 from haptic_fieldbus.study.page import stability
 from haptic_fieldbus.study.page.html import (
-    LOOKS,
     Cell,
     Context,
     Section,
-    look_of,
     number_text,
     page,
     picture,
@@ -83,10 +82,17 @@ def test_a_figure_lies_inside_the_page_and_is_told_in_words() -> None:
 
 
 def test_every_method_has_a_look_of_its_own() -> None:
-    looks = [LOOKS[method] for method in METHODS]
+    known = [LOOKS[method] for method in METHODS if method in LOOKS]
+    assert len({look.marker for look in known}) == len(known)
+    looks = [look_of(method) for method in METHODS]
     assert len({(look.colour, look.marker, look.dashes) for look in looks}) == len(METHODS)
-    assert len({look.marker for look in looks}) == len(METHODS)
+
+
+def test_a_method_without_a_look_in_the_table_has_one_that_no_other_has() -> None:
+    told = {(look.colour, look.marker, look.dashes) for look in LOOKS.values()}
+    assert told.isdisjoint({(look.colour, look.marker, look.dashes) for look in OTHERS})
     assert look_of("something new") == look_of("something new")
+    assert look_of("something new") in OTHERS
 
 
 def a_set(errors: list[float | None]) -> Set:

@@ -26,7 +26,8 @@ SCALED = {
     Quantity.INVERSE_SPEED,
 }  # fmt: skip
 """Quantities whose values are drawn, from a third to three times those of the library."""
-KINDS = tuple(sorted(ELEMENTS))
+IN_SCENES = {kind_of(type(each)) for name in scene_names() for each in load_scene(name).elements}
+KINDS = tuple(kind for kind in sorted(ELEMENTS) if kind in IN_SCENES)
 USES = 200
 BLOW = Hand("blow", (Piece(0.5, 60.0), Piece(0.51, 0.0)))
 GOOD = {Verdict.PASSIVE, Verdict.STABLE}

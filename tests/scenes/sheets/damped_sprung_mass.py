@@ -23,4 +23,5 @@ SHEET = Sheet(
     sampled=change_leak,
     silent=lambda element: [resting(0.02, 0.02, 0.02)],
     signs=lambda element: [(resting(0.0, 0.01), -1), (resting(0.0, -0.01), 1)],
+    remembers=True,
 )

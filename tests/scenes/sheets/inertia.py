@@ -55,4 +55,5 @@ SHEET = Sheet(
     silent=lambda inertia: [resting(0.0, 0.0, 0.0), resting(0.02, 0.02, 0.02)],
     signs=lambda inertia: [(starting(5.0), -1), (starting(-5.0), 1)],
     stiffest=lambda inertia: (at_once(0.0, speed=-0.05), -1.0),
+    remembers=True,
 )

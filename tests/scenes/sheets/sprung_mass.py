@@ -22,4 +22,5 @@ SHEET = Sheet(
     sampled=sampled_leak,
     silent=lambda element: [resting(0.02, 0.02, 0.02)],
     signs=lambda element: [(resting(0.0, 0.01), -1), (resting(0.0, -0.01), 1)],
+    remembers=True,
 )

@@ -29,4 +29,5 @@ SHEET = Sheet(
     continuous=stored,
     sampled=lambda element, motion: stored(element, motion) + change_leak(element, motion),
     signs=lambda element: [(resting(0.0, 0.02), -1), (resting(0.0, -0.02), 1)],
+    remembers=True,
 )

@@ -270,8 +270,9 @@ def test_a_shipped_profile_has_no_fault_beside_the_file_of_its_own_simulated_dri
 # Vendors' files.
 
 
-def test_every_shipped_profile_of_a_drive_names_its_files() -> None:
-    assert set(shipped()) - {GENERIC} == ITS_FILES.keys()
+def test_files_are_named_of_shipped_profiles_alone() -> None:
+    """A profile that is added may name its vendor's files here; it need not."""
+    assert set(shipped()) - {GENERIC} >= ITS_FILES.keys()
 
 
 @needs_files
