@@ -11,6 +11,7 @@ from pathlib import Path
 import grimp
 import pytest
 
+from haptic_fieldbus.scenes.registry import ELEMENTS
 from tests.source import nodes_of, reads_the_source
 
 PACKAGE = Path(__file__).resolve().parents[1] / "haptic_fieldbus"
@@ -140,3 +141,30 @@ def test_what_a_function_imports_is_not_there_where_it_is_not_needed(program: st
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     needless = {f"{PACKAGE.name}.{name}" for names in DOES_WITHOUT[program].values() for name in names.split()}
     assert needless & set(loaded) == set()
+
+
+PUBLIC = {"", "clock", "errors", "numerics.linear", "scenes.element", "sim.faults"}
+"""What docs/reference promises or documents beside the elements; "" is the package itself."""
+FENCED = {
+    "study": (
+        "api.site assessing cycle margins numerals numerics.estimators numerics.estimators.tachometer"
+        " numerics.integrators numerics.integrators.trajectory numerics.sampled planning.compile report.drawing"
+        " running.loop sim.hand sim.mechanics",
+        "cli.report",
+    ),
+    "vcan": ("", "cli.app"),
+}
+"""Rooms that stand beside the product: which modules each may import beside the public ones, and what imports it."""
+MOST_MODULES = 15
+
+
+@reads_the_source
+def test_a_fenced_room_imports_public_names_and_few_modules_and_its_command_alone_imports_it() -> None:
+    found = imports()
+    public = PUBLIC | {module.removeprefix(f"{PACKAGE.name}.") for module, _ in ELEMENTS.values()}
+    for room, (listed, command) in FENCED.items():
+        inside = {module for module in found if f"{module}.".startswith(f"{PACKAGE.name}.{room}.")}
+        used = {other.removeprefix(PACKAGE.name).removeprefix(".") for each in inside for other in found[each] - inside}
+        assert used - public == set(listed.split())
+        assert len(listed.split()) <= MOST_MODULES
+        assert {each for each in found if found[each] & inside} - inside == {f"{PACKAGE.name}.{command}"}

@@ -63,7 +63,7 @@ def site_of(
             for part in plan.buses:
                 log = logs.get(part.name)
                 if plan.simulated:
-                    buses[part.name], world = _simulated(plan, part, clock, log, hand, seed, faults)
+                    buses[part.name], world = simulated_bus(plan, part, clock, log, hand, seed, faults)
                     worlds |= {} if world is None else {part.name: world}
                 else:
                     buses[part.name] = access_of(part.protocol).open_bus(plan.rig.bus[part.name], clock, log)
@@ -137,8 +137,14 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
         faults.append(getattr(error, "strerror", None) or str(error))
 
 
-def _simulated(
-    plan: Plan, bus: BusPlan, clock: Clock, log: object, hand: Hand | None, seed: int, faults: Sequence[Fault]
+def simulated_bus(
+    plan: Plan,
+    bus: BusPlan,
+    clock: Clock,
+    log: object = None,
+    hand: Hand | None = None,
+    seed: int = DEFAULT_SEED,
+    faults: Sequence[Fault] = (),
 ) -> tuple[StepwiseBus, Truth | None]:
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     slots, simulation = [], _simulation(bus.protocol)

@@ -112,8 +112,7 @@ class SignProbe:
     period: float
     """[s]"""
     step: float
-    """Smallest measurable motion: one encoder count [m or rad]; for a drive with velocity only, one step of its speed
-    [m/s]."""
+    """What one count of the encoder is worth [m or rad]; for a drive with velocity only, one of its speed [m/s]."""
     speed: bool
     """Whether `step` is one of speed."""
     mass: float | None

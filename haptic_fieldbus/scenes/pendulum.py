@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal, Workspace
 
 @dataclass(frozen=True)
 class Pendulum:
-    """A weight with a largest torque of `torque` [N·m]; its rest position is `position` [rad]."""
+    """A weight whose largest torque is `torque` [N·m]; it hangs at `position` [rad]."""
 
     axis: str
     torque: PositiveEffort

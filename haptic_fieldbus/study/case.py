@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from haptic_fieldbus.errors import SceneError, UsageError
+from haptic_fieldbus import SceneError, UsageError
 from haptic_fieldbus.numerals import rounded
 
 

@@ -9,15 +9,14 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from html import escape
 from pathlib import Path
 from time import perf_counter
 
-from haptic_fieldbus.documents import nearest
-from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins.bodies import HAND
+from haptic_fieldbus import Plan, UsageError
+from haptic_fieldbus.margins import HAND
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.report.drawing import FELT
 from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
@@ -112,7 +111,8 @@ def choose(only: str | None) -> ChosenSections:
     for section, names in inside.items():
         if only in names:
             return ChosenSections((section,), frozenset((only,)))
-    near = nearest(only, [*SECTIONS, *inside["work-precision"], *inside["stability"]])
+    known = [*SECTIONS, *inside["work-precision"], *inside["stability"]]
+    near = get_close_matches(only.lower(), known, 1) or [name for name in sorted(known) if only.lower() in name]
     hint = f"nearest: {near[0]}; " if near else ""
     raise UsageError(
         f"--only {only}: there is none of that name; {hint}sections are: {', '.join(SECTIONS)}; problems and cases go "

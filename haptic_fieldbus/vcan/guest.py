@@ -156,7 +156,7 @@ Sink = Callable[[bytes], None]
 
 @dataclass
 class GuestReports:
-    """Output of the first program of the guest so far, and of the kernel."""
+    """What the first program of the guest has said so far, and the kernel."""
 
     ready: bool = False
     status: int | None = None

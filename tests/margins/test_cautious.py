@@ -13,9 +13,9 @@ from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.margins.cautious import WORST
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.plant import Ranges
-from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_growth
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.study.analysis.schedules import Ticks, free_ticks, schedule_growth
 from tests.loops import BENCH, LAG, PERIOD, wall
 
 CONTROL_PERIODS = (0.2e-3, 0.25e-3, 0.4e-3, 0.5e-3, 1e-3)

@@ -10,7 +10,6 @@ import pytest
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Verdict, alone, judge, sample, stiffness_limit
 from haptic_fieldbus.margins.bodies import HAND, sample_with
-from haptic_fieldbus.margins.cycles import edge_chatter
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
@@ -19,6 +18,7 @@ from haptic_fieldbus.numerics.sampled import TACHOMETER, environment
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.study.analysis.cycles import edge_chatter
 from tests.cases import every
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, Array, ByHand
 

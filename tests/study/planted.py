@@ -86,7 +86,7 @@ PLANTED = {
         ),
     ),
     "edge chatter halved": Planted(
-        f"{MARGINS}/cycles.py",
+        "haptic_fieldbus/study/analysis/cycles.py",
         "return 2.0 * plant.resolution / (math.pi * gain)",
         "return 1.0 * plant.resolution / (math.pi * gain)",
         ("one-count-wall",),
@@ -139,7 +139,7 @@ PLANTED = {
         ),
     ),
     "torque lag gone from ticks": Planted(
-        f"{MARGINS}/schedules.py",
+        "haptic_fieldbus/study/analysis/schedules.py",
         "through_torque_loop(*dynamics(plant), plant.torque_lag)",
         "dynamics(plant)",
         ("tick-phase",),
@@ -170,7 +170,7 @@ PLANTED = {
         ),
     ),
     "friction 1 % too large": Planted(
-        f"{NUMERICS}/batch.py",
+        "haptic_fieldbus/study/analysis/batch.py",
         "= SampledMass(loops.mass, loops.damping, loops.coulomb)",
         "= SampledMass(loops.mass, loops.damping, 1.01 * loops.coulomb)",
         ("coarse-encoder", "coulomb-rescue", "local-stability"),

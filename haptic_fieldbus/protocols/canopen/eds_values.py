@@ -40,7 +40,7 @@ class Finding:
 
     key: str
     shows: str
-    """Description of the value in the file."""
+    """What the file has, in words."""
     line: int | None = None
     """Line of the file."""
     fault: str = ""

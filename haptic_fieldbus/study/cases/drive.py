@@ -1,34 +1,37 @@
 """Cases of faults of bus, encoder and clock: a running loop takes its torque away, or goes on unaffected."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
+from typing import Any
 
-from haptic_fieldbus.assessing.loop_report import LoopReport
-from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus import (
+    BusError,
+    Limits,
+    LinearMechanism,
+    Plan,
+    Rig,
+    Scene,
+    SceneAxis,
+    Workspace,
+    load_profile,
+)
+from haptic_fieldbus import (
+    plan as plan_scene,
+)
+from haptic_fieldbus.api.site import simulated_bus
+from haptic_fieldbus.assessing import LoopReport
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.safety import TripKind
-from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE
-from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, default_axis
-from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.cycle import Cycle, LinkFlag, TripKind
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.canopen.bus import CanSection
-from haptic_fieldbus.protocols.canopen.profile import canopen_profile
-from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.signals import LinkFlag, Workspace
-from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import BusOff, Fault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
@@ -38,6 +41,7 @@ from haptic_fieldbus.study.oracles.contact import limit_in_contact
 # Bench of the cases in `drive`: a plan without files, a cycle fed with octets, and a short simulated run.
 
 PERIOD_NS = 1_000_000
+RATE = 1e9 / PERIOD_NS
 COUNT = 0.05 / 4096
 """Encoder count at the handle [m]: 50 mm a turn of 4096 counts."""
 UNIT = 0.4 / 1000 / (0.05 / (2 * math.pi))
@@ -50,6 +54,13 @@ CONTACT = 0.6
 """Time at which the bus is lost [s]; the pushing hand is in the wall by then."""
 
 
+@cache
+def _shipped_bench(workspace: Workspace) -> Rig:
+    """Return the bench that a plan without a rig has, with one axis."""
+    free = Constant("handle", 0.0)
+    return plan_scene(Scene("free", "", (SceneAxis("handle", workspace),), (free,))).rig
+
+
 def plan_of(
     *elements: Element,
     workspace: Workspace = Workspace.LINEAR,
@@ -59,12 +70,13 @@ def plan_of(
 ) -> Plan:
     """Return a plan on the shipped bench; `radius` [m] replaces that of a linear mechanism."""
     scene = Scene("case", "a case of the report", (SceneAxis("handle", workspace),), elements)
-    axis = default_axis(workspace, bus="sim", node=1, profile=DEFAULT_DRIVE)
+    shipped = _shipped_bench(workspace)
+    axis = shipped.axis["handle"]
     if radius is not None and workspace is Workspace.LINEAR:
         axis = replace(axis, mechanism=LinearMechanism("linear", 2 * math.pi * radius))
     axis = replace(axis, limits=limits or axis.limits)
-    rig = Rig({"sim": CanSection("haptic_sim", "sim")}, {"handle": axis})
-    return compile_plan(scene, rig, {DEFAULT_DRIVE: load_profile(DEFAULT_DRIVE)}, DEFAULT_RATE, estimator=estimator)
+    rig = Rig(shipped.bus, {"handle": axis})
+    return compile_plan(scene, rig, {axis.profile: load_profile(axis.profile)}, RATE, estimator=estimator)
 
 
 class Feeder(Cycle):
@@ -120,12 +132,11 @@ class BusOffOutcome:
     """Time from the loss to a target torque of 0 [s]; ∞ when it was not 0 at the end."""
 
 
-def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: Sequence[Fault]) -> tuple[World, LoopReport, str]:
-    """Run a plan on the simulated drive with a pushing hand; return the world, the report and the error's class."""
-    world, report, error = World(clock, 1_000_000), LoopReport(), "none"
-    axis = plan.axes[0]
-    world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=faults)
-    bus = CanopenBus(SimulatedBus(world=world), clock, None, owned=True)
+def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: tuple[Fault, ...] = ()) -> tuple[Any, LoopReport, str]:
+    """Run a plan on the simulated drive with a hand that pushes at once; return truth, report and the error's class."""
+    report, error, hand = LoopReport(), "none", hand_named("push")
+    at_once = None if hand is None else hand.after(-plan.axes[0].limits.fade_in)
+    bus, truth = simulated_bus(plan, plan.buses[0], clock, hand=at_once, faults=faults)
     try:
         bus.open(plan)
         run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, report=report)
@@ -133,25 +144,25 @@ def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: Sequence[Fault]) 
         error = type(raised).__name__
     finally:
         bus.close()
-    return world, report, error
+    return truth, report, error
 
 
 def bus_off_in_contact() -> BusOffOutcome:
     """Run into a bus-off of our own controller while the wall pushes back, then watch the drive for 0.5 s."""
     plan, clock = plan_of(Wall("handle", stiffness=600.0, position=0.02)), VirtualClock()
-    world, report, error = _run(plan, clock, 700, [BusOff("bus_off", CONTACT)])
+    truth, report, error = _run(plan, clock, 700, (BusOff("bus_off", CONTACT),))
     clock.sleep_until(clock.now_ns() + 500_000_000)
-    times, torques = world.trajectory(plan.axes[0].node).targets()
+    times, torques = truth.trajectory(plan.axes[0].node).targets()
     lost_ns = (report.enabled_at_ns or 0) + round(CONTACT * 1e9)
     held = [float(torque) for at, torque in zip(times, torques, strict=True) if at <= lost_ns]
     ended = [int(at) for at, torque in zip(times, torques, strict=True) if at > lost_ns and torque == 0.0]
     free = (ended[0] - lost_ns) * 1e-9 if ended and torques[-1] == 0.0 else math.inf
-    return BusOffOutcome(error, canopen_profile(plan.axes[0].profile).link_loss.deadline, held[-1], free)
+    return BusOffOutcome(error, plan.guards[0].seconds, held[-1], free)
 
 
 def odd_periods(start_ns: int, cycles: int) -> tuple[int, int]:
     """Return how many periods had a wrong length, and how many there were; the clock begins at `start_ns`."""
-    _, report, _ = _run(plan_of(Wall("handle", stiffness=600.0)), VirtualClock(start_ns), cycles, ())
+    _, report, _ = _run(plan_of(Wall("handle", stiffness=600.0)), VirtualClock(start_ns), cycles)
     return int((report.sample("period_ns")[1:] != PERIOD_NS).sum()), report.cycles
 
 

@@ -7,15 +7,15 @@ from itertools import pairwise
 from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import bind
-from haptic_fieldbus.numerics.integrators.explicit import bind_rates
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.friction import Friction
 from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
-from haptic_fieldbus.sim.mechanics import plant as sim_plant
-from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim import mechanics
+from haptic_fieldbus.sim.mechanics import Shaft
+from haptic_fieldbus.study.analysis.explicit import bind_rates
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.oracles.contact import jury_limit, sampled_positions, stretches
 
@@ -178,9 +178,9 @@ RENDERED = Friction("shaft", coulomb=COULOMB, stiffness=0.05)
 """Element with the same friction, for a shaft that has none."""
 
 
-def _thrown(damping: float, t_ns: int) -> sim_plant.Plant:
+def _thrown(damping: float, t_ns: int) -> mechanics.Plant:
     """Return the simulated shaft `t_ns` after it was set in motion, without torque and without a hand."""
-    plant = sim_plant.Plant(Shaft(INERTIA, damping, COULOMB, LAG), None, velocity=SPIN)
+    plant = mechanics.Plant(Shaft(INERTIA, damping, COULOMB, LAG), None, velocity=SPIN)
     plant.advance(t_ns)
     return plant
 
@@ -196,7 +196,7 @@ def _stop(damping: float) -> tuple[float, float]:
 
 def _rendered_way() -> float:
     """Return the angle at which the shaft turns back when the friction is rendered at 1 kHz [rad]."""
-    plant, law, t_ns = sim_plant.Plant(Shaft(INERTIA, 0.0, 0.0, LAG), None, velocity=SPIN), RENDERED.begin(PERIOD), 0
+    plant, law, t_ns = mechanics.Plant(Shaft(INERTIA, 0.0, 0.0, LAG), None, velocity=SPIN), RENDERED.begin(PERIOD), 0
     way = 0.0
     while plant.velocity > 0.0:
         way = plant.position

@@ -11,10 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus import Limits, Plan, Signal
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
@@ -22,7 +21,6 @@ from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.texture import Texture
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.oracles.energies import held_work, triangle

@@ -6,8 +6,7 @@ from functools import reduce
 
 import numpy as np
 
-from haptic_fieldbus.margins.linear import gaps, pattern_bound, pattern_limit
-from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.margins import Plant, gaps, pattern_bound, pattern_limit, sample
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer

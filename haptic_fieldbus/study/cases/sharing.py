@@ -5,14 +5,22 @@ from collections.abc import Callable
 
 import numpy as np
 
-from haptic_fieldbus.margins import Plant, passive_limit_of, sample, stiffness_limit
-from haptic_fieldbus.margins.bodies import HAND, limit_with, sample_with
+from haptic_fieldbus.margins import (
+    HAND,
+    Plant,
+    damping_needed,
+    limit_with,
+    passive_limit_of,
+    sample,
+    sample_with,
+    stiffness_limit,
+)
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.numerics import batch, sampled
-from haptic_fieldbus.numerics.batch import Array, loops
+from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
+from haptic_fieldbus.study.analysis import batch
+from haptic_fieldbus.study.analysis.batch import Array, loops
 from haptic_fieldbus.study.case import CaseResult, share_used, signed, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring

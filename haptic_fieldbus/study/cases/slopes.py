@@ -2,8 +2,8 @@
 
 import math
 
-from haptic_fieldbus.margins import Plant, Stability, Verdict
-from haptic_fieldbus.margins.group import Group, Member
+from haptic_fieldbus import Stability, Verdict
+from haptic_fieldbus.margins import Group, Member, Plant
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.element import Element

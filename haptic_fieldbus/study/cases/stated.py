@@ -6,13 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from haptic_fieldbus.assessing.torque_error import ErrorSums
-from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
-from haptic_fieldbus.margins import Plant, Verdict
-from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.plant import Ranges
-from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, Places
-from haptic_fieldbus.margins.verdict import verdict_at_places
+from haptic_fieldbus import Verdict
+from haptic_fieldbus.assessing import ErrorSums
+from haptic_fieldbus.margins import EVERYWHERE, Group, Member, Places, Plant, Ranges, verdict_at_places
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.estimators import bind
 from haptic_fieldbus.numerics.linear import foh
@@ -20,6 +16,7 @@ from haptic_fieldbus.scenes.element import Element, Interval
 from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
 

@@ -3,29 +3,22 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, cast
 
-from haptic_fieldbus.assessing.loop_report import Record
+from haptic_fieldbus import Limits, Plan, Rig, Scene, SceneAxis, Workspace, load_profile
+from haptic_fieldbus import plan as plan_scene
+from haptic_fieldbus.api.site import simulated_bus
+from haptic_fieldbus.assessing import Record
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.cycle.cycle import Cycle, columns
-from haptic_fieldbus.drive.rig import Limits, Rig, default_axis
-from haptic_fieldbus.margins import Plant, stiffness_limit
-from haptic_fieldbus.margins.linear import gaps, pattern_growth, pattern_limit
-from haptic_fieldbus.margins.plant import sample
-from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_limit
+from haptic_fieldbus.cycle import Cycle, LinkFlag, columns
+from haptic_fieldbus.margins import Plant, gaps, pattern_growth, pattern_limit, sample, stiffness_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.protocols.modbus.bus import SIM_TCP, SIMULATION_CHANNEL, ModbusSection
-from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.running.loop import run_loop
-from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.signals import LinkFlag, Workspace
-from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.modbus.line import SIMULATION
+from haptic_fieldbus.study.analysis.schedules import Ticks, free_ticks, schedule_limit
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.measure import region
@@ -149,7 +142,7 @@ def modbus_one_period(quick: bool) -> CaseResult:
     The limit is compared with a polynomial in 60 digits; the instants at which torque changed in the simulated drive
     with those of the samples that it was computed from.
     """
-    plan = _plan()
+    plan = _late_plan()
     plant = plan.axes[0].plant
     limit = plan.stability.stiffness_limit.stable if plan.stability is not None else None
     if plant is None or limit is None:
@@ -168,26 +161,25 @@ def modbus_one_period(quick: bool) -> CaseResult:
     )
 
 
-def _plan() -> Plan:
+def _late_plan() -> Plan:
     """Return a wall on the shipped bench, over a network in which two requests do not fit into a period.
 
     The drive has no lag of its own.
     """
-    profile = modbus_profile(load_profile(DRIVE))
+    profile: Any = load_profile(DRIVE)
     profile = replace(profile, timing=replace(profile.timing, torque_bandwidth=FASTEST, control_period=0.0))
     wall = Wall("handle", stiffness=300.0, position=0.005)
     scene = Scene("case", "a case of the report", (SceneAxis("handle", Workspace.LINEAR),), (wall,))
-    axis = default_axis(Workspace.LINEAR, bus="line", node=1, profile=DRIVE)
-    rig = Rig({"line": ModbusSection(SIM_TCP, SIMULATION_CHANNEL, round_trip=NETWORK)}, {"handle": axis})
+    shipped = plan_scene(scene, drive=DRIVE, bus="sim-modbus-tcp").rig
+    ((name, section),) = cast(dict[str, Any], shipped.bus).items()
+    rig = Rig({name: replace(section, round_trip=NETWORK)}, shipped.axis)
     return compile_plan(scene, rig, {DRIVE: profile}, 1.0 / PERIOD)
 
 
 def _late(plan: Plan, cycles: int) -> list[float]:
     """Return how long after its sample each new torque acted in the drive [s]."""
     axis, clock = plan.axes[0], VirtualClock()
-    hand = hand_named("push")
-    slot = DriveOnBus(axis.node, axis.profile, axis.rig, None if hand is None else hand.after(axis.limits.fade_in))
-    bus, line = SIMULATION.simulate(plan.rig.bus["line"], "", [slot], clock, 0, None)
+    bus, line = simulated_bus(plan, plan.buses[0], clock, hand=hand_named("push"))
     record = Record(columns(plan), cycles + 1000)
     try:
         bus.open(plan)

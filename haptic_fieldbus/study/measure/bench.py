@@ -2,19 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from haptic_fieldbus.assessing.result import Result
-from haptic_fieldbus.errors import PlanError
-from haptic_fieldbus.margins import Plant, bodies
-from haptic_fieldbus.margins.bodies import HAND
-from haptic_fieldbus.margins.plant import dynamics, through_torque_loop
+from haptic_fieldbus import Plan, PlanError, Result, load_scene
+from haptic_fieldbus.margins import HAND, Plant, dynamics, dynamics_with, through_torque_loop
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.planning.plan import Plan
 
 FEW_SCENES = ("wall", "damped_wall", "sprung_mass", "detents", "lugre", "generalised_maxwell", "virtual_shaft")
 """Scenes of a quick report: one of each sort."""
+DEFAULT_ESTIMATOR, DEFAULT_METHOD = "backward-difference", "exact-foh"
+"""Velocity estimator and integrator of a plan that is asked for none."""
+
+
+def library_scenes() -> list[str]:
+    """Return the names of the shipped scenes, sorted."""
+    return sorted(path.stem for path in Path(load_scene(FEW_SCENES[0]).source).parent.glob("*.toml"))
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ def device_in_hand(plant: Plant) -> tuple[Matrix, Matrix, Matrix]:
 
     The states are position and velocity of the handle, then of the hand. Shapes: `(4, 4)`, `(4, 1)`, `(4, 1)`.
     """
-    return *bodies.dynamics(plant, (HAND,)), np.array([[0.0], [0.0], [0.0], [1.0 / HAND.mass]])
+    return *dynamics_with(plant, (HAND,)), np.array([[0.0], [0.0], [0.0], [1.0 / HAND.mass]])
 
 
 def free(plant: Plant) -> tuple[Matrix, Matrix]:

@@ -10,13 +10,13 @@ from itertools import repeat
 
 import numpy as np
 
-from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.margins import ROUNDING
 from haptic_fieldbus.numerics import estimators, integrators, sampled
-from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS, OneStep
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, zoh
 from haptic_fieldbus.numerics.sampled import SampledPlant, environment
+from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand, free, grounded
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, KnownMotion, Problem, peak, sine, sprung_mass
 from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn
@@ -268,10 +268,6 @@ def _wall(method: str, period: float, resolution: float) -> PositionLaw:
     return lambda x: -CONTACT_STIFFNESS * x - DAMPING * estimate(x)
 
 
-def _dragged(method: str, period: float, resolution: float) -> PositionLaw:
-    return integrators.bind(sprung_mass(), period, method)
-
-
 def contacts() -> dict[str, Contact]:
     """Return all contacts by name."""
     spring, damped = gain([[-CONTACT_STIFFNESS, 0.0]]), gain([[-CONTACT_STIFFNESS, -DAMPING]])
@@ -280,7 +276,13 @@ def contacts() -> dict[str, Contact]:
     every = (
         Contact("wall-in-hand", "wall of 600 N/m, a hand leaning on it", spring, ("none",), _wall),
         Contact("damped-wall-in-hand", by_estimator, damped, tuple(ESTIMATORS), _wall),
-        Contact("sprung-mass-in-hand", dragged, sprung_mass(), tuple(METHODS), _dragged),
+        Contact(
+            "sprung-mass-in-hand",
+            dragged,
+            sprung_mass(),
+            tuple(METHODS),
+            lambda method, period, resolution: integrators.bind(sprung_mass(), period, method),
+        ),
     )
     return {contact.name: contact for contact in every}
 

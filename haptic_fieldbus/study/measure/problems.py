@@ -10,11 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from haptic_fieldbus.numerics.batch import Array
-from haptic_fieldbus.numerics.integrators.method import Integrator
-from haptic_fieldbus.numerics.integrators.staggered import positions
+from haptic_fieldbus.numerics.integrators import Integrator
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.oracles.events import states_of
 
 # Prescribed inputs as autonomous linear systems, so that a reference needs one matrix exponential and no quadrature.
@@ -111,7 +110,9 @@ class Problem:
 
 def feels_velocity(space: StateSpace) -> bool:
     """Return whether accelerations or the force depend on a velocity: kick-then-drift has it half a period late."""
-    velocities = [not position for position in positions(space)]
+    # A position is a state whose rate is another state, and nothing else.
+    alone = (np.count_nonzero(space.a, axis=1) == 1) & (space.a == 1.0).any(axis=1) & ~space.b.any(axis=1)
+    velocities = np.flatnonzero(~alone)
     return bool(space.a[np.ix_(velocities, velocities)].any() or space.c[:, velocities].any())
 
 

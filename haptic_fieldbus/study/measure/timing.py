@@ -12,25 +12,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
 from time import get_clock_info, perf_counter_ns, thread_time_ns
+from typing import cast
 
 import numpy as np
 
-from haptic_fieldbus.assessing.loop_report import Record
-from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
-from haptic_fieldbus.cycle.laws import law_of
-from haptic_fieldbus.cycle.safety import Permission, bind_limiter
-from haptic_fieldbus.defaults import DEFAULT_METHOD
+from haptic_fieldbus import Plan, Scene, Signal, Workspace, load_scene
+from haptic_fieldbus.assessing import Record
+from haptic_fieldbus.cycle import Cycle, Permission, bind_limiter, columns, decoded_columns, law_of
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.numerics import estimators, integrators
-from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
-from haptic_fieldbus.scenes.scene import Scene, axes_of
-from haptic_fieldbus.signals import Signal, Workspace
-from haptic_fieldbus.study.measure.bench import Bench, Tools
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
+from haptic_fieldbus.study.analysis.batch import Array
+from haptic_fieldbus.study.measure.bench import DEFAULT_METHOD, Bench, Tools, library_scenes
 from haptic_fieldbus.study.measure.problems import free_puck, sprung_mass
 
 # Timing of calls on this machine: costs with their spread over repeats, and ratios of calls that took turns.
@@ -240,7 +235,7 @@ def parts(plans: Mapping[str, Plan], bench: Bench) -> Iterator[OptionalPart]:
     What is compared is timed in turn: whole periods of all scenes, then all parts by themselves.
     """
     yield from _periods(plans)
-    single = _elements([load_scene(name) for name in scene_names()], plans[PLAIN].period)
+    single = _elements([load_scene(name) for name in library_scenes()], plans[PLAIN].period)
     single |= _steps(plans[PLAIN], bench)
     for name, cost in in_turn(single).items():
         yield OptionalPart(name, cost.ns, cost.quartiles, cost)
@@ -270,7 +265,8 @@ def _elements(scenes: Sequence[Scene], period: float) -> dict[str, Timed]:
 def _element(kind: str, element: AnyElement, scene: Scene, period: float) -> tuple[str, Timed]:
     """Return name and law of an element; a law without signals is called with nothing, by a lambda that costs too."""
     spaces = {axis.name: axis.workspace for axis in scene.axes}
-    given = [_signals(period, spaces[name])[signal] for name in axes_of(element) for signal in element.needs]
+    axes = element.axes if isinstance(element, CouplingElement) else (cast(Element, element).axis,)
+    given = [_signals(period, spaces[name])[signal] for name in axes for signal in element.needs]
     law: Callable[..., object]
     if isinstance(element, CouplingElement):
         law, sort = element.begin(period), "coupling"

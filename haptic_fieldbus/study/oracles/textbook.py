@@ -1,4 +1,8 @@
-"""Mass on a spring, q̈ = ω²·(x − q), by every method as textbooks have it, in floats or in fifty decimal digits."""
+"""Mass on a spring, q̈ = ω²·(x − q), by the methods of textbooks, in floats or in fifty decimal digits.
+
+Cases of the report go over these methods. One that is added to the package needs no rule here: its step in
+`tests/numerics/textbook.py` is compared with it.
+"""
 
 import math
 from collections.abc import Callable, Sequence

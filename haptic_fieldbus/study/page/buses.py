@@ -8,12 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
-from haptic_fieldbus.errors import HapticFieldbusError
+from haptic_fieldbus import HapticFieldbusError, Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.report.drawing import BLUE, FELT, GREEN, GREY, ORANGE, VERMILION
-from haptic_fieldbus.study.measure.bench import Tools
+from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, Tools
 from haptic_fieldbus.study.measure.timing import Playback, Timed, in_turn
 from haptic_fieldbus.study.page.html import (
     Cell,
@@ -158,13 +156,9 @@ def buses_section(context: Context) -> Section:
 def best_of_each(points: Sequence[BusPoint]) -> list[BusPoint]:
     """Return the run with the least error of each bus, in the order of the buses."""
     best: dict[str, BusPoint] = {}
-    for point in sorted(points, key=_error):
+    for point in sorted(points, key=lambda each: CEILING if each.felt_error is None else each.felt_error):
         best.setdefault(point.bus, point)
     return [best[name] for name in BUSES if name in best]
-
-
-def _error(point: BusPoint) -> float:
-    return CEILING if point.felt_error is None else point.felt_error
 
 
 def draw(points: Sequence[BusPoint]) -> Figure:

@@ -5,11 +5,10 @@ from dataclasses import asdict, astuple
 
 from matplotlib.figure import Figure
 
+from haptic_fieldbus import Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, SKY
-from haptic_fieldbus.scenes.catalogue import scene_names
-from haptic_fieldbus.study.measure.bench import FEW_SCENES
+from haptic_fieldbus.study.measure.bench import FEW_SCENES, library_scenes
 from haptic_fieldbus.study.measure.timing import SCENE, Cost, OptionalPart, RateDeadlines, deadlines, parts
 from haptic_fieldbus.study.page.html import (
     Card,
@@ -101,7 +100,7 @@ does them. The bus, not the computer, sets the highest rate."""
 
 def cost_section(context: Context) -> Section:
     """Time all parts and the periods, and return their section."""
-    plans = {scene: context.tools.plan(scene) for scene in (FEW_SCENES if context.quick else scene_names())}
+    plans = {scene: context.tools.plan(scene) for scene in (FEW_SCENES if context.quick else library_scenes())}
     found: list[OptionalPart] = []
     for each in parts(plans, context.bench):
         found.append(each)
@@ -115,12 +114,14 @@ def cost_section(context: Context) -> Section:
     document = svg(draw(found))
     costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
+    single = [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
+              for part in found if part.spread is not None]  # fmt: skip
     body = [
         scenes_part(plans, costs),
         "<h3>Each part by itself</h3>",
         paragraph(EXPLAINED),
         picture("cost", document, CAPTION),
-        table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), _single(found)),
+        table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), single),
         "<h3>Periods missed</h3>",
         paragraph(LATE),
         _late_table(late),
@@ -134,12 +135,6 @@ def cost_section(context: Context) -> Section:
         asdict(late),
         Card("What does each scene leave out?", lines(few, costs) + MORE.format(len(plans))),
     )
-
-
-def _single(found: Sequence[OptionalPart]) -> list[list[Entry]]:
-    """Return rows of the distribution of single periods [µs]."""
-    return [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
-            for part in found if part.spread is not None]  # fmt: skip
 
 
 def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:

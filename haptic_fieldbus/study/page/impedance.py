@@ -7,15 +7,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus import Plan
+from haptic_fieldbus.margins import Plant, frequency_response, sample
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
-from haptic_fieldbus.numerics.passivity import frequency_response
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.planning.compile import grouped
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, VERMILION
+from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.bench import Bench, bench_of
 from haptic_fieldbus.study.page.html import Context, Entry, Section, dress, figure, paragraph, picture, svg, table
 

@@ -7,15 +7,12 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.assessing.result import Result, Trace
-from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus import Result, Rig, Scene, SceneAxis, Workspace
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.report.drawing import BLUE, INK, ORANGE
-from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.study.measure.bench import Tools
-from haptic_fieldbus.study.page.html import Context, Entry, Section, dress, figure, paragraph, picture, svg, table
+from haptic_fieldbus.study.page.html import Context, Section, dress, figure, paragraph, picture, svg, table
 
 # What the passivity controller does to a wall: how its oscillation decays or grows, what it feels like, and its cost.
 #
@@ -63,7 +60,8 @@ class WallTap:
 
 def decays(tools: Tools, shares: Iterable[float], duration: float) -> Iterable[Decay]:
     """Yield the decay at each share of the stability limit, without and with the controller."""
-    rig = _smooth(tools)
+    rig = _endless(tools)
+    rig = replace(rig, axis={name: replace(axis, coulomb_friction=0.0) for name, axis in rig.axis.items()})
     limit = _limit(tools, rig)
     for share in shares:
         stiffness = share * limit
@@ -71,7 +69,7 @@ def decays(tools: Tools, shares: Iterable[float], duration: float) -> Iterable[D
         for scene in _both(wall):
             result = tools.run(scene, rig, bus="sim", hand="none", duration=duration, force=True)
             cost = result.passivity[0].controller
-            growth = _growth(result.traces[0], wall.position)
+            growth = _growth(result, wall.position)
             if cost is None:
                 yield Decay(share, scene.controlled, growth)
             else:
@@ -112,12 +110,6 @@ def _endless(tools: Tools) -> Rig:
     return replace(rig, axis=axes)
 
 
-def _smooth(tools: Tools) -> Rig:
-    """Return the same bench without Coulomb friction."""
-    rig = _endless(tools)
-    return replace(rig, axis={name: replace(axis, coulomb_friction=0.0) for name, axis in rig.axis.items()})
-
-
 def _limit(tools: Tools, rig: Rig) -> float:
     """Return the limit of stability of a wall on that bench [N/m]."""
     stability = tools.plan(Scene("wall", "", AXES, (FELT,)), rig, bus="sim").stability
@@ -126,8 +118,9 @@ def _limit(tools: Tools, rig: Rig) -> float:
     return stability.stiffness_limit.stable
 
 
-def _growth(trace: Trace, position: float) -> float:
+def _growth(result: Result, position: float) -> float:
     """Return the mean ratio of a turn to the one before, from the largest distances between crossings."""
+    (trace,) = result.traces
     x = trace.position[trace.times > FADED_IN] - position
     cuts = np.flatnonzero(np.diff(np.sign(x)))
     sizes = [float(np.abs(x[a + 1 : b + 1]).max()) for a, b in pairwise(cuts)]
@@ -187,24 +180,26 @@ def draw(found: Sequence[Decay]) -> Figure:
 def _decay_table(found: Sequence[Decay]) -> str:
     headings = ("stiffness over its limit", "growth of a turn", "with the controller", "its largest force [N]",
                 "energy it took [mJ]")  # fmt: skip
-    pairs = zip(found[::2], found[1::2], strict=True)
-    return table(headings, (_decay_row(plain, controlled) for plain, controlled in pairs), text_columns=0)
-
-
-def _decay_row(plain: Decay, controlled: Decay) -> list[Entry]:
-    energy = None if controlled.energy is None else 1e3 * controlled.energy
-    return [plain.share, plain.growth, controlled.growth, controlled.peak, energy]
+    rows = [
+        [plain.share, plain.growth, damped.growth, damped.peak, _scaled(1e3, damped.energy)]
+        for plain, damped in zip(found[::2], found[1::2], strict=True)
+    ]
+    return table(headings, rows, text_columns=0)
 
 
 def _felt_table(taps: Sequence[WallTap]) -> str:
     headings = ("a tap with", "error in contact, % of force", "energy put in [mJ]", "its largest force [N]",
                 "periods in which it damps [%]")  # fmt: skip
-    return table(headings, map(_felt_row, taps))
+    return table(headings, (
+        [NAMES[tap.controlled], _scaled(100.0, tap.error), _scaled(1e3, tap.energy), tap.peak,
+         _scaled(100.0, tap.periods)]
+        for tap in taps
+    ))  # fmt: skip
 
 
-def _felt_row(tap: WallTap) -> list[Entry]:
-    scaled = [None if value is None else scale * value for scale, value in ((100.0, tap.error), (1e3, tap.energy))]
-    return [NAMES[tap.controlled], *scaled, tap.peak, None if tap.periods is None else 100.0 * tap.periods]
+def _scaled(factor: float, value: float | None) -> float | None:
+    """Return a multiple of a value; None where it is not known."""
+    return None if value is None else factor * value
 
 
 def _finding(found: Sequence[Decay], taps: Sequence[WallTap]) -> str:

@@ -5,11 +5,10 @@ from dataclasses import asdict, dataclass, field
 
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.errors import HapticFieldbusError
+from haptic_fieldbus import HapticFieldbusError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from haptic_fieldbus.scenes.catalogue import scene_names
-from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools
+from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools, library_scenes
 from haptic_fieldbus.study.page.html import (
     Cell,
     Context,
@@ -89,7 +88,7 @@ its part to the error, and the shares sum to one; a negative share takes away fr
 
 def sources_section(context: Context) -> Section:
     """Run all scenes of the library, or a few for a quick report, and return their section."""
-    names = FEW_SCENES if context.quick else scene_names()
+    names = FEW_SCENES if context.quick else library_scenes()
     scenes = context.with_progress(names, lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, SECONDS) for scene in scenes]
     led = scene_error(context.tools, LED, SECONDS, LED_HAND)

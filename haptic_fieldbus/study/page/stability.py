@@ -30,25 +30,18 @@ from haptic_fieldbus.study.page.html import (
 # All stiff and extreme cases by margin, in one figure: how much of what is permitted each of them needs.
 
 FAMILIES = {
-    "integrators": "integrators",
-    "extremes": "extreme masses, overflow",
-    "closed_loop": "mass in the loop",
-    "several_bodies": "several bodies",
-    "closed_loop_walls": "walls at the limit, delay",
+    "integrators": "integrators, extreme masses",
+    "closed_loop": "walls and bodies in the loop",
     "lags": "torque lag",
-    "sharing_width": "Z-width, filters",
-    "sharing": "energy, passivity",
+    "sharing": "Z-width, energy, contact",
     "ledger": "energy, passivity",
-    "sharing_contact": "contact, letting go",
     "friction": "friction, encoder counts",
     "sensing": "sensing",
-    "instants": "lost samples, ticks",
+    "timing": "lost samples, ticks, Modbus",
     "elements": "stiff elements",
     "slopes": "stiff elements",
     "stated": "stated limits, score",
-    "drive": "faults, gaps, clock",
-    "gap": "faults, gaps, clock",
-    "modbus": "Modbus, a period late",
+    "drive": "faults, clock",
 }
 """Rows of the figure by the module of a case; a module that is not here has a row by its own name."""
 WORST, FURTHEST, EXACT = 0.1, 1e10, 1e12
@@ -81,7 +74,9 @@ def draw(cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> Figure:
     for name, result in found.items():
         colour, marker = (BLUE, "o") if result.passed else (VERMILION, "X")
         colour = GREEN if result.passed and math.isinf(margin_of(result)) else colour
-        panel.plot(_place(result), rows.index(family_of(cases[name])), marker, color=colour, markersize=5, alpha=0.75,
+        margin = margin_of(result)
+        place = EXACT if math.isinf(margin) else min(max(margin, 2.0 * WORST), FURTHEST)
+        panel.plot(place, rows.index(family_of(cases[name])), marker, color=colour, markersize=5, alpha=0.75,
                    markeredgewidth=0)  # fmt: skip
     for place, row in enumerate(rows):
         exact = sum(family_of(cases[name]) == row and math.isinf(margin_of(found[name])) for name in found)
@@ -89,11 +84,6 @@ def draw(cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> Figure:
     _frame(panel, rows)
     _name_closest(panel, rows, cases, found)
     return drawn
-
-
-def _place(result: CaseResult) -> float:
-    margin = margin_of(result)
-    return EXACT if math.isinf(margin) else min(max(margin, 2.0 * WORST), FURTHEST)
 
 
 def _name_closest(panel: Axes, rows: Sequence[str], cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> None:

@@ -1,4 +1,4 @@
-"""Parts that several services of a simulated node share: COB-IDs and timers."""
+"""What several services of a simulated node share: COB-IDs and timers."""
 
 from collections.abc import Callable
 

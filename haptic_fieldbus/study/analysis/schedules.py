@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins.linear import EnvironmentOf, limit_of
-from haptic_fieldbus.margins.plant import Plant, check_times, dynamics, through_torque_loop
+from haptic_fieldbus import UsageError
+from haptic_fieldbus.margins import EnvironmentOf, Plant, check_times, dynamics, limit_of, through_torque_loop
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, zoh
 from haptic_fieldbus.numerics.sampled import spectral_radius

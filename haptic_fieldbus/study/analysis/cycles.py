@@ -29,9 +29,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptic_fieldbus.margins.linear import limit_of
-from haptic_fieldbus.margins.passivity import Increments
-from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.margins import Increments, Plant, limit_of, sample
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import SampledPlant
