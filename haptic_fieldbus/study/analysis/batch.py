@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus import UsageError
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace, expm1
 from haptic_fieldbus.numerics.sampled import split_delay

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus import UsageError
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
 States = tuple[float, ...]

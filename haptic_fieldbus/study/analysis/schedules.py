@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_fieldbus import UsageError
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import EnvironmentOf, Plant, check_times, dynamics, limit_of, through_torque_loop
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, zoh
