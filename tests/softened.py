@@ -12,7 +12,7 @@ from haptic_fieldbus import api
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.element import AnyElement, said
+from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.scene import Scene
 
 STEPS = 8
@@ -54,6 +54,6 @@ def _softer(scene: Scene, axis: AxisPlan) -> Scene:
     assert axis.stability is not None
     stiffest: Any = axis.group.stiffest
     half = (axis.stability.stiffness_limit.stable or stiffest.stiffness) / 2.0
-    graded = said(stiffest).with_stiffness is not None
+    graded = abilities(stiffest).with_stiffness is not None
     soft: AnyElement = stiffest.with_stiffness(half) if graded else replace(stiffest, stiffness=half)
     return replace(scene, elements=tuple(soft if each == stiffest else each for each in scene.elements))

@@ -16,7 +16,7 @@ from haptic_fieldbus.assessing.torque_error import ErrorFigures, ErrorPoints, Sp
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ class AxisAssessment:
             found.late,
             seconds,
             found.energy_generated,
-            by_event=all(said(each).by_event for each in acting),
+            by_event=all(abilities(each).by_event for each in acting),
         )
 
     @property

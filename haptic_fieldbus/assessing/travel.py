@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.traffic import Json
-from haptic_fieldbus.scenes.element import Element, said
+from haptic_fieldbus.scenes.element import Element, abilities
 from haptic_fieldbus.signals import Workspace
 
 if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never loads it
@@ -67,7 +67,7 @@ class Reach:
 
     def _depth(self, element: Element, position: float) -> float | None:
         """Return the depth of the handle in an element; None where it has none, or fails to tell it."""
-        depth_at = said(element).penetration
+        depth_at = abilities(element).penetration
         try:
             return None if depth_at is None else depth_at(position)
         except Exception as error:  # of an element of one's own: it must not hide how the run ended

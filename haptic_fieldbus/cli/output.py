@@ -132,6 +132,8 @@ class OutputStream(io.RawIOBase):
         self._stream, self._thread, self._leaving = stream, thread, leaving
         self.waits = True
         """False: the thread writes in any case."""
+        self._gone = False
+        """True: the reader has closed its end. The writer has had its error once, and the rest is dropped."""
 
     def writable(self) -> bool:
         return True
@@ -149,8 +151,14 @@ class OutputStream(io.RawIOBase):
 
     def write(self, octets: object) -> int | None:
         piece = bytes(cast(bytes, octets))
+        if self._gone:
+            return len(piece)
         if self.waits and not self._thread.at_work and not self._leaving():
-            return self._stream.write(piece)
+            try:
+                return self._stream.write(piece)
+            except BrokenPipeError:
+                self._gone = True
+                raise
         self._thread.take(self._stream, piece)
         return len(piece)
 

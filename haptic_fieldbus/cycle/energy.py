@@ -86,7 +86,7 @@ from haptic_fieldbus.planning.energy import (
     memory_terms,
 )
 from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, said
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities
 
 RECOVERY = 4.0
 """Periods in which the controller takes an excess back; the damping of one period is seen two periods later."""
@@ -391,7 +391,8 @@ class Ledger:
     ) -> tuple[list[AxisTerms], MemoryTerms, Callable[[Sequence[float], Sequence[float]], float]]:
         own = [each for of in elements for each in of]
         every: list[AnyElement] = [*own, *couplings]
-        self._exact = not couplings and all(is_static(each) and said(each).stored for each in own if is_placed(each))
+        placed = [each for each in own if is_placed(each)]
+        self._exact = not couplings and all(is_static(each) and abilities(each).stored for each in placed)
         terms = [axis_terms(axis, of, couplings, self.period) for axis, of in zip(self.axes, elements, strict=True)]
         return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)
 

@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.element import (
     Law,
     MemoryElement,
     StaticElement,
-    said,
+    abilities,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -179,7 +179,7 @@ def is_static(element: Element) -> bool:
 
 def has_say(element: Element) -> bool:
     """Return whether an element depends on the place by a memory; friction, which has no surface, does not."""
-    return not is_static(element) and (said(element).reserve is None or said(element).penetration is not None)
+    return not is_static(element) and (abilities(element).reserve is None or abilities(element).penetration is not None)
 
 
 def at_rest(elements: Sequence[Element], period: float) -> Field:

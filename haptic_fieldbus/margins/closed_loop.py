@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.numerics.sampled import SampledPlant, discretised, estimated, scaled
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, said
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, abilities
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
@@ -33,7 +33,7 @@ Kind = TypeVar("Kind", bound=AnyElement)
 
 def stiffness_of(element: AnyElement) -> float:
     """Return the element's own stiffness [N/m or N·m/rad]; 0 when it has none."""
-    return float(said(element).stiffness)
+    return float(abilities(element).stiffness)
 
 
 def stiffest_of(elements: Iterable[Kind]) -> Kind | None:
@@ -47,8 +47,8 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
     A stiffness that follows from other parameters cannot be set; it is changed by a factor on the whole force.
     """
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
-    if "stiffness" in known and said(element).with_stiffness:
-        factor = known.pop("stiffness") / said(element).stiffness
+    if "stiffness" in known and abilities(element).with_stiffness:
+        factor = known.pop("stiffness") / abilities(element).stiffness
         return scaled(linearised(element, known), factor)
     varied: AnyElement = replace(element, **known) if known else element  # type: ignore[type-var]  # a dataclass
     return varied.linearised()
@@ -58,7 +58,7 @@ def with_parameters(element: Kind, changes: Mapping[str, float]) -> Kind:
     """Return the element after those `changes` for which it has a parameter."""
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
     varied: Any = element
-    if "stiffness" in known and (graded := said(varied).with_stiffness):
+    if "stiffness" in known and (graded := abilities(varied).with_stiffness):
         varied = graded(known.pop("stiffness"))
     kept: Kind = replace(varied, **known) if known else varied
     return kept

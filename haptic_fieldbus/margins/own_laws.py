@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.stiffness_map import OwnLaw
-from haptic_fieldbus.scenes.element import Interval, Local, is_dynamic, is_sampled, is_shipped, is_varying, said
+from haptic_fieldbus.scenes.element import Interval, Local, abilities, is_dynamic, is_sampled, is_shipped, is_varying
 from haptic_fieldbus.signals import Signal
 
 Array = NDArray[np.float64]
@@ -238,7 +238,7 @@ def _is_bounded(element: Any) -> bool:
     """Return whether an element states what it feels like in all its places and phases, or is linear."""
     if is_varying(element) or is_dynamic(element) or hasattr(type(element), "increments"):
         return True
-    return bool(said(element).phases) or not element.needs
+    return bool(abilities(element).phases) or not element.needs
 
 
 def _is_static(element: Any) -> bool:

@@ -27,11 +27,11 @@ from haptic_fieldbus.scenes.element import (
     Element,
     Interval,
     Varying,
+    abilities,
     is_dynamic,
     is_sampled,
     is_shipped,
     is_varying,
-    said,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -302,7 +302,7 @@ def _is_at_places(element: Element | None) -> bool:
 
 def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
     """Return (stiffness, damping) of an element as it holds, as it slides, and as it does not act."""
-    told = said(element)
+    told = abilities(element)
     if told.phases:
         return list(dict.fromkeys(told.phases))
     stiffness, damping = (-float(value) for value in space.d[0])
@@ -315,7 +315,7 @@ def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
 
 def _bounds(element: Element) -> tuple[float, float] | None:
     """Return the bounds of the increments of an element without places; None when it states none."""
-    stated = said(element).increments
+    stated = abilities(element).increments
     if stated is None or stated:
         return stated
     space = element.linearised()

@@ -20,8 +20,8 @@ from haptic_fieldbus.scenes.element import (
     AnyElement,
     CouplingElement,
     Element,
+    abilities,
     is_varying,
-    said,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -94,7 +94,7 @@ def axis_terms(
     """Return the terms of an axis under these elements, and those of the couplings that act on it; `period` in s."""
     tied = [each for each in couplings if axis.name in each.axes]
     stiffness = sum(map(_stiffness, elements)) + sum(_twisted(each, axis.name) for each in tied)
-    active = sum(said(element).strongest for element in elements)
+    active = sum(abilities(element).strongest for element in elements)
     age = 0.5 * period + axis.delay.total
     return AxisTerms(active, stiffness * age, age / period, _by_place(axis, elements, tied, stiffness, age))
 
@@ -145,7 +145,7 @@ def memory_terms(elements: Iterable[AnyElement], period: float) -> MemoryTerms:
     """Return what these elements and couplings can hold in their memories; `period` in s."""
     reserve, silence = 0.0, 0
     for element in elements:
-        told = said(element)
+        told = abilities(element)
         if told.reserve is not None:
             reserve += told.reserve
         elif told.stored is None and not told.strongest:
@@ -211,7 +211,7 @@ def has_ledger(axes: Sequence[AxisPlan]) -> bool:
 
 def unbounded(axis: AxisPlan) -> list[str]:
     """Return the names of the elements on this axis that may give any force by themselves."""
-    return [each.name for each in (*axis.elements, *axis.couplings) if not math.isfinite(said(each).strongest)]
+    return [each.name for each in (*axis.elements, *axis.couplings) if not math.isfinite(abilities(each).strongest)]
 
 
 def bind_stored(
@@ -226,9 +226,11 @@ def bind_stored(
         (number, Signal.POSITION in each.needs, energy)
         for number, of in enumerate(elements)
         for each in of
-        if (energy := said(each).stored)
+        if (energy := abilities(each).stored)
     ]
-    tied = [(tuple(numbers[name] for name in each.axes), both) for each in couplings if (both := said(each).stored)]
+    tied = [
+        (tuple(numbers[name] for name in each.axes), both) for each in couplings if (both := abilities(each).stored)
+    ]
 
     def stored(positions: Sequence[float], places: Sequence[float]) -> float:
         total = 0.0

@@ -11,7 +11,7 @@ from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, in_unit, rounded, ro
 from haptic_fieldbus.planning.compile import on_bus, with_verdicts
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json
-from haptic_fieldbus.scenes.element import AnyElement, said
+from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.registry import parameters
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -133,7 +133,7 @@ def _uncoupled(plan: Plan, group: Group) -> str:
 
 def softer(element: AnyElement, stiffness: float) -> str:
     """Return the `--set` options that give an element this stiffness, by way of the parameters that it follows from."""
-    graded = said(element).with_stiffness
+    graded = abilities(element).with_stiffness
     if graded is None:
         return f"--set {element.name}.stiffness={exactly(stiffness)}"
     softer = graded(stiffness)
@@ -141,7 +141,7 @@ def softer(element: AnyElement, stiffness: float) -> str:
     changed = {name: value for name, value in changed.items() if value != getattr(element, name)}
     # A list of stiffnesses cannot be written as one setting.
     if not all(isinstance(value, float) for value in changed.values()):
-        return f"{element.name} with {rounded(stiffness / said(element).stiffness)} times its stiffnesses"
+        return f"{element.name} with {rounded(stiffness / abilities(element).stiffness)} times its stiffnesses"
     # Several are rounded by less, so that their ratio stays.
     digits = 2 if len(changed) == 1 else LIMIT_DIGITS
     smaller = {name: rounded_down(value, digits) if value > 0.0 else value for name, value in changed.items()}

@@ -21,7 +21,7 @@ from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_ri
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
@@ -71,7 +71,7 @@ def at_limit(task: Task, scene: Scene, part: str, stability: Stability | None) -
     name, _, parameter = part.rpartition(".")
     element: Any = next((each for each in scene.elements if each.name == name), None)
     value: Setting = limit / divisor  # [N/m or N·m/rad]
-    graded = said(element).with_stiffness
+    graded = abilities(element).with_stiffness
     if parameter != "stiffness" and graded is not None:
         value = getattr(graded(limit / divisor), parameter)
     return with_settings(task.scene, {**values, part: value})
@@ -133,7 +133,7 @@ def _check_scales(part: str, value: Setting, scene: Scene) -> None:
     if parameter == "stiffness" or element is None:
         return
     own = getattr(element, parameter, None)
-    graded = said(element).with_stiffness
+    graded = abilities(element).with_stiffness
     doubled = element if graded is None else graded(2.0 * element.stiffness)
     if not isinstance(own, float) or getattr(doubled, parameter) == own:
         raise UsageError(f"{part}={value}: only a stiffness has a limit, or what it follows from")

@@ -243,7 +243,8 @@ class Varying(Element, Protocol):
 class Abilities:
     """All that an element may say of itself beyond its law, with what holds for one that does not say it.
 
-    An element of any class says one of these by a member of that name: a field, a property or a method. Ask by `said`.
+    An element of any class says one of these by a member of that name: a field, a property or a method. `abilities`
+    returns them.
     """
 
     stored: Callable[..., float] | None = None
@@ -280,7 +281,7 @@ class Abilities:
     """Ends of the travel [m or rad], effort [N or N·m] → positions from edge to edge; it goes with `local`."""
 
 
-class _Said:
+class _Stated:
     """What an element says, or else the default of `Abilities`."""
 
     def __init__(self, element: object) -> None:
@@ -290,9 +291,9 @@ class _Said:
         return getattr(self._element, name, getattr(Abilities, name))
 
 
-def said(element: object) -> Abilities:
+def abilities(element: object) -> Abilities:
     """Return what an element says beyond its law; nothing is asked of the element before it is read."""
-    return cast(Abilities, _Said(element))
+    return cast(Abilities, _Stated(element))
 
 
 def is_varying(element: object) -> TypeGuard[Varying]:
@@ -330,7 +331,7 @@ if not TYPE_CHECKING:
         "Storing": ("stored",),
         "Surfaced": ("penetration",),
     }
-    """Deprecated names of 0.1, each for a class of elements that say this; `said` takes their place."""
+    """Deprecated names of 0.1, each for a class of elements that say this; `abilities` takes their place."""
 
     def __getattr__(name):
         """Return the runtime protocol of a former name."""

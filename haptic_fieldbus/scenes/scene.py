@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, said
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities
 from haptic_fieldbus.signals import Workspace
 
 
@@ -53,9 +53,9 @@ class Scene:
 
     def at_period(self, period: float) -> "Scene":
         """Return the scene for a loop of this period [s], which fills in the parameters that follow from it."""
-        if not any(said(element).at_period for element in self.elements):
+        if not any(abilities(element).at_period for element in self.elements):
             return self
-        paced = (fill(period) if (fill := said(element).at_period) else element for element in self.elements)
+        paced = (fill(period) if (fill := abilities(element).at_period) else element for element in self.elements)
         return replace(self, elements=tuple(paced))
 
     @property

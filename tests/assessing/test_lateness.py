@@ -12,7 +12,7 @@ from haptic_fieldbus import run
 from haptic_fieldbus.assessing.torque_error import ErrorFigures, ErrorSums, Lateness
 from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.scenes.wall import Wall
 
 Array = NDArray[np.float64]
@@ -85,6 +85,6 @@ def test_pulses_beside_a_wall_may_not() -> None:
 
 def test_of_the_library_only_pulses_come_from_events_alone() -> None:
     elements = (each for name in scene_names() for each in load_scene(name).elements)
-    eventful = [each for each in elements if said(each).by_event]
+    eventful = [each for each in elements if abilities(each).by_event]
     assert eventful
     assert all(isinstance(each, BrakingPulse) for each in eventful)

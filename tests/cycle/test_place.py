@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.dahl import Dahl
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.detents import Detents
-from haptic_fieldbus.scenes.element import Element, StaticElement, said
+from haptic_fieldbus.scenes.element import Element, StaticElement, abilities
 from haptic_fieldbus.scenes.gravity import Gravity
 from haptic_fieldbus.scenes.kelvin_voigt import KelvinVoigt
 from haptic_fieldbus.scenes.virtual_coupling import VirtualCoupling
@@ -318,7 +318,7 @@ def drawn(rng: random.Random, elements: tuple[Element, ...], *, memory: bool = F
     """
     stored = potential(() if memory else elements, -REACH, REACH)
     weight = sum(each.share * each.mass * 9.80665 for each in elements if isinstance(each, Gravity))
-    reserve = sum(said(each).reserve or 0.0 for each in elements)
+    reserve = sum(abilities(each).reserve or 0.0 for each in elements)
     bench = Handled(bench_plan(*elements), damping=rng.choice([0.05, 0.3, 1.58]), by_changes=memory)
     bench.stiffness, bench.v = 1.1 * steepest(stored), rng.uniform(0.05, 0.6)
     missing = rng.choice([2, 3, 5, 8, 14])

@@ -13,7 +13,7 @@ from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.element import AnyElement, said
+from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
@@ -24,7 +24,7 @@ GRADED = [
     name
     for name in scene_names()
     if len(load_scene(name).axes) == 1
-    and said(stiffest_of(load_scene(name).of_axis(load_scene(name).axes[0].name))).with_stiffness is not None
+    and abilities(stiffest_of(load_scene(name).of_axis(load_scene(name).axes[0].name))).with_stiffness is not None
 ]
 
 
@@ -37,9 +37,9 @@ def proposed(element: AnyElement, text: str) -> AnyElement:
     first = text.partition("Would be stable: ")[2].partition(" · ")[0]
     found = {key: float(value) for key, value in re.findall(rf"{element.name}\.(\w+)=([-+.e0-9]*[0-9])", first)}
     share = re.search(rf"{element.name} with ([.0-9]+) times its stiffnesses", first)
-    graded = said(element).with_stiffness
+    graded = abilities(element).with_stiffness
     if share is not None and graded is not None:
-        softened: AnyElement = graded(float(share[1]) * said(element).stiffness)
+        softened: AnyElement = graded(float(share[1]) * abilities(element).stiffness)
         return softened
     assert found
     changed: AnyElement = replace(element, **found)  # type: ignore[type-var]  # elements are dataclasses

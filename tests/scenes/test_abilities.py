@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus.scenes import element as element_module
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.element import Abilities, AnyElement, said
+from haptic_fieldbus.scenes.element import Abilities, AnyElement, abilities
 from haptic_fieldbus.scenes.wall import Wall
 from tests.cases import every
 
@@ -30,13 +30,13 @@ FORMER = {
 
 @every("ability", Abilities.__annotations__)
 def test_an_element_that_says_nothing_has_the_default(ability: str) -> None:
-    assert getattr(said(object()), ability) == getattr(Abilities, ability)
+    assert getattr(abilities(object()), ability) == getattr(Abilities, ability)
 
 
 @every("ability", Abilities.__annotations__)
 def test_an_element_says_it_by_a_member_of_any_class(ability: str) -> None:
     answer = object()
-    assert getattr(said(SimpleNamespace(**{ability: answer})), ability) is answer
+    assert getattr(abilities(SimpleNamespace(**{ability: answer})), ability) is answer
 
 
 @every("ability", Abilities.__annotations__)
@@ -46,7 +46,7 @@ def test_a_shipped_element_says_each_of_them(ability: str) -> None:
 
 def test_what_nobody_can_say_is_an_error() -> None:
     with pytest.raises(AttributeError, match="strength"):
-        said(Wall("handle", 600.0)).strength  # type: ignore[attr-defined]  # noqa: B018
+        abilities(Wall("handle", 600.0)).strength  # type: ignore[attr-defined]  # noqa: B018
 
 
 def test_the_guide_lists_each_of_them_once() -> None:

@@ -11,7 +11,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import ellipk
 
 from haptic_fieldbus.scenes.detents import Detents
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from tests.scenes.leaps import leaps
 from tests.scenes.sheet import Motion, forces, given_to_the_hand, spring_leak
 from tests.scenes.sheets.detents import stored
@@ -62,7 +62,7 @@ def test_no_slope_is_steeper_than_the_stiffness_that_it_is_judged_by(detents: De
 
 
 def test_its_stiffness_can_be_varied() -> None:
-    assert said(ENDLESS).with_stiffness is not None
+    assert abilities(ENDLESS).with_stiffness is not None
     assert ENDLESS.with_stiffness(100.0).stiffness == pytest.approx(100.0, rel=1e-15)
     assert ENDLESS.with_stiffness(100.0).pitch == 0.008
     assert ENDLESS.with_stiffness(ENDLESS.stiffness).amplitude == pytest.approx(1.5, rel=1e-15)

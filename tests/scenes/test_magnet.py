@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.scenes.magnet import Magnet
 from tests.scenes.leaps import leaps
 from tests.scenes.sheet import Motion, forces, given_to_the_hand, spring_leak
@@ -57,7 +57,7 @@ def test_beyond_its_radius_there_is_nothing() -> None:
 
 
 def test_its_stiffness_can_be_varied() -> None:
-    assert said(MAGNET).with_stiffness is not None
+    assert abilities(MAGNET).with_stiffness is not None
     assert MAGNET.with_stiffness(300.0).stiffness == pytest.approx(300.0, rel=1e-15)
     assert MAGNET.with_stiffness(MAGNET.stiffness).pull == pytest.approx(2.0, rel=1e-15)
 

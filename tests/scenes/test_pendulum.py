@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.scenes.pendulum import Pendulum
 from haptic_fieldbus.signals import Signal
 
@@ -54,7 +54,7 @@ def test_where_it_hangs_it_is_as_stiff_as_it_states() -> None:
 
 
 def test_it_can_be_given_another_stiffness() -> None:
-    assert said(ARM).with_stiffness is not None
+    assert abilities(ARM).with_stiffness is not None
     assert ARM.with_stiffness(0.7) == Pendulum("handle", torque=0.7, position=0.3)
 
 

@@ -10,7 +10,7 @@ import scipy.integrate
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.coupling import Coupling
-from haptic_fieldbus.scenes.element import AnyElement, said
+from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.registry import ELEMENTS, kind_of
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.texture import Texture
@@ -47,7 +47,8 @@ def that_say(ability: str) -> list[str]:
 @every("kind", ELEMENTS)
 def test_each_kind_states_its_energy_or_is_known_to_remember(kind: str) -> None:
     found = [element for element in LIBRARY.values() if kind_of(type(element)) == kind]
-    states = any(said(each).stored or said(each).reserve is not None or said(each).strongest for each in found)
+    stated = [abilities(each) for each in found]
+    states = any(each.stored or each.reserve is not None or each.strongest for each in stated)
     assert states != SHEETS[kind].remembers, (
         f"{kind}: give it `stored`, `reserve` or `strongest`, so that its energy is known, or `remembers` to its sheet"
     )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.cycle.laws import law_of
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, said
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, abilities
 from haptic_fieldbus.scenes.end_stop import EndStop
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.scenes.virtual_coupling import VirtualCoupling
@@ -37,7 +37,7 @@ def resting_force(element: AnyElement, position: float) -> float:
 
 def depth(element: AnyElement, position: float) -> float:
     """How deep the handle is there [m], of an element that has a surface."""
-    penetration = said(element).penetration
+    penetration = abilities(element).penetration
     assert penetration is not None
     found = penetration(position)
     assert found is not None
@@ -67,7 +67,7 @@ def is_one_sided(forces: Sequence[float]) -> bool:
 @every("kind", ELEMENTS)
 def test_a_kind_that_pushes_on_one_side_alone_tells_how_deep_the_handle_is(kind: str) -> None:
     element = SHEETS[kind].examples[0]
-    if not (isinstance(element, CouplingElement) or said(element).penetration) and kind not in EITHER_SIDE:
+    if not (isinstance(element, CouplingElement) or abilities(element).penetration) and kind not in EITHER_SIDE:
         assert not is_one_sided([resting_force(element, place) for place in PLACES]), (
             f"{kind}: give it `penetration`, so that a run tells how deep the handle went"
         )
@@ -81,9 +81,9 @@ def test_a_wall_pushes_on_one_side_alone() -> None:
     assert not is_one_sided([0.0, 1.0, 0.0])
 
 
-@every("kind", [kind for kind, sheet in SHEETS.items() if said(sheet.examples[0]).penetration])
+@every("kind", [kind for kind, sheet in SHEETS.items() if abilities(sheet.examples[0]).penetration])
 def test_a_body_pushes_where_the_handle_is_deep_and_only_there(kind: str) -> None:
-    told = [(each, said(each).penetration) for each in SHEETS[kind].examples]
+    told = [(each, abilities(each).penetration) for each in SHEETS[kind].examples]
     bodies = [each for each, penetration in told if penetration is not None and penetration(0.0) is not None]
     assert bodies, f"{kind}: its sheet has no example with a surface"
     for element in bodies:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from scipy.integrate import quad
 
-from haptic_fieldbus.scenes.element import said
+from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.scenes.texture import Texture
 from tests.scenes.leaps import leaps
 from tests.scenes.sheet import Motion, forces, given_to_the_hand, spring_leak
@@ -51,7 +51,7 @@ def test_its_force_is_what_its_energy_falls_by(start: float, end: float, texture
 
 @pytest.mark.parametrize("texture", ALL)
 def test_its_stiffness_can_be_varied(texture: Texture) -> None:
-    assert said(texture).with_stiffness is not None
+    assert abilities(texture).with_stiffness is not None
     assert texture.with_stiffness(300.0).stiffness == pytest.approx(300.0, rel=1e-15)
     assert texture.with_stiffness(texture.stiffness).amplitude == pytest.approx(0.5, rel=1e-15)
 
