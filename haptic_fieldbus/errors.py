@@ -36,7 +36,7 @@ class HapticFieldbusError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a file: its key, a message with the value found and the value expected, and its line."""
+    """One error in a file: its key, a message with the value found and the value expected, and its line."""
 
     key: str
     message: str
@@ -77,7 +77,7 @@ class EdsError(DocumentError):
 
 
 class VcanError(HapticFieldbusError):
-    """A command that could not be run beside virtual CAN; `status` is the exit status that tells so."""
+    """A command could not be run beside virtual CAN; `status` is the exit status."""
 
     def __init__(self, message: str, status: int = 125) -> None:
         self.status = status
@@ -93,7 +93,7 @@ class PlanError(HapticFieldbusError):
 
 
 class SignalUnavailableError(PlanError):
-    """A signal that an element needs, but the drive neither offers nor allows to derive."""
+    """An element needs a signal that the drive neither offers nor allows to derive."""
 
 
 class ImageTooLargeError(PlanError):
@@ -113,11 +113,11 @@ class UnstableSceneError(PlanError):
 
 
 class ForeignMasterError(PlanError):
-    """A bus on which somebody else commands already, so that nothing was enabled."""
+    """Another master commands on the bus, so that nothing was enabled."""
 
 
 class UnprovedGuardError(PlanError):
-    """A drive that did not let go in time when it was left alone at zero torque, so that no torque was given."""
+    """A drive whose watchdog did not fire in time in the test at zero torque; no torque was applied."""
 
 
 class BusError(HapticFieldbusError):
@@ -125,11 +125,11 @@ class BusError(HapticFieldbusError):
 
 
 class BusTimeoutError(BusError, TimeoutError):
-    """An answer or a frame that did not come in time."""
+    """An answer or a frame did not arrive in time."""
 
 
 class BusConfigurationError(BusError):
-    """A device that refused its configuration, or read back another value than was written."""
+    """A device refused its configuration, or returned another value than was written."""
 
 
 class DriveFaultError(HapticFieldbusError):

@@ -42,7 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture
 def fault_plan(request: pytest.FixtureRequest) -> "FaultPlan":
-    """What goes wrong on the simulated bus, by `@pytest.mark.fault_plan`; nothing without it.
+    """Fault plan of the simulated bus, from `@pytest.mark.fault_plan`; empty without it.
 
     `indirect` parametrisation replaces the plan of the mark; a project may override this fixture by one that returns
     anything that the mark takes.

@@ -4,7 +4,7 @@ from enum import Enum, IntFlag
 
 
 class Signal(Enum):
-    """A quantity of one axis; the value is its name in texts for people."""
+    """Signal of one axis; the value is its name in texts for people."""
 
     STATUSWORD = "statusword"
     POSITION = "position"
@@ -13,9 +13,9 @@ class Signal(Enum):
     TORQUE_DEMAND = "torque demand"
     """Target torque as the drive has taken it over, after its own limits and before its torque loop."""
     TARGET_ASKED = "target torque asked"
-    """Target torque as it stands in the drive, asked for now and then beside the exchange; never waited for."""
+    """Target torque read back from the drive by SDO, at intervals, beside the exchange; the loop never waits for it."""
     ASKED_PERIODS = "periods since asked"
-    """Periods from the question to the answer in TARGET_ASKED, at least 1; 0 in a period without an answer."""
+    """Age of TARGET_ASKED in periods, at least 1; 0 in a period without an answer."""
     ELAPSED_NS = "elapsed time"
     """Time since *operation enabled* [ns], a whole number, so that the phase of a wave stays exact after any time."""
     CONTROLWORD = "controlword"

@@ -47,7 +47,7 @@ class Trial:
     duration: float = DEFAULT_DURATION
     """Time from *operation enabled* on [s]."""
     hand: str | None = None
-    """Simulated hand: push, tap, sine, guide, shake, release or none; None is that of the scene, else push."""
+    """Simulated hand: push, tap, sine, guide, shake, release or none; None: the hand of the scene, otherwise push."""
     fade_in: float = DEFAULT_FADE_IN
     """Time from *operation enabled* to the full limit of the force [s]."""
     seed: int = DEFAULT_SEED
@@ -55,19 +55,20 @@ class Trial:
     faults: str | Path | Sequence[Fault] | None = None
     """Faults of the simulated bench (`haptic_fieldbus.sim.faults`), the file that lists them, or `random@SEED`."""
     record: str | Path | None = None
-    """File to record to: frames (.log, .blf) or the rows of all periods (.csv), by its suffix."""
+    """File for the record; the suffix selects the format: frames (.log, .blf) or one row per period (.csv)."""
     force: bool = False
-    """Run even if the loop would be unstable, or its bench is unknown."""
+    """Run even if the loop is unstable or its bench is unknown."""
     changes: "Changes | Sequence[Scheduled] | None" = None
     """New settings for the running scene at seconds from *operation enabled*."""
     prove: bool = False
-    """Prove the guards of the drives at zero torque before the run, whether they are proved already or simulated."""
+    """Test the drive watchdogs at zero torque before the run, even if they are simulated or were proved before."""
     confirm: Callable[[str], bool] | None = None
     """Called with a question before a real drive is enabled; the run goes on when it returns True."""
     instruct: Callable[[str], None] | None = None
-    """Called with what a person is to do at the handle before a real drive is enabled; None: nobody is there."""
+    """Called with an instruction for the person at the handle before a real drive is enabled; None: no person is
+    present."""
     progress: Callable[[int, int], None] | None = None
-    """Called with the number of periods done, and of all periods."""
+    """Called with the number of finished periods and the number of all periods."""
     announce: Callable[[Plan], None] | None = None
     """Called with the plan before any bus is opened."""
 
@@ -120,11 +121,12 @@ def stability(
     resolution: float | None = None,
     delay: float | None = None,
 ) -> Stability:
-    """Return the limits of a scene on its bench, for the axis with the smallest margin; it is selected as for `plan`.
+    """Return the limits of a scene on its bench, for the axis with the smallest margin. The bench is selected as for
+    `plan`.
 
-    Any of mass [kg], damping [N·s/m], Coulomb friction [N], resolution (one encoder count) [m] and delay [s], or their
-    rotary counterparts, replaces the bench by a device of exactly these values, with ideal torque. The mass must be
-    given then; other values that are left out are 0. Raises the same errors as `plan`.
+    If mass [kg], damping [N·s/m], Coulomb friction [N], resolution (one encoder count) [m] or delay [s] (or a rotary
+    counterpart) is given, a device with exactly these values and ideal torque replaces the bench. The mass is then
+    required; omitted values are 0. Raises the same errors as `plan`.
     """
     task = Task(
         scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
@@ -165,12 +167,12 @@ def run(
 ) -> Result:
     """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz], and return the result.
 
-    The bench is selected as for `plan`. On simulated buses `hand` (that of the scene unless given), `seed` and `faults`
-    set the conditions; on a real one nothing moves unless `confirm` returns True. `changes` are new settings for the
+    The bench is selected as for `plan`. On simulated buses `hand` (default: the hand of the scene), `seed` and `faults`
+    set the conditions. On a real bus nothing moves unless `confirm` returns True. `changes` are new settings for the
     running scene at seconds from *operation enabled*, [(2.0, {"wall.stiffness": 800.0})], or a `Changes` that other
     threads use. Raises the same errors as `plan`, UnstableSceneError (unless `force`), BusError, DriveFaultError and
-    SafetyTripError. Torque is zero before any of them is raised; their `result` holds the facts known by then. Ctrl-C,
-    SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the result names the signal.
+    SafetyTripError. Torque is zero before any of them is raised; their `result` holds the results known at the error.
+    Ctrl-C, SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the result names the signal.
     """
     task = Task(
         scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,

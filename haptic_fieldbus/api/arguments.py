@@ -88,7 +88,7 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     ),
     **dict.fromkeys(("confirm", "instruct", "progress", "announce"), ("a function", callable)),
 }
-"""What an argument is expected to be, by its name: in words, and as a test. None is taken where it is the default."""
+"""Expected kind of each argument by its name: in words, and as a test. None is accepted where it is the default."""
 
 
 def check_arguments(function: str, *asked: Any) -> None:

@@ -46,7 +46,7 @@ class SignalRequest:
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """What an estimator makes of a signal, and its figures."""
+    """Output of an estimator for a signal, and its figures."""
 
     quantity: str
     """POSITION or VELOCITY."""

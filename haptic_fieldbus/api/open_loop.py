@@ -132,15 +132,15 @@ class Response:
     position: Array = field(repr=False)
     force: Array = field(repr=False)
     states: Mapping[str, Array] = field(repr=False)
-    """Virtual states `(n_samples,)` by name; those of a second element carry its name in front."""
+    """Virtual states `(n_samples,)` by name; the states of a second element have the name of the element as prefix."""
     spectral_radius: float | None
     """The largest of all elements, for one step of the method; None without virtual states."""
     diverged: bool
-    """Whether a number was not finite; the samples end before it."""
+    """True if a value was not finite; the samples end before it."""
     workspace: Workspace = Workspace.LINEAR
     method: str | None = None
     alias: float | None = None
-    """Frequency [Hz] that the samples show of a sine above half the rate; None for any other motion."""
+    """Alias frequency [Hz] of a sine above half the rate; None for any other motion."""
 
     def to_json(self) -> dict[str, object]:
         """Return the object that `response --json` prints."""
@@ -177,8 +177,8 @@ def response(
     """Return the force on the scene's first axis for a prescribed motion; axes coupled to it stand still.
 
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
-    position, which `amplitude` multiplies. `rate` is in Hz, `duration` in s; a file has a duration of its own. Raises
-    DocumentError or UsageError.
+    position; `amplitude` multiplies the positions. `rate` is in Hz, `duration` in s; a file has a duration of its own.
+    Raises DocumentError or UsageError.
     """
     task = Task(scene, rate=rate, settings=settings, method=method, estimator=estimator)
     motion = OpenLoop(input=input, amplitude=amplitude, duration=duration)

@@ -43,7 +43,7 @@ class Device:
     resolution: float | None = None
     """One encoder count [m or rad]."""
     delay: float | None = None
-    """Time from sampling to acting [s], without the hold."""
+    """Time from sampling until the torque acts [s], without the hold."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -62,7 +62,7 @@ class Judgement:
     stability: Stability
     group: Group
     assumed: tuple[str, ...] = ()
-    """What the profiles of the judged drives state without a source."""
+    """Values without a source in the profiles of the judged drives."""
     ways: tuple[ExchangeLimit, ...] = ()
     """Limits of all ways in which the buses could exchange; empty where each has one way, and for a device."""
 

@@ -179,7 +179,7 @@ class AxisAssessment:
 
     @property
     def felt(self) -> FeltError | None:
-        """What a hand felt; None without contact, and for a run shorter than the fade-in."""
+        """Felt error; None without contact, and for a run shorter than the fade-in."""
         found = self.figures
         if found is None or not found.touched:
             return None

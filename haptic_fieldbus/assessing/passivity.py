@@ -1,4 +1,4 @@
-"""What the energy ledgers of a run have seen, and what the passivity controller cost."""
+"""Results of the energy accounts of a run, and the cost of the passivity controller."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ class Controlled:
     """Cost of the passivity controller."""
 
     energy: float
-    """Energy that its damping took from the handle [J]."""
+    """Energy absorbed by its damping [J]."""
     peak: float
     """Its largest force on the first axis [N or N·m]."""
     share: float
@@ -30,23 +30,23 @@ class Controlled:
 
 @dataclass(frozen=True)
 class Passivity:
-    """The ledger of one axis, or of the axes that couplings tie together; energies in J."""
+    """Energy account of one axis, or of axes that are coupled; energies in J."""
 
     axes: tuple[str, ...]
     largest: float
-    """Most that an account was above what is granted; a run ends above the limit."""
+    """Largest generated energy; the run trips above `limit`."""
     limit: float
     booked: Mapping[str, float]
-    """Energy that was granted to live changes and pulses that ask an encoder, or forgiven in fade-in, gaps, stalls and
-    doubts, by the reason."""
+    """Energy by reason: granted to live changes and encoder test pulses, or forgiven during fade-in, feedback gaps,
+    stalls and doubts about the motor direction."""
     controller: Controlled | None
     """None in a scene without the controller."""
     forgiven: float = 0.0
-    """Most that was forgiven within a second; a run ends above the limit."""
+    """Largest energy forgiven within a second; the run trips above `forgiven_limit`."""
     forgiven_limit: float = math.inf
-    """Infinity where nothing is judged."""
+    """Infinity if the account has no limit."""
     held: float = 0.0
-    """Most that torque held in short gaps gave beyond what the scene stored and a power that is not felt; a run ends
+    """Largest energy of torque held in short gaps, beyond the stored energy and an imperceptible power; the run trips
     above 50 mJ."""
 
     def to_json(self) -> Json:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Right:
-    """One wish, and its outcome in words."""
+    """One right requested from the operating system, and its outcome in words."""
 
     name: str
     """`scheduling`, `memory`, `processor`, `timer_slack` or `idle_states`."""
@@ -38,7 +38,7 @@ class Right:
     got: str
     granted: bool
     advice: str = ""
-    """What a person can do to get what was refused; empty when it was granted."""
+    """Instruction for getting a right that was refused; empty when it was granted."""
 
     def to_json(self) -> Json:
         return {**vars(self), "advice": self.advice or None}
@@ -60,35 +60,35 @@ def rights_texts(rights: Iterable[Right]) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Proof:
-    """What came of leaving a drive alone; times in s."""
+    """Measured reaction of a drive whose master fell silent (watchdog proof); times in s."""
 
     axis: str
     guard: float
-    """Time for which the guard of the drive is set."""
+    """Time set in the drive watchdog."""
     earliest: float
-    """Time from which on it may be its guard that acts; what is off sooner was switched off by something else."""
+    """Earliest time at which the watchdog can fire; a drive that is off sooner was switched off by something else."""
     allowed: float
-    """Time within which it must be seen off."""
+    """Time within which the drive must be off."""
     enabled: float
-    """Time from our last write at which the drive was still seen in *operation enabled*."""
+    """Time from our last write to the last reading of *operation enabled*."""
     off: float | None
-    """Time from our last write at which it was first seen in another state; None: it never was."""
+    """Time from our last write to the first reading of another state; None: none was read."""
     between: float
-    """Longest time between two looks at it when this computer is not late."""
+    """Longest time between two readings of the state, when this computer is not late."""
 
     @property
     def holds(self) -> bool:
-        """True when the drive was seen off in time, and not before its guard can act."""
+        """True if the drive was off in time, and not before its watchdog can fire."""
         return self.off is not None and self.earliest <= self.off <= self.allowed
 
     @property
     def early(self) -> bool:
-        """True when the drive was off before its guard can act, which says nothing about the guard."""
+        """True if the drive was off before its watchdog can fire; this proves nothing about the watchdog."""
         return self.off is not None and self.off < self.earliest
 
     @property
     def missed(self) -> bool:
-        """True when this computer was late, and nobody looked at the time that matters."""
+        """True if this computer was late and read no state at the decisive time."""
         off = self.off
         return off is not None and self.enabled <= self.allowed < off and off - self.enabled > self.between
 
@@ -101,7 +101,7 @@ class Proof:
         return f"axis {self.axis} let go {rounded(1e3 * self.off)} ms after it was left alone at zero torque; {asked}"
 
     def to_json(self) -> Json:
-        """Return the object of `run --json`; None for the time of a drive that never let go."""
+        """Return the object of `run --json`; the time is None for a drive that never switched off."""
         measured = None if self.off is None else 1e3 * self.off
         return {"axis": self.axis, "guard_ms": 1e3 * self.guard, "measured_ms": measured}
 
@@ -111,7 +111,7 @@ class Proof:
 
 @dataclass(frozen=True, eq=False)
 class PeriodTimes:
-    """How late each period began, and how old its feedback was when it was used [s]; all of shape `(n_periods,)`."""
+    """Lateness of each period, and age of its feedback at its use [s]; all of shape `(n_periods,)`."""
 
     times: NDArray[np.float64]
     """[s from *operation enabled*]"""
@@ -160,10 +160,11 @@ class Percentiles:
 
 @dataclass(frozen=True)
 class Timing:
-    """Distributions of the period, of the feedback's age when used, of the host's computing time and lateness [µs].
+    """Distributions [µs] of the period, of the age of the feedback at its use, of the computing time and of the
+    lateness.
 
-    None without periods in operation enabled. The computing time is only reported: simulations use the plan's constant.
-    Of a run of more than 500000 periods, the distributions are those of the last 500000.
+    None without periods in operation enabled. The computing time is a report only: simulations use the constant of the
+    plan. For a run of more than 500000 periods, the distributions cover the last 500000.
     """
 
     period_us: Percentiles | None
@@ -198,11 +199,11 @@ class TorqueError:
 
 @dataclass(frozen=True)
 class TripRecord:
-    """Reason for which torque was taken away."""
+    """Trip: the reason why the torque was switched off."""
 
     name: str
     time: float | None
-    """Time of the trip [s from *operation enabled*]; None when it came before that."""
+    """Time of the trip [s from *operation enabled*]; None before operation enabled."""
     message: str
 
     def to_json(self) -> Json:
@@ -216,9 +217,9 @@ class Stopped:
     signal: str
     """Its name: SIGINT (Ctrl-C), SIGTERM or SIGHUP."""
     time: float | None
-    """Time of the end [s from *operation enabled*]; None when it came before that."""
+    """Time of the end [s from *operation enabled*]; None before operation enabled."""
     duration: float
-    """Time that the run was to take [s]."""
+    """Requested duration of the run [s]."""
     message: str
 
     def to_json(self) -> Json:
@@ -241,11 +242,10 @@ class Changed:
 class Trace:
     """Motion and force of one axis in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
 
-    When the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
-    that of the scene in continuous time. Otherwise (on real drives, and in short runs) `position` is the decoded one,
-    `force` the commanded one, and `ideal` is None. `times` and all that belongs to it have the shape `(n_times,)`.
-    A simulated run of more than 30000 periods is thinned to the extremes of bins; of one on real drives, the last
-    300000 periods are there.
+    If the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
+    the force of the scene in continuous time. Otherwise (real drives, short runs) `position` is decoded, `force` is
+    commanded, and `ideal` is None. `times` and the arrays over it have the shape `(n_times,)`. A simulated run of more
+    than 30000 periods is reduced to the extremes of bins. A run on real drives keeps the last 300000 periods.
     """
 
     axis: str
@@ -256,7 +256,7 @@ class Trace:
     ideal: Array | None = None
     sample_times: Array | None = None
     samples: Array | None = None
-    """Decoded positions at `sample_times`, both `(n_periods,)`; None when `position` already is the decoded one."""
+    """Decoded positions at `sample_times`, both `(n_periods,)`; None if `position` is the decoded position."""
     virtual: Mapping[str, Array] = field(default_factory=dict)
     """First virtual state of each dynamic element by the element's name: the position of a virtual mass."""
     sensor: str = "encoder"
@@ -267,7 +267,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Figures of a run at `rate` [Hz]; None or () stands for a figure that does not apply or is not known."""
+    """Results of a run at `rate` [Hz]; None or () marks a result that does not apply or is unknown."""
 
     scene: str
     drive: str
@@ -289,24 +289,24 @@ class Result:
     energy_generated: float | None = None
     """Integral of force minus ideal force over the path, summed over the axes [J]; None when the error is unknown."""
     travel: tuple[Travel, ...] = ()
-    """How far the handle of each axis went, and how deep; known of a run that tripped too."""
+    """Travel and depth of contact of each axis; also present after a trip."""
     stability: Stability | None = None
     trips: tuple[TripRecord, ...] = ()
     stopped: Stopped | None = None
-    """The signal that ended the run; None for a run that went to its end, or ended by itself."""
+    """Signal that ended the run; None if no signal ended it."""
     changes: tuple[Changed, ...] = ()
     passivity: tuple[Passivity, ...] = ()
-    """What the energy ledgers have seen, one for each axis or each group of coupled axes."""
+    """Results of the energy accounts, one for each axis or each group of coupled axes."""
     verdict: str | None = None
     traces: tuple[Trace, ...] = ()
     warnings: tuple[str, ...] = ()
     """Problems that did not stop the run; for people, not part of the JSON object."""
     recording_fault: str | None = None
-    """Reason for which the recording ended before the run; None when it is complete, or none was asked for."""
+    """Reason why the recording ended before the run; None if it is complete or was not requested."""
     proofs: tuple[Proof, ...] = ()
-    """Guards that were proved before the run."""
+    """Drive watchdogs that were proved before the run."""
     host: tuple[Right, ...] = ()
-    """What a run in real time asked of this computer, and what it got; () in virtual time."""
+    """Rights that a run in real time requested from this computer, with the outcome; () in virtual time."""
     periods: PeriodTimes | None = None
     """Lateness and age of each period, for plots; None in virtual time. Not part of the JSON object."""
     elapsed: float | None = None

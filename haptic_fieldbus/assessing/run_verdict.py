@@ -48,7 +48,7 @@ def ripple(force: Array, rate: float) -> float | None:
 
 @dataclass(frozen=True)
 class FeltError:
-    """What a hand felt of one axis: shares of the rms of the ideal, over the time in moving contact."""
+    """Felt error of one axis: shares of the rms of the ideal force, over the time in moving contact."""
 
     contact: float | None
     """Of the error; None when the handle rested all the time that it was in contact."""

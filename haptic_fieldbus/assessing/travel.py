@@ -19,15 +19,15 @@ if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never l
 
 @dataclass(frozen=True)
 class Travel:
-    """Way of the handle of one axis from operation enabled on [m or rad], true in simulation, else as decoded."""
+    """Travel of the handle of one axis since operation enabled [m or rad]: the true motion in simulation, otherwise the
+    decoded position."""
 
     axis: str
     lowest: float
     highest: float
     depth: Mapping[str, float]
-    """Largest depth by the name of each element with a surface; 0 where the handle stayed outside.
-
-    After a live change it is the depth in the new element from the begin of the ramp on, and in the old one before.
+    """Largest depth by the name of each element with a surface; 0 if the handle stayed outside. After a live change:
+    the depth in the new element since the start of the ramp, and in the old element before.
     """
     workspace: Workspace = field(default=Workspace.LINEAR, repr=False)
 

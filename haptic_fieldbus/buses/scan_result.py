@@ -1,4 +1,4 @@
-"""What a look at a bus finds before a drive is used: its nodes, what they say of themselves, and checks of the adapter.
+"""Result of a scan before a drive is used: the nodes, their identity, and checks of the adapter.
 
 Nothing here has been written to a drive. Protocols that lack a quantity leave it None.
 """
@@ -59,7 +59,7 @@ class Check:
     ok: bool | None
     measured: str
     advice: str = ""
-    """What to do about it; empty when it is well."""
+    """Remedy for a failed check; empty when the check passed."""
 
     def to_json(self) -> Json:
         return {"name": self.name, "ok": self.ok, "measured": self.measured, "advice": self.advice or None}
@@ -67,7 +67,7 @@ class Check:
 
 @dataclass(frozen=True)
 class DriveReading:
-    """What one drive said when it was looked at, in its own steps."""
+    """Values read from one drive, in the drive's own steps."""
 
     t_ns: int
     """Instant at which its position came, or else of the look [ns]."""

@@ -101,7 +101,7 @@ class TorqueLimits(Generic[Entry]):
     before: dict[Entry, int] = field(default_factory=dict)
     """The value of each limit that is to be changed, before any run of ours changed it."""
     left: dict[Entry, int] = field(default_factory=dict)
-    """What a run that was killed left behind in them, where it is still there."""
+    """Values that a killed run left in these limits, if they are still there."""
     sentences: list[str] = field(default_factory=list)
     """Sentences for people about each change."""
 

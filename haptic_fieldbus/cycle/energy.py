@@ -109,7 +109,7 @@ class EnergyTrip(Protocol):
 
 @dataclass(slots=True)
 class EnergyRecord:
-    """What a ledger has seen; energies in J."""
+    """Figures of a ledger; energies in J."""
 
     limit: float
     budget: float = math.inf
@@ -121,9 +121,9 @@ class EnergyRecord:
     most: float = 0.0
     """Most that was forgiven within a second."""
     recent: deque[tuple[int, float]] = field(default_factory=deque)
-    """What was forgiven within the last second, with its time [ns]."""
+    """Energy forgiven within the last second, with its time [ns]."""
     held: float = 0.0
-    """What held torque gave over all gaps, beyond the fall of what is stored and the power that is not felt."""
+    """Energy of held torque over all gaps, less the fall of the stored energy and the power that nobody feels."""
     held_most: float = 0.0
     held_ns: int = 0
     """When that was charged last."""
@@ -502,7 +502,7 @@ class LawAccount:
 
 
 class _Torque:
-    """What the torque of one axis gives from the second missing sample of a gap on."""
+    """Energy of the torque of one axis from the second missing sample of a gap on."""
 
     def __init__(self, port: LedgerAxis) -> None:
         self._port, self._unit = port, port.axis.effort_unit

@@ -1,4 +1,4 @@
-"""What gaps in the feedback do to the law of a scene, and how many of them the loop can stand.
+"""Effect of feedback gaps on the law of a scene, and the number of gaps that the loop tolerates.
 
 A gap is two or more missing samples. The law of the scene pauses in it: when feedback returns soon, the law goes on
 from the place y at which it was before, and the scene stands beside its place by the shift

@@ -103,7 +103,7 @@ class TripOff(Protocol):
 
 @dataclass(slots=True)
 class GapCounts:
-    """What gaps in the feedback cost one axis."""
+    """Cost of feedback gaps for one axis."""
 
     long: int = 0
     """How often feedback was missing for so long that a cap followed."""

@@ -61,7 +61,7 @@ class CompliantCoupling:
     stiffness: Annotated[PositiveFloat, Measured(Quantity.STIFFNESS)]
     """[N·m/rad]"""
     load_inertia: Inertia
-    """Part of the axis' inertia that lies behind the spring [kg·m²]."""
+    """Load inertia: the part of the axis' inertia behind the spring [kg·m²]."""
     damping: Damping = 0.0
     """Damping parallel to the spring [N·m·s/rad]."""
     backlash: Annotated[NonNegativeFloat, Measured(Quantity.LENGTH)] = 0.0
@@ -74,9 +74,8 @@ class Weight:
     """A weight on the handle."""
 
     torque: Annotated[AnyFloat, Measured(Quantity.EFFORT)]
-    """Torque of the weight [N·m].
-
-    Linear mechanism: constant, positive towards positive angles. Rotary mechanism: the largest, at a horizontal lever.
+    """Torque of the weight [N·m]. Linear mechanism: constant, positive towards positive angles. Rotary mechanism: the
+    largest torque, with the lever horizontal.
     """
     hanging_at: Annotated[AnyFloat, Measured(Quantity.LENGTH)] = 0.0
     """Angle of a rotary handle at which its lever hangs down [rad], counted from the zero of the simulated encoder."""
@@ -90,7 +89,7 @@ class Cogging:
     torque: Friction
     """[N·m]"""
     periods_per_revolution: Annotated[int, Gt(0), Le(1_000_000)]
-    """Places of rest in a turn of the motor."""
+    """Number of stable rest positions per turn of the motor."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -107,7 +106,7 @@ class Stribeck:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Optional parts of the simulated mechanics; None: it is not simulated, and costs no time."""
+    """Optional parts of the simulated mechanics. None: the part is not simulated and costs no time."""
 
     coupling: CompliantCoupling | None = None
     gravity: Weight | None = None
@@ -209,9 +208,9 @@ class BusSection:
     """A bus of a rig, with the keys that all protocols share; each protocol may add keys of its own."""
 
     interface: Annotated[str, Len(1)]
-    """What speaks to the wires: an interface of python-can, or the first word of a bus name of another protocol."""
+    """Interface to the bus: an interface of python-can, or the first word of a bus name of another protocol."""
     channel: Annotated[str, Len(1)]
-    """Which of them, as the interface names it."""
+    """Channel of the interface, in the notation of the interface."""
     protocol: ClassVar[str] = ""
     # Further keys are checked by the section of the protocol, which is chosen by `interface`.
     __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "ignore"}
@@ -233,7 +232,7 @@ class BusSection:
 
     @property
     def wires(self) -> str:
-        """What tells one pair of wires from another."""
+        """Key that distinguishes one pair of wires from another."""
         return f"{self.interface}:{self.channel}"
 
 
@@ -244,11 +243,11 @@ class LinearMechanism:
     kind: Literal["linear"]
     """Chooses this table."""
     metres_per_revolution: MetresPerRevolution
-    """[m] of the handle for a turn of the motor."""
+    """Travel of the handle per turn of the motor [m]."""
     sign: Literal[-1, 1] = 1
-    """-1 where the handle goes to its negative side while the drive counts up."""
+    """-1 if the handle moves to its negative side while the drive counts up."""
     zero: Literal["start"] | Counts = "start"
-    """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
+    """Zero of the handle: "start", its position at enabling (as with `--zero here`), or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -290,59 +289,62 @@ class Limits:
     """Limits of the handle, in its workspace."""
 
     effort: HandleEffort | None = None
-    """[N or N·m] that the motor may give to the handle; None: its rated torque."""
+    """Largest force of the motor at the handle [N or N·m]. None: from its rated torque."""
     speed: HandleSpeed | None = None
-    """[m/s or rad/s] at which a run ends; None: one that `plan` shows."""
+    """Speed at which a run trips [m/s or rad/s]. None: the value that `plan` shows."""
     position: HandleRange | None = None
-    """[m or rad], the lower and the upper place at which a run ends; None: not limited."""
+    """Lower and upper position at which a run trips [m or rad]. None: no limit."""
     drift: HandleLength | None = None
-    """[m or rad] by which a position that is integrated from velocity may be uncertain; no other position is."""
+    """Largest uncertainty of a position integrated from velocity [m or rad]; without effect on drives that report their
+    position."""
     acceleration: HandleAcceleration | None = None
-    """[m/s² or rad/s²]; None: what the motor and a hand can do to the inertia, where it is known."""
+    """Acceleration at which a run trips [m/s² or rad/s²]. None: the largest acceleration of the inertia by motor and
+    hand, if the inertia is known."""
     power: Power | None = None
-    """[W] that the motor may give to the hand; None: not limited."""
+    """Largest power from the motor to the hand [W]. None: no limit."""
     stall: Time | None = None
-    """[s] for which counts may stand still under torque before the limit falls, where no pulse can ask the encoder
-    sooner; None: 90 s."""
+    """Time for which encoder counts may stay constant under torque before the torque limit falls [s]; used if torque
+    pulses cannot test the encoder sooner. None: 90 s."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class Permissions:
-    """Permissions beyond what a run does by itself; no other value of a rig raises the torque that they bound."""
+    """Permissions for more torque before the motor direction is confirmed; no other key of a rig raises these
+    limits."""
 
     sign_pulse: PulseShare | None = None
-    """Largest share of rated torque before the sign is seen; None: 0.15."""
+    """Largest share of rated torque before the motor direction is confirmed. None: 0.15."""
     sign_effort: HandleEffort | None = None
-    """[N or N·m] at the handle, the most before the sign is seen; None: 5 N or 0.25 N·m."""
+    """Largest force at the handle before the motor direction is confirmed [N or N·m]. None: 5 N or 0.25 N·m."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class Proved:
-    """Outcome of the last proof of a drive's guard, as a run has written it into the rig file."""
+    """Result of the last watchdog proof of the drive; a run writes it into the rig file."""
 
     guard: Literal["proved", "none"]
-    """"none": the drive did not let go in time when it was left alone."""
+    """"none": the watchdog did not fire in time."""
     profile: Annotated[str, Len(1)]
-    """Profile of the drive then; a proof with another one does not count."""
+    """Profile of the drive at the proof; with another profile the proof is not valid."""
     asked_ms: PositiveFloat
-    """Time for which the guard was set [ms]; a proof of another time does not count."""
+    """Set time of the watchdog [ms]; for another time the proof is not valid."""
     date: Annotated[str, Len(1)]
-    """When that was."""
+    """Date of the entry. (Proved: "Date of the proof."; Seen: "Date of the observation.")"""
     guard_ms: PositiveFloat | None = None
-    """Measured time from the last thing that we sent until the motor was off [ms]; None: it stayed on."""
+    """Measured time from our last frame until the motor was off [ms]. None: it stayed on."""
     serial: UInt32 | None = None
-    """Serial number of the drive; a proof of another drive does not count. None: the drive tells none."""
+    """Serial number of the drive; for another drive the proof is not valid. None: the drive has no serial number."""
     vendor: UInt32 | None = None
-    """Vendor of the drive, as it told; compared like its serial number."""
+    """Vendor-ID read from the drive; checked like the serial number."""
     product: UInt32 | None = None
-    """Product code of the drive, as it told; compared like its serial number."""
+    """Product code read from the drive; checked like the serial number."""
     revision: UInt32 | None = None
-    """Revision of the drive, as it told; after an update of its firmware the proof does not count."""
+    """Revision read from the drive; after a firmware update the proof is not valid."""
     digest: Annotated[str, Len(1)] | None = None
-    """Digest of the values above, of all that was written to the drive for its guard, and of its bus and node. A proof
-    with another one does not count; None: an earlier version made the proof, and it does not count either."""
+    """Digest of the values above, of the watchdog settings written to the drive, and of its bus and node. With another
+    digest the proof is not valid. None: an earlier version made the proof; it is not valid either."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -364,12 +366,12 @@ class Proved:
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen on this very bench, and need not be looked for again."""
+    """Observations on this bench that later runs need not repeat."""
 
     sign: Literal["seen"] | None = None
-    """That torque moves a simulated drive the right way; on a real bus it is looked for at every start."""
+    """"seen": the motor direction of a simulated drive is confirmed; on a real bus it is tested at every start."""
     direction: Literal["confirmed"] | None = None
-    """That positions grow to the positive side, as a person has shown."""
+    """"confirmed": a person showed that positions grow to the positive side."""
     date: Annotated[str, Len(1)] | None = None
     """When that was."""
     __pydantic_config__: ClassVar = STRICT
@@ -377,41 +379,42 @@ class Seen:
 
 @dataclass(frozen=True)
 class RigAxis:
-    """One drive with its motor and mechanism, at the motor shaft; None: unknown."""
+    """One drive with its motor and mechanism; values are at the motor shaft. An omitted value is unknown."""
 
     bus: str
     """Name of its [bus.NAME]."""
     node: Annotated[int, Ge(0)]
-    """Number of the drive on its bus, in the range of the protocol."""
+    """Node-ID (CANopen) or unit id (Modbus) of the drive on its bus."""
     profile: str
     """Drive profile by name, or a file in the folder of the rig."""
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
     encoder_counts_per_revolution: CountsPerRevolution
-    """Counts of the position actual value in a turn of the motor."""
+    """Counts of the position actual value per turn of the motor."""
     rated_torque: Torque | None = None
-    """[N·m] of the motor; compared with what the drive states."""
+    """Rated torque of the motor [N·m]; compared with the value of the drive."""
     torque_constant: TorqueConstant | None = None
-    """[N·m/A]; needed only for drives whose torque is given as a current."""
+    """Torque constant [N·m/A]; needed only for drives whose torque unit is a current."""
     rated_current: Current | None = None
-    """[A]; needed only for drives whose torque is given in ‰ of it."""
+    """Rated current [A]; needed only for drives whose torque unit is ‰ of the rated current."""
     peak_current: Current | None = None
-    """[A] of the power stage; needed only for drives whose torque is given as a share of it."""
+    """Peak current of the power stage [A]; needed only for drives whose torque unit is a share of it."""
     inertia: Inertia | None = None
-    """[kg·m²] of motor, mechanism and handle together."""
+    """Inertia of motor, mechanism and handle together [kg·m²]."""
     viscous_damping: Damping | None = None
-    """[N·m·s/rad], the friction that grows with speed."""
+    """Viscous friction [N·m·s/rad]; it grows with speed."""
     coulomb_friction: Friction = 0.0
-    """[N·m], the friction that does not."""
+    """Coulomb friction [N·m]; it does not depend on speed."""
     on_link_loss: Literal["free", "brake"] = "free"
-    """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
+    """Reaction of the drive to the loss of its master: the shaft is free, or the drive brakes by quick stop."""
     raise_max_torque: bool = False
-    """Whether a run may raise the drive's own torque limits to that of the axis, and put them back at its end."""
+    """True: a run may raise the torque limits in the drive to the limit of the axis, and restores them at its end."""
     emergency_stop: Literal["power"] | None = None
-    """"power": a person within reach can cut the power of the motor; needed where no guard of the drive does it."""
+    """"power": a person can cut the motor power by an emergency stop within reach; needed if the drive has no working
+    watchdog."""
     proved: Proved | None = None
-    """Proof that the drive lets go by itself; written by a run, None before the first proof."""
+    """Watchdog proof: the drive switches off by itself; written by a run, None before the first proof."""
     i_know: tuple[Ranged, ...] = ()
-    """Keys of this axis whose values are right although they are out of the usual range, as `inertia`."""
+    """Keys of this axis whose values are right although they are outside the plausible range, such as `inertia`."""
     limits: Limits = field(default_factory=Limits)
     permissions: Permissions = field(default_factory=Permissions)
     seen: Seen = field(default_factory=Seen)
@@ -422,7 +425,7 @@ class RigAxis:
 
 @dataclass(frozen=True)
 class Rig:
-    """The bench: buses and axes by name; `source` is the file's path, empty for the shipped bench."""
+    """Bench: buses and axes by name. `source` is the path of the file; empty for the shipped bench."""
 
     bus: Annotated[dict[str, BusSection], Len(1)]
     axis: Annotated[dict[str, RigAxis], Len(1)]
@@ -430,7 +433,7 @@ class Rig:
     __pydantic_config__: ClassVar = STRICT
 
     def unproved(self) -> "Rig":
-        """Return the same bench, of which nothing was proved."""
+        """Return the same bench without watchdog proofs."""
         return replace(self, axis={name: replace(axis, proved=None) for name, axis in self.axis.items()})
 
 

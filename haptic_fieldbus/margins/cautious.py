@@ -116,18 +116,18 @@ class Values:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """An element that is too stiff for the ranges by itself, so that none is left for a stiffer one beside it."""
+    """Element that alone exceeds the limit over the ranges, beside a stiffer element."""
 
     element: AnyElement
     limit: float
-    """Its cautious limit when the stiffer elements are left out [N/m or N·m/rad]."""
+    """Cautious limit of the element without the stiffer elements [N/m or N·m/rad]."""
     beside: str
     """Name of the element that varies."""
 
 
 @dataclass(frozen=True)
 class Cautious:
-    """Cautious limits [N/m or N·m/rad] of a loop."""
+    """Limits [N/m or N·m/rad] of a loop over the ranges of its uncertain values."""
 
     stable: float
     """Stiffness up to which the loop is stable for all values in the ranges; ∞: any."""
@@ -136,7 +136,7 @@ class Cautious:
     judged_at: tuple[Values, ...]
     """Values of each axis at which the loop has the limit `stable`."""
     obstacle: Obstacle | None = None
-    """Element that leaves no stiffness to the one that varies; None where some is left, or nothing else has any."""
+    """Element that alone exceeds the limit, so that the varied element can have no stiffness; None otherwise."""
 
 
 class VariedLoop(Protocol):

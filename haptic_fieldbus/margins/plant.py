@@ -64,7 +64,8 @@ def exactly_timed(torque_lag: float, delay: float) -> Ranges:
 
 @dataclass(frozen=True)
 class Plant:
-    """Device in the workspace of its axis: kg, N·s/m, N, m — or kg·m², N·m·s/rad, N·m, rad.
+    """Mass, damping, friction and resolution of one axis in its workspace: kg, N·s/m, N, m, or kg·m², N·m·s/rad, N·m,
+    rad.
 
     Raises UsageError for a value that is not a finite number from 0 up, for a device with neither mass nor damping, and
     for a tachometer on a device without mass.

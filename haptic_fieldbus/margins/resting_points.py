@@ -100,7 +100,7 @@ class AxisElements:
 
     @cached_property
     def own_laws(self) -> tuple[OwnLaw, ...]:
-        """How the elements that state no bounds of their own were judged."""
+        """Stability check of each element that states no bounds."""
         if all(is_shipped(each) and not is_sampled(each) for each in self.elements):
             return ()
         from haptic_fieldbus.margins.own_laws import own_laws  # shipped elements do without it
@@ -197,7 +197,7 @@ class AxisElements:
 
     @cached_property
     def _without_states(self) -> tuple[tuple[ParallelStates, ...], tuple[ParallelStates, ...]]:
-        """What acts beside the places when no element has states, without a velocity and with it."""
+        """States that act beside the places when no element has states: without a velocity, and with it."""
         return (ParallelStates((), self.period, None),), (ParallelStates((), self.period, self.estimator),)
 
     def _scaled(self, changes: Mapping[str, float]) -> "Resting | None":
@@ -284,7 +284,7 @@ class AxisElements:
 
 @dataclass(frozen=True, eq=False)
 class ElementStates:
-    """What acts beside the places: elements with a memory or virtual states."""
+    """Elements with a memory or virtual states, which act beside the places."""
 
     options: tuple[tuple[float, float], ...]
     """(K, B) of elements whose memory holds or slides, which touch or do not; all combinations."""

@@ -161,9 +161,9 @@ STEEPER = 1.02
 
 @dataclass(frozen=True)
 class RestingPlace:
-    """A place at which a loop was judged: position [m or rad], stiffness, damping, growth a period.
+    """Equilibrium at which a loop was judged: position [m or rad], stiffness, damping, growth per period.
 
-    `ideal` is the growth of the ideal environment in continuous time, which is above 1 only for a negative stiffness.
+    `ideal` is the growth of the ideal environment in continuous time; it is above 1 only for a negative stiffness.
     """
 
     position: float | None
@@ -187,23 +187,23 @@ class RestingPlace:
 
 @dataclass(frozen=True)
 class OwnLaw:
-    """How an element without bounds of its own was judged: by its force at places, or by `linearised` alone."""
+    """Stability check of an element that states no bounds: by its force at positions, or by `linearised` alone."""
 
     element: str
     places: int
     """Number of places at which its force was read; 0: judged by `linearised` alone."""
     travel: Interval
-    """Positions between which it was read [m or rad]."""
+    """Range of positions at which the force was read [m or rad]."""
     steepest: float
-    """Largest stiffness that was read where the motor can hold the handle [N/m or N·m/rad]."""
+    """Largest slope of the force where the motor can hold the handle [N/m or N·m/rad]."""
     position: float
-    """Where that is [m or rad]."""
+    """Position of `steepest` [m or rad]."""
     stated: float
     """Stiffness that `linearised` states [N/m or N·m/rad]."""
     beyond: tuple[str, ...]
-    """What its force depends on besides the position: names of signals, or "memory"."""
+    """Inputs of its force besides the position: names of signals, or "memory"."""
     runs_off: bool
-    """Whether it pushes the handle away without end, more and more, where the travel has no limit."""
+    """True if its force away from rest grows without bound on an axis without position limits."""
 
     @property
     def is_steeper(self) -> bool:

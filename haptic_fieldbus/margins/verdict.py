@@ -44,7 +44,7 @@ AT_LIMIT = 1e-9
 
 
 class Verdict(Enum):
-    """Behaviour of a loop; the value is the name on the command line."""
+    """Stability verdict of a loop; the value is the name on the command line."""
 
     PASSIVE = "passive"
     STABLE = "stable"
@@ -54,7 +54,8 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class StiffnessLimit:
-    """Largest virtual stiffness [N/m or N·m/rad] for each property of the loop, all else kept; None: does not apply.
+    """Largest virtual stiffness [N/m or N·m/rad] for each property of the loop, with all other values unchanged; None:
+    does not apply.
 
     `quantisation` is the limit up to which friction holds the handle between two encoder counts.
     """
@@ -65,16 +66,17 @@ class StiffnessLimit:
 
 
 def _unknown() -> None:
-    """Return no cautious limit, for a loop of which no ranges are known."""
+    """Return None: the loop has no known ranges."""
 
 
 @dataclass(frozen=True)
 class Stability:
-    """Judgement of one axis; the fields are the keys of `--json`."""
+    """Stability of one axis; the fields are the keys of `--json`."""
 
     period_s: float
     delay_s: float
-    """Time from sampling to acting; the torque loop's lag is in the plant, the hold's mean delay T/2 in neither."""
+    """Time from sampling until the torque acts. It excludes the lag of the torque loop, which is in the plant, and the
+    mean delay T/2 of the hold."""
     plant: Plant
     stiffness: float | None
     damping: float
@@ -84,19 +86,19 @@ class Stability:
     """Limit of stability divided by the stiffness."""
     verdict: Verdict
     place: RestingPlace | None = None
-    """Resting place at which a motion grows the most, or dies the slowest; None for coupled axes."""
+    """Equilibrium with the largest growth per period; None for coupled axes."""
     crest: RestingPlace | None = None
-    """Place at which the ideal itself pushes the handle on the most; None when there is none."""
+    """Unstable equilibrium of the ideal scene with the largest growth; None when there is none."""
     effort: float = math.inf
-    """Largest force of the motor [N or N·m], up to which places were judged."""
+    """Largest force of the motor [N or N·m]; equilibria up to this force were judged."""
     own_laws: tuple[OwnLaw, ...] = ()
     """How the elements that state no bounds of their own were judged."""
     find_cautious: Callable[[], Cautious | None] = field(default=_unknown, repr=False, compare=False)
-    """Function that computes `cautious`, which takes longer than all the rest."""
+    """Function that computes `cautious`; it takes longer than all other values."""
 
     @cached_property
     def cautious(self) -> Cautious | None:
-        """Limits over the ranges of what is assumed or uncertain; None when there is no stiffness to vary."""
+        """Limits over the ranges of assumed or uncertain values; None when there is no stiffness to vary."""
         return self.find_cautious()
 
     @property

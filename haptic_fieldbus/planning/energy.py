@@ -1,4 +1,4 @@
-"""What energy the loop may give out through an axis: the terms of the ledger, from the plan of the axis.
+"""Energy that the loop may put out through an axis: the terms of the ledger, from the plan of the axis.
 
 The theory is at the beginning of `cycle.energy`.
 """
@@ -80,7 +80,7 @@ class AxisTerms:
 
 @dataclass(frozen=True)
 class MemoryTerms:
-    """What a set of elements can hold besides the energy that follows from the positions."""
+    """Energy that a set of elements can store besides the energy that follows from the positions."""
 
     reserve: float
     """Largest energy in memories of a stated size [J]."""

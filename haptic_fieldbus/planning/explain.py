@@ -48,7 +48,7 @@ from haptic_fieldbus.signals import Workspace
 
 
 class Reaction(Enum):
-    """What happens at a limit; the value is the name that users and scripts see."""
+    """Reaction at a limit; the value is the name that users and scripts see."""
 
     CLAMP = "clamp"
     FADE = "fade"

@@ -86,7 +86,7 @@ class BusPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """All decisions about a period, made before the first one."""
+    """Plan of a run: all decisions about a period, made before the first one."""
 
     scene: Scene
     rig: Rig = field(repr=False)
@@ -99,7 +99,7 @@ class Plan:
     image: ImageLayout = field(repr=False)
     """Layout of the process image."""
     left_out: tuple[LeftOut, ...] = field(repr=False)
-    """Parts that the plan does without."""
+    """Parts that the plan omits, with reasons."""
     steps: tuple[str, ...] = field(repr=False)
     """Steps of a period in words."""
     modules: tuple[str, ...] = field(repr=False)
@@ -128,7 +128,7 @@ class Plan:
         return all(self.rig.bus[bus.name].simulated for bus in self.buses)
 
     def fading_in(self, fade_in: float) -> "Plan":
-        """Return the same plan, whose limits reach their full value `fade_in` [s] after *operation enabled*."""
+        """Return the same plan with limits that reach their full value `fade_in` [s] after *operation enabled*."""
         axes = tuple(replace(axis, limits=replace(axis.limits, fade_in=fade_in)) for axis in self.axes)
         return replace(self, axes=axes)
 
@@ -140,7 +140,7 @@ class Plan:
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """What the drives' profiles state without a source, one line for each drive."""
+        """Values of the drives' profiles without a source, one line for each drive."""
         return assumed_lines(self.axes)
 
     @property
@@ -156,13 +156,13 @@ class Plan:
 
     @property
     def deadlines(self) -> tuple[TorqueDeadline, ...]:
-        """Longest time to zero torque for each cause for which torque is taken away."""
+        """Longest time to zero torque for each cause."""
         traffic = self._traffic
         return torque_deadlines([(axis, traffic[axis.name]) for axis in self.axes], self.period)
 
     @property
     def guards(self) -> tuple[AxisGuard, ...]:
-        """Guard of the drive of each axis, and what is known of it."""
+        """Drive watchdog of each axis, with its proof."""
         found = []
         for axis in self.axes:
             traffic = self._traffic[axis.name]
@@ -173,7 +173,7 @@ class Plan:
         return tuple(found)
 
     def place(self, axis: AxisPlan) -> str:
-        """Return where the drive of an axis is: the wires of its bus, and its number on it."""
+        """Return the location of the drive of an axis: the wires of its bus, and its number on the bus."""
         return f"{self.rig.bus[axis.rig.bus].wires} {axis.node}"
 
     @property
@@ -188,8 +188,8 @@ class Plan:
 
     @property
     def weakest(self) -> AxisPlan | None:
-        """Axis with the smallest margin, for coupled axes the one in whose units their verdict is given; None when a
-        bench is unknown."""
+        """Axis with the smallest margin. For coupled axes, the axis whose units the verdict uses. None when a bench is
+        unknown."""
         # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
         told = [
             (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.reference_axis)
@@ -206,7 +206,7 @@ class Plan:
 
     @property
     def coupling_ages(self) -> "tuple[CouplingAges, ...]":
-        """Ages of the motions that each coupling answers; empty without couplings."""
+        """Age of the motion to which each coupling reacts; empty without couplings."""
         if not self.scene.couplings:
             return ()
         # Imported here, because a scene without couplings does without it.

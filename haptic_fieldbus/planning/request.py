@@ -39,7 +39,7 @@ class Task:
     """A file or a Rig; None is the shipped bench, with one drive for each axis of the scene."""
     _: KW_ONLY
     rate: float | None = None
-    """Periods a second [Hz]; None: 1000 Hz, and on a bus that is slower the highest rate that it sustains."""
+    """Loop rate [Hz]; None: 1000 Hz, or the highest rate that a slower bus sustains."""
     settings: Mapping[str, Setting] | None = None
     """Parameters of the scene, such as {"wall.stiffness": 800.0}, "0.8 N/mm" or "max/2"."""
     method: str | None = None
@@ -47,17 +47,18 @@ class Task:
     estimator: str | None = None
     """Velocity estimator, by name."""
     drive: str | None = None
-    """Profile of the shipped bench, by name or path; None: that which the protocol of the bus names."""
+    """Profile of the shipped bench, by name or path; None: the default profile of the protocol."""
     bus: str | None = None
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
     node: int = DEFAULT_NODE
-    """Node-ID of the first axis of the shipped bench; the others count from it."""
+    """Node-ID of the first axis of the shipped bench; the other axes follow in order."""
     axes: Mapping[str, str] | None = None
-    """Names of the rig for axes of the scene, {"knob": "handle"}; an axis that is not named here has its own."""
+    """Rig axis for each scene axis, {"knob": "handle"}; an omitted axis uses the rig axis of the same name."""
     zero: str | None = None
-    """"here": positions count from where the handle is when the drive is enabled, whatever the rig says; or None."""
+    """"here": the position of the handle at enabling is zero, instead of the zero of the rig; or None."""
     profiles: str | Path | None = None
-    """Folder of one's own profiles, beside the shipped ones; None is HAPTIC_FIELDBUS_PROFILES of the environment."""
+    """Folder of your own profiles, in addition to the shipped ones; None: the environment variable
+    HAPTIC_FIELDBUS_PROFILES."""
 
 
 MAXIMUM_RATE = 100_000.0

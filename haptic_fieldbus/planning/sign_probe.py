@@ -112,7 +112,8 @@ class SignProbe:
     period: float
     """[s]"""
     step: float
-    """What one count of the encoder is worth [m or rad]; for a drive with velocity only, one of its speed [m/s]."""
+    """Smallest measurable motion: one encoder count [m or rad]; for a drive with velocity only, one step of its speed
+    [m/s]."""
     speed: bool
     """Whether `step` is one of speed."""
     mass: float | None

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, units, and the thinning of long lines.
+"""Parts that all pictures share: colours, units, and the thinning of long lines.
 
 Lines of many points are thinned to the least and the greatest value of each bin, so that no spike is lost. Colours are
 from the palette of Okabe and Ito, made to be told apart with any colour vision (https://jfly.uni-koeln.de/color/).

@@ -38,7 +38,7 @@ class ReadyChange:
 
 
 class Changes:
-    """The changes of one run: the `scheduled` ones, at times [s from operation enabled], and those of `request`.
+    """Changes of one run: `scheduled` changes, at times [s from operation enabled], and changes from `request`.
 
     `ramp` is the duration of a change [s]. Pass the object to `run`, and call `request` from any thread during the run.
     """
@@ -64,7 +64,7 @@ class Changes:
 
     @property
     def scene(self) -> Scene:
-        """Scene in force, or the one that the present ramp leads to; raises UsageError before a run."""
+        """Current scene, or the scene at the end of the present ramp; raises UsageError before a run."""
         if self._running is None:
             raise UsageError("no run has these changes yet")
         return self.applied[-1].change.plan.scene if self.applied else self._running.scene
@@ -76,7 +76,7 @@ class Changes:
 
     @own_faults()
     def request(self, settings: Mapping[str, Setting]) -> Change:
-        """Check new values and hand them to the loop; returns the change. May be called from any thread during the run.
+        """Check new values, pass them to the loop and return the change. Any thread may call it during the run.
 
         The ramp to the new values begins with the next period, or when the ramp of the change before is over. Raises
         SceneError, UsageError or PlanError for settings that `run` would refuse, UnstableSceneError included, and

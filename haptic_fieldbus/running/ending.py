@@ -62,7 +62,7 @@ class EndSignals:
 
     @property
     def sentence(self) -> str:
-        """Who stopped the run, and when."""
+        """Return the sentence that names the signal that stopped the run, and the time."""
         return f"stopped by {'you' if self.name == 'SIGINT' else self.name}{self.when}"
 
     def stopped(self, report: "LoopReport", duration: float) -> "Stopped | None":

@@ -1,4 +1,4 @@
-"""What a run in real time asks of the system, so that other work does not delay it.
+"""Rights that a run in real time requests from the operating system, so that other work does not delay it.
 
 Each wish may be refused by the system; the run goes on with what it got, and tells both. Everything is put back at the
 end of the block, since a run may be a part of somebody else's program. A thread at SCHED_FIFO goes before all ordinary

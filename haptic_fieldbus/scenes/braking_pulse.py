@@ -21,10 +21,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class BrakingPulse:
-    """Braking by `damping` [N·s/m or N·m·s/rad] up to `saturation` [N or N·m] for `duration` [s] after a crossing.
+    """Brakes with `damping` [N·s/m or N·m·s/rad], at most `saturation` [N or N·m], for `duration` [s] after a crossing.
 
-    The handle must cross `position`, and have been `rearm` away from it before [m or rad]. Without `saturation` the
-    force has no limit.
+    A crossing counts if the handle was at least `rearm` away from `position` before [m or rad]. Without `saturation`
+    the force has no limit.
     """
 
     axis: str

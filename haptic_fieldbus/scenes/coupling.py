@@ -1,4 +1,4 @@
-"""A virtual shaft between two axes: turning one turns the other, and holding one is felt at the other.
+"""A virtual shaft between two axes: each handle transmits motion and force to the other.
 
 With the `ratio` n and the twist u = x₁ − n·x₂, the forces on the first and on the second axis are
 
@@ -41,9 +41,8 @@ from haptic_fieldbus.signals import Signal
 class Coupling:
     """A spring of `stiffness` and a damper of `damping` between the first of `axes` and `ratio` times the second.
 
-    `dead_band` is the play on either side, `saturation` the largest force on the first axis. `ratio` is 1 when it is
-    left out; between a linear and a rotary axis it must be given, in m/rad or rad/m. All values are in the units of the
-    first axis.
+    `dead_band` is the play on either side, `saturation` the largest force on the first axis. `ratio` defaults to 1;
+    between a linear and a rotary axis it is required, in m/rad or rad/m. All values are in the units of the first axis.
     """
 
     axes: TwoAxes

@@ -1,4 +1,4 @@
-"""Dahl friction: a spring that yields smoothly into Coulomb friction, and remembers the path of the handle.
+"""Dahl friction: a spring that yields smoothly into Coulomb friction, with hysteresis.
 
 A bristle of stiffness σ stretches with the handle and slides at the force fc (L = fc/σ):
 

@@ -1,4 +1,4 @@
-"""A virtual mass on a spring and a damper whose other end is the puck in the hand.
+"""A virtual mass, connected to the handle (the puck) by a spring and a damper.
 
 With the held puck at x and the mass at p, F = k·(p − x) + b·(ṗ − ẋ) on the puck, positive towards positive x, and m·p̈
 = −F − d·ṗ. The `damping` b acts beside the spring and is felt in the hand; the `drag` d acts between mass and ground,

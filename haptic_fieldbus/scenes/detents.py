@@ -37,7 +37,7 @@ from haptic_fieldbus.signals import Signal
 class Detents:
     """Detents of `amplitude` [N or N·m] every `pitch` [m or rad], the first valley at `position` [m or rad].
 
-    `count` is the number of valleys towards positive positions; 0 is no end on either side.
+    `count` is the number of valleys towards positive positions; 0: without end on both sides.
     """
 
     axis: str

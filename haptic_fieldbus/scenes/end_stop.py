@@ -1,4 +1,4 @@
-"""End stops: a stiff spring and a damper beyond either end of the workspace, and no force between.
+"""End stops: a stiff spring and a damper beyond both ends of the workspace; no force between them.
 
 With the penetration d beyond `lower` or `upper` and the speed ḋ into the stop, the force K·d + B·ḋ pushes back into the
 workspace; where it would be negative it is 0, so a stop never pulls a handle that leaves it.

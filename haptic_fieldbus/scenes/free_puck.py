@@ -1,4 +1,4 @@
-"""A free puck: a virtual puck and a mass sprung to it, led by the handle through a coupling.
+"""A virtual puck that the handle leads through a coupling, with a mass on a spring behind it.
 
     handle x ──[ stiffness, damping ]── puck y ──[ spring ]── mass p
 
@@ -23,7 +23,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class FreePuck:
-    """A coupling by `stiffness` and `damping` to the mass `puck`, and behind `spring` another `mass`.
+    """A coupling of `stiffness` and `damping` to a puck of mass `puck`, with another `mass` behind the spring `spring`.
 
     Stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, masses in kg or kg·m².
     """

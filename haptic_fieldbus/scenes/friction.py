@@ -55,12 +55,11 @@ Limit = TypeVar("Limit")
 class Friction:
     """Friction `coulomb` fc [N or N·m] that sticks by a spring of `stiffness` K [N/m or N·m/rad].
 
-    `breakaway` fs [N or N·m] takes the place of fc at speeds up to `window` Dv [m/s or rad/s]; a `breakaway` of 0, or
-    equal to `coulomb`, leaves both out. `damping` B [N·s/m or N·m·s/rad] is viscous friction. The coefficients are
-    shares of `coulomb` and `breakaway`, not of `damping`, for motion towards positive and towards negative positions;
-    one of them must be 1. `dead_band` [m or rad] is play on either side of the stick point: friction takes hold after
-    that distance from rest, and after twice that distance when the direction changes. The saturation of USB PID is
-    `coulomb` here.
+    `breakaway` fs [N or N·m] replaces fc at speeds up to `window` Dv [m/s or rad/s]. With `breakaway` 0 or equal to
+    `coulomb`, neither has an effect. `damping` B [N·s/m or N·m·s/rad] is viscous friction. The coefficients are shares
+    of `coulomb` and `breakaway`, not of `damping`, for motion towards positive and towards negative positions; one of
+    them must be 1. `dead_band` [m or rad] is play on either side of the stick point: friction starts after this
+    distance from rest, and after twice this distance at a reversal. `coulomb` corresponds to the saturation of USB PID.
     """
 
     axis: str

@@ -1,4 +1,4 @@
-"""Tissue that relaxes: a spring beside any number of branches, each with a relaxation time of its own.
+"""Tissue that relaxes: a spring parallel to any number of branches, each with its own relaxation time.
 
 At the depth d = ±(x − position) the touched tissue pushes k₀·d + Σ k·(d − q) with q̇ = (d − q)/τ in each branch; after
 a press to D that is k₀·D + Σ k·D·e^(−t/τ), Wiechert's model. A tool that leaves faster than the tissue recovers loses
@@ -26,8 +26,8 @@ from haptic_fieldbus.signals import Signal
 class GeneralisedMaxwell:
     """Tissue from `position` [m or rad] on: a spring `rest` [N/m or N·m/rad] and `branches` that relax.
 
-    Each branch is a pair [stiffness, relaxation time] in [N/m or N·m/rad] and [s]. `side` is the side on which the
-    tissue lies.
+    Each branch is a pair [stiffness, relaxation time] in [N/m or N·m/rad] and [s]. `side` is the side of `position`
+    with the tissue.
     """
 
     axis: str

@@ -1,4 +1,4 @@
-"""A grating: dry friction that is stronger on the ridges, a texture that hinders and never pushes.
+"""A grating: dry friction that is stronger on the ridges; a texture that only resists motion.
 
     F = −K·(x − a),   |x − a| ≤ c(x)/K,   c(x) = fc·(1 + μ·sin(2π·x/p))
 
@@ -29,7 +29,7 @@ from haptic_fieldbus.signals import Signal
 class Grating:
     """Friction `coulomb` [N or N·m] on average, stronger and weaker by the ratio `depth` μ every `pitch` [m or rad].
 
-    `stiffness` K [N/m or N·m/rad] is that of sticking.
+    `stiffness` K [N/m or N·m/rad] is the stiffness while sticking.
     """
 
     axis: str

@@ -21,7 +21,7 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class Gravity:
-    """The weight of `mass` [kg]; `share` is the part of it along the axis."""
+    """The weight of `mass` [kg]; `share` is the component along the axis (1: vertical axis)."""
 
     axis: str
     mass: Mass

@@ -1,4 +1,4 @@
-"""Contact after Hunt and Crossley: a spring that stiffens with depth, and damping that grows with depth from zero.
+"""Hunt–Crossley contact: stiffness and damping grow with depth; the damping starts at zero.
 
 The push is k·dⁿ·(1 + p·ḋ), never below 0, with the depth d = ±(x − surface); it points out of the material: F = ∓push.
 A spring with a constant damper makes the force jump at touch, and would pull at release. Here the damping is zero at
@@ -44,10 +44,11 @@ STEPS = 8
 
 @dataclass(frozen=True)
 class HuntCrossley:
-    """A body from `position` on [m or rad]: `effort` [N or N·m] at `depth` [m or rad], elsewhere ∝ depth^`exponent`.
+    """A body that starts at `position` [m or rad]. The force is `effort` [N or N·m] at `depth` [m or rad] and grows
+    with depth^`exponent`.
 
-    The push is larger by the factor 1 + `loss` [s/m or s/rad] times the speed into the body, and smaller on the way
-    out. `side` is the side on which the material lies.
+    The force is multiplied by 1 + `loss` [s/m or s/rad] times the speed into the body; it is smaller on the way out.
+    `side` is the side of `position` with the material.
     """
 
     axis: str

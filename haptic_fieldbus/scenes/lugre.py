@@ -1,4 +1,4 @@
-"""LuGre friction: a bristle with damping, Stribeck's fall from breakaway to sliding, and viscous friction.
+"""LuGre friction: a damped bristle, the Stribeck effect from breakaway to sliding, and viscous friction.
 
     F = −(σ0·z + σ1(v)·ż + σ2·v),   ż = v − σ0·|v|·z/g(v),   g(v) = fc + (fs − fc)·e^(−(v/vs)²)
 
@@ -33,7 +33,7 @@ class LuGre:
     """A bristle of `stiffness` σ0 [N/m or N·m/rad] and `damping` σ1, with `viscous` friction σ2 [N·s/m or N·m·s/rad].
 
     The bristle slides at `coulomb` fc and breaks away at `breakaway` fs [N or N·m]. A `breakaway` of 0, or equal to
-    `coulomb`, leaves Stribeck's fall out; `stribeck` vs [m/s or rad/s] has no meaning then.
+    `coulomb`, disables the Stribeck effect; `stribeck` vs [m/s or rad/s] has no effect then.
     """
 
     axis: str

@@ -1,4 +1,4 @@
-"""A magnet: a well that draws the handle to a position from within a radius.
+"""A magnet: pulls the handle to a position from within a radius.
 
 With u = (x − p)/R, inside |u| < 1
 

@@ -1,4 +1,4 @@
-"""A needle: a capsule that gives way, then friction along the shaft and a cutting force at the tip.
+"""Needle insertion: a capsule that punctures, then friction along the shaft and a cutting force at the tip.
 
 The model follows Okamura, Simone & O'Leary (Force modeling for needle insertion into soft tissue, IEEE Trans.
 Biomedical Engineering 51(10), 2004, 1707, doi:10.1109/TBME.2004.831542), who add stiffness, friction and cutting:
@@ -44,13 +44,13 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Needle:
-    """Tissue from `position` on [m or rad]; the force `puncture` [N or N·m] opens it at `depth` [m or rad].
+    """Tissue that starts at `position` [m or rad]; the force `puncture` [N or N·m] punctures it at `depth` [m or rad].
 
-    Before puncture the force grows with the depth; the share `curvature` of it grows with the square. After puncture
-    there are `friction`, `breakaway` while sticking (0: as friction) and `cutting` on the way deeper [N or N·m], and
-    `drag` [N·s/m or N·m·s/rad]. The needle sticks by the stiffness `grip` [N/m or N·m/rad], and sticks again when it is
-    slower than `slow` [m/s or rad/s]. If the tissue `heals`, the next insertion punctures it again. `side` is the side
-    on which the tissue lies.
+    Before puncture the force grows with the depth; the share `curvature` of it grows with the square of the depth.
+    After puncture `friction`, `breakaway` while sticking (0: equal to `friction`), `cutting` on the way deeper [N or
+    N·m] and `drag` [N·s/m or N·m·s/rad] act. The needle sticks with the stiffness `grip` [N/m or N·m/rad]. It sticks
+    again below the speed `slow` [m/s or rad/s]. If the tissue `heals`, the next insertion punctures it again. `side` is
+    the side on which the tissue lies.
     """
 
     axis: str

@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal, Workspace
 
 @dataclass(frozen=True)
 class Pendulum:
-    """A weight whose largest torque is `torque` [N·m]; it hangs at `position` [rad]."""
+    """A weight with a largest torque of `torque` [N·m]; its rest position is `position` [rad]."""
 
     axis: str
     torque: PositiveEffort

@@ -33,7 +33,7 @@ from haptic_fieldbus.signals import Signal
 class Periodic:
     """A `waveform` of `magnitude` [N or N·m] and `frequency` [Hz] about `offset` [N or N·m].
 
-    `phase` is the share of a period at which the wave begins. Levels are in N or N·m, times in s. Without `duration`
+    `phase` is the start of the wave as a share of its period. Levels are in N or N·m, times in s. Without `duration`
     the wave does not end.
     """
 

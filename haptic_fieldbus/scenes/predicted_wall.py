@@ -1,4 +1,4 @@
-"""A wall that allows for its force being held: it gives the mean of the force due during the hold.
+"""A wall that compensates the hold: it applies the mean of the ideal force over the hold.
 
 The force of a wall is computed from the present position and held for a period T, in which the handle moves on: on
 average it is half a period old. If the handle keeps its velocity v, the depth d = ±(x − p) runs from d to e = d + 2·a·v
@@ -41,9 +41,8 @@ LEAD = 0.0005
 class PredictedWall:
     """A wall at `position` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad], `lead` [s].
 
-    Unless `lead` is given it is half the period of the loop, and 0.5 ms outside of a loop. With `release` "deadbeat" a
-    handle that will be outside at the next sample gets no force. `side` is the side of `position` on which the material
-    lies.
+    `lead` defaults to half the period of the loop, and to 0.5 ms outside a loop. With `release` "deadbeat" the force is
+    0 if the handle will be outside at the next sample. `side` is the side of `position` with the material.
     """
 
     axis: str

@@ -1,4 +1,4 @@
-"""A thin surface that cannot be pushed through: a proxy stays on the side from which the handle came.
+"""A thin surface that resists from both sides: a proxy (god-object) stays on the side from which the handle came.
 
 The proxy follows the handle until the handle passes the surface, and then stays on it: F = K·(proxy − x) − B·v, never a
 pull. A plain wall depends on the present position alone: a thin one that is pushed in by more than half its thickness
@@ -21,7 +21,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Proxy:
-    """A surface at `position` [m or rad], `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad] behind it."""
+    """A surface at `position` [m or rad] with `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad]."""
 
     axis: str
     stiffness: Stiffness

@@ -1,4 +1,4 @@
-"""A force that changes on a straight line in time: the ramp force effect of USB PID.
+"""A force that changes linearly in time: the ramp force effect of USB PID.
 
 F goes from `start` to `end` within `duration`, positive towards positive x; F = 0 before `start_delay` and after the
 end. The envelope multiplies it by a level: `attack_level` at the beginning, `fade_level` at the end, 1 between. (USB

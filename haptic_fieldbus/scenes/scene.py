@@ -33,13 +33,14 @@ class Scene:
     source: str = ""
     """Path of the scene file; empty for a scene made in Python."""
     hand: str | None = None
-    """Motion of the simulated hand in this scene, unless a run names another; None is the default of the run."""
+    """Default motion of the simulated hand in this scene; None: the default of the run."""
     passivity: Literal["observer", "controller"] = "observer"
-    """"observer": energy of its own ends the run; "controller": it is taken back by damping before that."""
+    """"observer": the run trips when the scene generates energy; "controller": damping absorbs the energy before
+    that."""
 
     @property
     def controlled(self) -> bool:
-        """Whether energy that the loop gives of its own is taken back by damping."""
+        """True if damping absorbs the energy that the loop generates."""
         return self.passivity == "controller"
 
     def of_axis(self, axis: str) -> tuple[Element, ...]:

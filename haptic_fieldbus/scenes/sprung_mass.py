@@ -1,4 +1,4 @@
-"""A virtual mass on a spring whose other end is the puck in the hand.
+"""A virtual mass, connected to the handle (the puck) by a spring.
 
 With the held puck at x and the mass at p, the spring pulls the mass with k·(x − p) and the puck with F = k·(p − x),
 positive towards positive x. With q = ṗ: ṗ = q, q̇ = (k/m)·(x − p), so ω_n = √(k/m). Mass and spring start at rest at

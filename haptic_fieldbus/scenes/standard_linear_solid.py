@@ -1,4 +1,4 @@
-"""A standard linear solid: a spring beside a spring that relaxes, stiff at once and soft in the end.
+"""A standard linear solid: a spring parallel to a branch that relaxes; stiff at first, soft in the long run.
 
 At the depth d = ±(x − position) the touched tissue pushes k₀·d + k·(d − q) with q̇ = (d − q)/τ. Its stiffness is k₀ + k
 at once and k₀ in the end; after a press to D the push is k₀·D + k·D·e^(−t/τ). A tool that leaves faster than the tissue

@@ -1,4 +1,4 @@
-"""Stick-slip: a spring to an anchor that jumps after the handle when the spring would exceed a force.
+"""Stick-slip: a spring to an anchor; the anchor jumps when the spring force would exceed a limit.
 
     F = −K·(x − a);   where K·|x − a| exceeds the breakaway force fs, a jumps to where the spring is slack
 

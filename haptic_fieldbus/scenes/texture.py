@@ -1,4 +1,4 @@
-"""A texture: ridges whose flanks push sideways, as felt by a fingertip that is drawn over them.
+"""A texture: ridges whose flanks push along the axis, as on a fingertip that moves over them.
 
 A tip that presses with N on a profile of height h(x) feels the lateral force −N·h′(x) (Robles-De-La-Torre & Hayward,
 Nature 412, 2001, 445: that force alone conveys a shape). With the largest lateral force A, the pitch p and the phase u
@@ -33,7 +33,7 @@ from haptic_fieldbus.signals import Signal
 class Texture:
     """Ridges every `pitch` [m or rad] that push with at most `amplitude` [N or N·m].
 
-    `rounding` ρ, above 0 up to 1, is the rounded part of a triangular ridge.
+    `rounding` ρ, above 0 up to 1, is the rounded share of a triangular ridge.
     """
 
     axis: str

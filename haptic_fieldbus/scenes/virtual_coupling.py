@@ -1,4 +1,4 @@
-"""A virtual tool led by the handle through a spring and a damper, and a wall that only the tool meets.
+"""A virtual tool that the handle leads through a spring and a damper, and a wall that acts on the tool only.
 
     handle x ──[ stiffness, damping ]── tool p (mass) ──[ wall_stiffness ]── wall
 
@@ -25,7 +25,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class VirtualCoupling:
-    """A tool of `mass` coupled by `stiffness` and `damping`, and a wall of `wall_stiffness` from `wall` on.
+    """A tool of `mass`, coupled by `stiffness` and `damping`, and a wall of `wall_stiffness` that starts at `wall`.
 
     The mass is in kg or kg·m², stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, the position
     `wall` in m or rad. Without `wall_stiffness` there is no wall. `side` is the side of `wall` on which its material

@@ -1,4 +1,4 @@
-"""A wall: a spring and a damper that push the handle out, and never pull it in.
+"""A wall: a spring and a damper that push the handle out and never pull.
 
 Inside a wall at p whose material lies on the positive side, F = −K·(x − p) − B·v with F ≤ 0; outside F = 0. The force
 acts on the handle and is positive towards positive x, so a wall on the right pushes to the left: the sign is the

@@ -1,4 +1,4 @@
-"""What `simulate` is asked to host: drives with their node-IDs, on a bus that other programs can join."""
+"""Request of `simulate`: drives with their node-IDs, hosted on a bus that other programs can join."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager

@@ -83,7 +83,7 @@ is also in <code>report.json</code> and <code>details.json</code> beside it, eve
 
 @dataclass(frozen=True)
 class Report:
-    """What was written: `content` is report.json; findings and warnings are sentences without markup."""
+    """Files of a report: `content` is report.json; findings and warnings are sentences without markup."""
 
     content: dict[str, object]
     findings: tuple[str, ...]

@@ -245,7 +245,7 @@ _NOTIFIER_CYCLE = 0.01
 
 
 class Time(Enum):
-    """Whose time a bus has."""
+    """Clock of a bus: real or virtual time."""
 
     REAL = "real"
     """The wall clock's, for programs with threads of their own."""
@@ -313,7 +313,7 @@ class VirtualCanBus:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What a program gives to `can.Bus` or `canopen.Network.connect` to be on this wire."""
+        """Arguments for `can.Bus` or `canopen.Network.connect` that join this wire."""
         return {"interface": "haptic_sim", "channel": self.channel, "bitrate": self.bitrate}
 
     def open(self, **options: Any) -> can.BusABC:

@@ -156,7 +156,7 @@ Sink = Callable[[bytes], None]
 
 @dataclass
 class GuestReports:
-    """What the first program of the guest has said so far, and the kernel."""
+    """Output of the first program of the guest so far, and of the kernel."""
 
     ready: bool = False
     status: int | None = None

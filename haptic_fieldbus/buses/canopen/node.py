@@ -68,7 +68,7 @@ class PumpedResponses(queue.Queue[bytes]):
         self._wire = wire
         self._responses: deque[bytes] = deque()
         self.entry: ObjectEntry | None = None
-        """What is asked for at present."""
+        """Entry of the current request; None when there is none."""
 
     def put(self, item: bytes, block: bool = True, timeout: float | None = None) -> None:
         """Take a response; one to an earlier request, which came too late for it, names another entry."""
@@ -358,7 +358,7 @@ class Node:
 
     @property
     def cause(self) -> tuple[LinkFlag, int] | None:
-        """What the node told since it went operational that explains a silence or a fault, with its code."""
+        """Event since the node went operational that explains a silence or a fault, with its code."""
         if self._first_emergency:
             return LinkFlag.EMERGENCY, self._first_emergency
         return (LinkFlag.BOOT_UP, 0) if self.booted else None

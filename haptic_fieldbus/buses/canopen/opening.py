@@ -177,7 +177,7 @@ ADVICE: Mapping[str, str] = {
     "vector": "install the XL driver library of Vector, which is for Windows only",
     "virtual": "type virtual:NAME",
 }
-"""What to install or to type, by the name of the interface."""
+"""Package to install or bus name to type, by the name of the interface."""
 PACKAGES: Mapping[str, tuple[str, str]] = {
     "udp_multicast": (
         "msgpack",

@@ -148,7 +148,7 @@ class FrameCounts:
     seconds: float
     frames: Mapping[int, int]
     masters: Mapping[int, int]
-    """Those of them that only one master may send."""
+    """Frames that only a master may send, as numbers by CAN-ID."""
     bits: Mapping[int, int] = field(default_factory=dict)
     """Bits of all frames by CAN-ID."""
 

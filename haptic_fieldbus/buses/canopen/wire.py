@@ -40,7 +40,7 @@ from haptic_fieldbus.errors import BusError
 Received = tuple[int, bytes | bytearray]
 """CAN-ID with its flags, and data."""
 OURS: Received = (0, b"")
-"""What stands for a frame of our own; compared by identity."""
+"""Placeholder for a frame of our own; compared by identity."""
 
 
 class CanPort(Protocol):
@@ -144,7 +144,7 @@ STAMP_SIZE = 64
 QUEUED_PERIODS = 4
 """Periods whose frames may wait in the transmit queue. Slow adapters confirm a frame some milliseconds after it."""
 FRAME_COST = 768
-"""What the kernel charges to the send buffer for a frame that waits, in octets; it doubles what one asks for."""
+"""Octets that the kernel charges to the send buffer for a waiting frame; the kernel doubles the requested size."""
 CAN_RAW_ERR_FILTER, ALL_ERRORS = 2, 0x1FFF_FFFF
 """Option of the socket (linux/can/raw.h), which Python does not name, and its value for all error frames."""
 

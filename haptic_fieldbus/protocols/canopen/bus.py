@@ -42,9 +42,9 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 
 
 ARGUMENT = re.compile(r",(?=[A-Za-z_]\w*=)")
-"""What parts further arguments from a bus name and from each other; another comma belongs to the channel."""
+"""Separator between a bus name and its further arguments, and between these; any other comma belongs to the channel."""
 Argument = bool | int | float | str
-"""What an argument of an interface may be in a rig file."""
+"""Type of an argument of an interface in a rig file."""
 _OF_THE_BUS = "is a key of the bus itself; expected it one table above"
 OURS = {
     "interface": _OF_THE_BUS,
@@ -63,18 +63,19 @@ class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
     bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1]), Measured(Quantity.BIT_RATE)] = DEFAULT_BIT_RATE
-    """[bit/s] at which the wires run."""
+    """Bit rate of the bus [bit/s]."""
     listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING), Measured(Quantity.TIME)] = LISTENING
-    """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
+    """Time for which the master listens for another master before it sends anything [s]; 0: no listening."""
     master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
     """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
     adapter_latency: NonNegativeTime | None = None
-    """Time that the adapter adds to a frame on its way in, and to one on its way out [s]; None: 0 in the plan, and an
-    assumed time in the cautious limit of a real bus."""
+    """Delay that the adapter adds to each received and to each sent frame [s]. None: 0 in the plan, and an assumed time
+    in the cautious limit of a real bus."""
     jitter: NonNegativeTime | None = None
-    """Time by which the host may be late in a period [s]; None as for the adapter."""
+    """Largest lateness of the host in a period [s]. None: 0 in the plan, and an assumed time in the cautious limit of a
+    real bus."""
     arguments: Mapping[str, Argument] = field(default_factory=dict)
-    """Further arguments of the interface, by the names that python-can gives them: `ttyBaudrate`, `host`, `port`."""
+    """Further arguments of the interface, with python-can's names: `ttyBaudrate`, `host`, `port`."""
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 
@@ -92,7 +93,7 @@ class CanSection(BusSection):
 
     @property
     def wires(self) -> str:
-        """What tells one pair of wires from another: a channel may be that of one host or of another."""
+        """Key that distinguishes one pair of wires from another: the same channel name may exist on several hosts."""
         return f"{super().wires}{sorted(self.arguments.items())}"
 
 
@@ -211,7 +212,7 @@ SDO_REQUEST_COB_ID = 0x600
 RPDO_COB_IDS = (0x200, 0x300, 0x400, 0x500)
 """Of RPDO 1 to 4 of node 0; those of a node have its node-ID added."""
 FROM_A_NODE = (EMCY_COB_ID, 0x180, 0x280, 0x380, 0x480, SDO_RESPONSE_COB_ID, 0x700)
-"""What only a node itself sends, of node 0."""
+"""Frames that only a node itself sends, listed for node 0."""
 REMOTE = 0x8000
 """Bit that marks a remote frame, where a COB-ID is kept in 16 bits."""
 

@@ -348,7 +348,7 @@ class KnownDifference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a file shows of a profile."""
+    """Comparison of a profile with its vendor's file."""
 
     source: str
     """The vendor's file, in which the lines of the faults are."""

@@ -168,7 +168,7 @@ def _listed(room: dict[int, int], entries: int) -> tuple[int, ...]:
 CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
 """Modes of operation (6060h)."""
 Lack = tuple[str, int | None]
-"""What is missing in words, and the line of the file that shows it; None when there is no such line."""
+"""Missing part in words, and the line of the file that shows it; None when there is no such line."""
 
 
 def automaton_lacks(eds: Eds) -> Iterator[Lack]:

@@ -40,7 +40,7 @@ class Finding:
 
     key: str
     shows: str
-    """What the file has, in words."""
+    """Description of the value in the file."""
     line: int | None = None
     """Line of the file."""
     fault: str = ""

@@ -61,7 +61,7 @@ class EdsProfile(CanopenProfile):
 
     eds: Eds = field(default_factory=lambda: Eds({}))
     lacks: tuple[Lack, ...] = ()
-    """What keeps the drive from rendering force."""
+    """Reasons for which the drive cannot render force."""
 
     def faults(self) -> list[Fault]:
         """Return the faults of the file, and what is missing for force."""

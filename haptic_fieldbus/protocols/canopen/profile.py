@@ -220,7 +220,7 @@ class ShownObject:
 
 @dataclass(frozen=True)
 class CommissioningSection:
-    """What a person sets with the vendor's tool: motor data, commutation, current loop, I²t."""
+    """Settings that a person makes with the vendor's tool: motor data, commutation, current loop, I²t."""
 
     tool: str = ""
     shown: tuple[ShownObject, ...] = ()
@@ -271,8 +271,7 @@ class SimulationSection:
     modes: tuple[Annotated[int, Ge(-128), Le(127)], ...] | None = None
     """Modes of operation that the drive has; None: all that the simulated drive implements."""
     objects: dict[str, SimulatedObject] = field(default_factory=dict)
-    """What the drive has otherwise than the simulated one, by index and sub-index, each a number or a range: "6007",
-    "1400-1403:01"."""
+    """Differences of the drive from the simulated one, by index and sub-index, each a number or a range: "6007", …"""
     differs: dict[str, Annotated[str, Len(1)]] = field(default_factory=dict)
     """Why the simulated drive differs from the vendor's file all the same, by index, or index and sub-index."""
     __pydantic_config__: ClassVar = STRICT

@@ -31,24 +31,24 @@ SIMULATION_CHANNEL = "sim"
 
 @dataclass(frozen=True)
 class ModbusSection(BusSection):
-    """A Modbus line of a rig: host and port, or a serial device."""
+    """Modbus line of a rig: host and port, or a serial device."""
 
     baud: Annotated[int, Ge(BAUDS[0]), Le(BAUDS[1]), Measured(Quantity.BIT_RATE)] | None = None
-    """[bit/s]; None: that which the profile of the first drive has after power-on."""
+    """Bit rate [bit/s]. None: the value after power-on in the profile of the first drive."""
     parity: Literal["none", "even", "odd"] | None = None
-    """None: that of the profile."""
+    """None: the value of the profile."""
     stop_bits: Literal[1, 2] | None = None
     """None: that of the profile."""
     silence: NonNegativeTime | None = None
-    """Silence between two frames [s]; None: that of the profile, else that of the standard."""
+    """Silence between two frames [s]. None: the value of the profile, otherwise that of the standard."""
     round_trip: NonNegativeTime | None = None
-    """Time that network or adapter and both ends take for a request and its answer [s]; None: 0.25 ms on TCP, and 0 on
-    a serial line."""
+    """Round-trip time of a request and its answer through network or adapter and both ends [s]. None: 0.25 ms on TCP, 0
+    on a serial line."""
     jitter: NonNegativeTime | None = None
-    """Time by which the host may be late in a period [s]; None: 0 in the plan, and an assumed time in the cautious
-    limit of a real bus."""
+    """Largest lateness of the host in a period [s]. None: 0 in the plan, and an assumed time in the cautious limit of a
+    real bus."""
     echo: bool = False
-    """True: the adapter gives back what one sends, as some of two wires do."""
+    """True: the adapter echoes sent octets, as some two-wire RS-485 adapters do."""
     protocol: ClassVar[str] = "modbus"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 

@@ -55,7 +55,7 @@ class Register:
     """Of 16 or 32 bits."""
     unit: str = ""
     object: Index | None = None
-    """The object of CiA 402 whose value the register has."""
+    """CiA 402 object with the same value as the register."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -69,7 +69,7 @@ class Register:
 
 @dataclass(frozen=True)
 class WrittenRegister(Register):
-    """A register that is written before the drive is enabled, and read back."""
+    """Register that is written before the drive is enabled, and read back."""
 
     value: Annotated[int, Ge(-0x8000_0000), Le(0xFFFF_FFFF)] = field(kw_only=True)
     __pydantic_config__: ClassVar = STRICT
@@ -77,31 +77,31 @@ class WrittenRegister(Register):
 
 @dataclass(frozen=True, kw_only=True)
 class LineSection:
-    """Facts of the drive's line: what it understands, and how fast it answers."""
+    """Line of the drive: its function codes and its timing."""
 
     transports: Annotated[tuple[Transport, ...], Len(1)]
-    """Lines on which it can be."""
+    """Kinds of line that the drive supports."""
     functions: Annotated[tuple[FunctionCode, ...], Len(1)]
     """Function codes that the drive understands."""
     word_order: WordOrder = "high first"
-    """Which register of a value of 32 bits has the lower address."""
+    """Register with the lower address in a value of 32 bits."""
     longest_read: Annotated[int, Ge(1), Le(125)] = 125
-    """Most registers of one reading request."""
+    """Largest number of registers in a read request."""
     longest_write: Annotated[int, Ge(1), Le(123)] = 123
-    """Most registers of one writing request."""
+    """Largest number of registers in a write request."""
     readable: tuple[tuple[Address, Address], ...] = ()
-    """First and last address of ranges in which every register can be read, so that a gap may be read through."""
+    """Ranges [first, last] in which every address can be read; a read request may cover unused addresses there."""
     answer_time: NonNegativeTime = 0.001
-    """Time that the drive works on a request before its answer begins [s]; at its end registers are written and read.
-    On RTU it follows the silence by which the end of a request is known."""
+    """Time from the end of a request to the start of its answer [s]; the drive writes and reads the registers at its
+    end. On RTU it starts after the silence that ends a request."""
     baud: Annotated[int, Ge(1200), Le(20_000_000)] = 19200
-    """[bit/s] after power-on."""
+    """Bit rate after power-on [bit/s]."""
     parity: Parity = "even"
     """After power-on."""
     stop_bits: Literal[1, 2] = 1
     """After power-on."""
     silence: NonNegativeTime | None = None
-    """Silence that the drive needs between two frames [s]; None: 3.5 characters, 1.75 ms above 19200 bit/s."""
+    """Silence that the drive needs between two frames [s]. None: 3.5 characters, and 1.75 ms above 19200 bit/s."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -121,22 +121,22 @@ class LineSection:
 
 @dataclass(frozen=True)
 class ModbusTorque:
-    """Torque registers, and the way in which a set-point is seen to act."""
+    """Torque registers, and the register that shows whether set-points act."""
 
     target: Register
-    """The set-point."""
+    """Target torque, the set-point."""
     actual: Register | None = None
     """Measured torque."""
     demand: Register | None = None
-    """Target torque as the drive has taken it over, in the unit of `target`."""
+    """Target torque in effect in the drive, in the unit of `target`."""
     rated: Register | None = None
     """Rated torque, read at configuration and compared with the rig."""
     limit: Register | None = None
-    """Torque limit of the drive itself; written with the limit of the run, and put back."""
+    """Torque limit in the drive; a run writes its limit and restores the old value."""
     full_scale: Torque | None = None
     """Torque at 32767 [N·m], for the unit full_scale/32767."""
     echo: Literal["demand", "actual", "none"] = "none"
-    """Register in which a set-point comes back, so that the loop sees whether its set-points act."""
+    """Register that returns the set-point; the loop uses it to check that its set-points act."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -150,7 +150,7 @@ class ModbusMotion:
 
 @dataclass(frozen=True)
 class ModeSection:
-    """Register of the mode in which the drive follows its target torque; it is set before the drive is enabled."""
+    """Register that selects the torque mode; it is written before the drive is enabled."""
 
     write: Register
     value: Annotated[int, Ge(-0x8000), Le(0xFFFF)]
@@ -161,7 +161,7 @@ class ModeSection:
 
 @dataclass(frozen=True)
 class WatchdogSection:
-    """The drive's watch on its master: the register of its time, and what it does when nothing comes."""
+    """Drive watchdog: the register of its time, and its reaction when requests stop."""
 
     time: Register
     """`unit` is ms or s."""
@@ -171,26 +171,26 @@ class WatchdogSection:
     writes: tuple[WrittenRegister, ...] = ()
     """Registers that choose the reaction."""
     fault: UInt32 | None = None
-    """Code in `power.error` by which the drive says that it lost its master; None: it has no code for it."""
+    """Code in `power.error` for a lost master. None: the drive has no such code."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class PowerSection:
-    """Registers by which the power stage is commanded, and what their values mean."""
+    """Registers that command the power stage, and the meaning of their values."""
 
     status: Register
-    """Its state, the statusword."""
+    """Register of the power state, the statusword."""
     command: Register
-    """What it is told, the controlword; it may be the register of the state."""
+    """Register of the power command, the controlword; may be the same register as the status."""
     table: Literal["cia402", "rows"] = "cia402"
-    """cia402: statusword and controlword of CiA 402; rows: `rows` tells."""
+    """"cia402": statusword and controlword of CiA 402; "rows": the table in `rows`."""
     rows: tuple[PowerRow, ...] = ()
-    """States with the command for each."""
+    """Rows of the power table: a state and its command."""
     off: UInt32 = 0
     """Command that frees the shaft in every state; only with `rows`."""
     reset: UInt32 | None = None
-    """Command that clears a fault; only with `rows`. It is sent after a proof of the watchdog, and never else."""
+    """Command that clears a fault; only with `rows`. It is sent only after a watchdog proof."""
     error: Register | None = None
     """Code of the fault."""
     __pydantic_config__: ClassVar = STRICT
@@ -198,11 +198,11 @@ class PowerSection:
 
 @dataclass(frozen=True)
 class IdentityRegister(Register):
-    """A register whose value tells the model; it is compared before anything is written."""
+    """Register whose value identifies the model; it is compared before anything is written."""
 
     name: str = field(kw_only=True)
     values: tuple[UInt32, ...] = field(default=(), kw_only=True)
-    """None given: the value is only shown."""
+    """Accepted values; without any, the value is only shown."""
     __pydantic_config__: ClassVar = STRICT
 
 

@@ -173,7 +173,7 @@ class ModbusTraffic:
 
     @property
     def disturbance(self) -> float:
-        """Whatever is sent beside the exchange is sent in the place of a set-point."""
+        """Return 0: a request beside the exchange takes the place of a set-point and adds no time."""
         return 0.0
 
     def latch(self, axis: str) -> float:

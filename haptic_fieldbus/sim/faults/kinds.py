@@ -182,7 +182,7 @@ class AnswerDelayed(DelayAtInstant):
 
 @dataclass(frozen=True)
 class AnswerSwapped(CountAtInstant):
-    """Each answer comes when the next request was sent: the master gets the answer to an earlier one."""
+    """Each answer arrives after the next request: the master receives the answer to an earlier request."""
 
     kind: Literal["answer_swapped"]
 
@@ -196,7 +196,7 @@ class AnswerGarbage(CountAtInstant):
 
 @dataclass(frozen=True)
 class AnswerCorrupted(CountAtInstant):
-    """One bit of each answer is another: on RTU the checksum shows it; on TCP it is in the header."""
+    """One bit of each answer is inverted: on RTU the checksum detects it; on TCP the bit is in the header."""
 
     kind: Literal["answer_corrupted"]
 
@@ -221,7 +221,7 @@ class AnswerWrongUnit(AtInstant):
 
 @dataclass(frozen=True)
 class AnswerException(AtInstant):
-    """The drive answers with an exception, and carries nothing out."""
+    """The drive answers with an exception and does not execute the request."""
 
     kind: Literal["answer_exception"]
     code: Annotated[int, Ge(1), Le(255)] = 4
@@ -230,15 +230,15 @@ class AnswerException(AtInstant):
 
 @dataclass(frozen=True)
 class ConnectionReset(OpenEndAtInstant):
-    """The connection is reset, or the serial adapter unplugged; for `duration` [s] there is none."""
+    """The connection is reset, or the serial adapter unplugged, for `duration` [s]."""
 
     kind: Literal["connection_reset"]
 
 
 @dataclass(frozen=True)
 class ForeignSetPoints(AtInstant):
-    """Set-points of another master, which nobody on the line hears: a target torque of `share` of rated torque, `count`
-    times, once every `interval` [s]. Each acts until the next one of either master."""
+    """Set-points of another master that no device on the line receives: a target torque of `share` of rated torque,
+    `count` times, every `interval` [s]. Each acts until the next set-point of either master."""
 
     kind: Literal["foreign_set_points"]
     share: Annotated[float, Ge(-1), Le(1)] = 0.8
@@ -268,14 +268,14 @@ AnswerFault = LineDisturbance | ForeignSetPoints
 
 @dataclass(frozen=True)
 class HostLate(DelayAtInstant):
-    """A busy computer: the next `count` times that the loop waits, it wakes up `delay` [s] too late."""
+    """A busy computer: the loop wakes up `delay` [s] late, the next `count` times that it waits."""
 
     kind: Literal["host_late"]
 
 
 @dataclass(frozen=True)
 class HostPaused(AtInstant):
-    """A computer that does nothing at all for `duration` [s], as with SIGSTOP or a lid that is closed."""
+    """A computer that does nothing for `duration` [s], as after SIGSTOP or in sleep mode."""
 
     kind: Literal["host_paused"]
     duration: Time
@@ -283,7 +283,7 @@ class HostPaused(AtInstant):
 
 @dataclass(frozen=True)
 class ClockStep(AtInstant):
-    """A clock of the computer that steps by `step` [s]: everything but that clock goes on as before."""
+    """The clock of the computer steps by `step` [s]; everything else continues."""
 
     kind: Literal["clock_step"]
     step: Annotated[float, Ge(-1000.0), Le(1000.0)]
@@ -291,7 +291,7 @@ class ClockStep(AtInstant):
 
 @dataclass(frozen=True)
 class SlowCompute(AtInstant):
-    """A computer that needs `extra` [s] more for each of the next `count` periods."""
+    """A slow computer: each of the next `count` periods takes `extra` [s] longer."""
 
     kind: Literal["slow_compute"]
     extra: Time
@@ -300,14 +300,14 @@ class SlowCompute(AtInstant):
 
 @dataclass(frozen=True)
 class HandRelease(AtInstant):
-    """The hand lets go of the handle."""
+    """The hand releases the handle."""
 
     kind: Literal["hand_release"]
 
 
 @dataclass(frozen=True)
 class HandHit(AtInstant):
-    """A blow of the hand: `force` [N], signed, more than it exerts otherwise, for `duration` [s]."""
+    """A blow of the hand: an additional signed `force` [N] for `duration` [s]."""
 
     kind: Literal["hand_hit"]
     force: Annotated[float, Ge(-1000.0), Le(1000.0)] = 100.0
@@ -331,9 +331,8 @@ class Emergency(AtInstant):
 
 @dataclass(frozen=True)
 class DriveFault(AtInstant):
-    """A fault that the drive detects: emergency message, fault reaction, *fault*.
-
-    Its cause lasts for `duration` [s], for which the fault cannot be reset; 0: for an instant.
+    """A fault that the drive detects: emergency message, fault reaction, *fault*. Its cause lasts for `duration` [s];
+    until then the fault cannot be reset. 0: for an instant.
     """
 
     kind: Literal["drive_fault"]
@@ -394,14 +393,14 @@ class HeartbeatLost(AtInstant):
 
 @dataclass(frozen=True)
 class DuplicateNode(AtInstant):
-    """A second node with the same node-ID joins: whatever this one sends is sent twice."""
+    """A second node with the same node-ID joins: each frame of the node is sent twice."""
 
     kind: Literal["duplicate_node"]
 
 
 @dataclass(frozen=True)
 class EncoderJump(AtInstant):
-    """A loss or gain of encoder counts."""
+    """A sudden offset of `counts` encoder counts."""
 
     kind: Literal["encoder_jump"]
     counts: Counts
@@ -409,7 +408,7 @@ class EncoderJump(AtInstant):
 
 @dataclass(frozen=True)
 class PositionStuck(OpenEndAtInstant):
-    """An encoder that keeps its last counts while the shaft moves."""
+    """An encoder that repeats its last counts while the shaft moves."""
 
     kind: Literal["position_stuck"]
 
@@ -431,7 +430,7 @@ class EncoderReversed(AtInstant):
 
 @dataclass(frozen=True)
 class TorqueDead(AtInstant):
-    """A current loop that makes no torque any more; the drive reports nothing but the torque actual value 0."""
+    """A current loop without torque; the drive reports no fault, only a torque actual value of 0."""
 
     kind: Literal["torque_dead"]
 
@@ -446,7 +445,7 @@ class TorqueSaturated(AtInstant):
 
 @dataclass(frozen=True)
 class TorqueReversed(AtInstant):
-    """A motor that turns the other way: the current, and the torque actual value, are as commanded."""
+    """A motor with reversed direction: current and torque actual value are as commanded."""
 
     kind: Literal["torque_reversed"]
 
@@ -479,7 +478,7 @@ class SdoRefusal(FaultTargets):
 
 @dataclass(frozen=True)
 class DeadGuard(FaultTargets):
-    """A watch on the master that acts `factor` times as late as it was set, None: never."""
+    """A drive watchdog that fires after `factor` times its set time. None: never."""
 
     kind: Literal["dead_guard"]
     factor: Annotated[float, Ge(1), Le(1000)] | None = None

@@ -175,7 +175,7 @@ class OptionalPart:
     """Median pass."""
     ns_quartiles: Quartiles
     cost: Cost | None = None
-    """What was timed; None for a difference."""
+    """The part that was timed; None for a difference."""
     spread: TimeDistribution | None = None
 
 
@@ -361,7 +361,7 @@ def load_average() -> float | None:
 
 @dataclass(frozen=True)
 class MachineNoise:
-    """What disturbs times of a machine."""
+    """Load of the machine that disturbs its times."""
 
     load: float | None
     """Load average before the first measurement; None where the system has none."""

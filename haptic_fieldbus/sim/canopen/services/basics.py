@@ -1,4 +1,4 @@
-"""What several services of a simulated node share: COB-IDs and timers."""
+"""Parts that several services of a simulated node share: COB-IDs and timers."""
 
 from collections.abc import Callable
 
