@@ -1,4 +1,4 @@
-"""What a scene takes of an axis and gives to it: its signals, worked out once a period, and its force field.
+"""Signals of an axis that a scene uses, computed once a period, and the force field of the scene.
 
 The field is made from the elements of the axis: position of the handle → force on it, in the workspace.
 
@@ -32,7 +32,7 @@ class AxisState:
     """Values that an axis keeps from one period to the next."""
 
     feedback: tuple[int, ...] = ()
-    """What was decoded last, at the places of `planning.image`."""
+    """Last decoded feedback, at the places of `planning.image`."""
     power: PowerState = PowerState.UNKNOWN
     controlword: int = 0
     missing: int = 0

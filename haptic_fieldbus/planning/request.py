@@ -27,7 +27,7 @@ from haptic_fieldbus.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Task:
-    """What a caller asks to have rendered, as it was given: a scene on a bench, the shipped one or that of a rig.
+    """Request of a caller, as it was given: a scene on a bench, the shipped one or that of a rig.
 
     Nothing is loaded or checked yet. A rig replaces `drive` and `node`. A `bus` that is given replaces the buses of the
     rig. The open loop, which has no bench, takes the scene and how it is rendered alone.

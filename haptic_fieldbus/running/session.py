@@ -70,7 +70,7 @@ class Session:
     progress: Callable[[int, int], None] | None = None
     """Function that gets the periods done and the periods of the whole run."""
     _warnings: list[str] = field(default_factory=list, init=False)
-    """What is to be told of guards and directions."""
+    """Warnings about drive watchdogs and motor directions."""
     _proofs: tuple[Proof, ...] = field(default=(), init=False)
     _host: tuple[Right, ...] = field(default=(), init=False)
     _bus: Bus | None = field(default=None, init=False)

@@ -282,7 +282,7 @@ class Abilities:
 
 
 class _Stated:
-    """What an element says, or else the default of `Abilities`."""
+    """Members of an element, with the defaults of `Abilities`."""
 
     def __init__(self, element: object) -> None:
         self._element = element

@@ -68,7 +68,7 @@ class Way:
 
 
 class Use(Way, Enum):
-    """What the master does with an object."""
+    """Use of an object by the master."""
 
     READ = "read by SDO", ("ro", "rw", "rww", "rwr", "const")
     WRITTEN = "written by SDO", ("rw", "rww", "rwr", "wo")

@@ -62,7 +62,7 @@ def until(t_ns: int, duration: float | None) -> int:
 
 
 class DriveBench:
-    """What the simulated drives of a bus share: seed, planned actions and the schedule of their faults.
+    """Parts that the simulated drives of a bus share: seed, planned actions and the schedule of their faults.
 
     At least the `longest` latest segments of the true motion of each drive are kept, None: all.
     """

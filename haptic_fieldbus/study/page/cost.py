@@ -28,7 +28,7 @@ from haptic_fieldbus.study.page.html import (
 
 # What each scene leaves out: a line a scene on the first screen, and all of them with their reasons further down.
 
-LEFT_OUT = """What a scene does not need is not imported, mapped, decoded, estimated or stepped. The time
+LEFT_OUT = """Parts that a scene does not need are not imported, mapped, decoded, estimated or stepped. The time
 is that of computing a whole period, the median of 25 repeats in which the scenes take turns, and the middle half of
 the repeats. The image is what is read and written in a period, all axes together."""
 

@@ -105,8 +105,8 @@ def impedance(scene: str, bench: Bench, space: StateSpace, environment: StateSpa
 SCENES = ("wall", "damped_wall", "sprung_mass")
 """Scenes that show a spring, an estimated velocity, and virtual states."""
 
-EXPLAINED = """What the hand feels is not the scene but Z(jω) = force of the hand over velocity of the handle, with
-the device's own mass and friction in it, in contact with the scene. The sampled curve is that of the whole loop:
+EXPLAINED = """A hand feels the impedance Z(jω), the force of the hand over the velocity of the handle. It contains the
+mass and friction of the device and the scene that the handle touches. The sampled curve is that of the whole loop:
 encoder sampling, estimator or integrator, delay, hold and torque loop, on the device in continuous time, up to half
 the sampling rate. The ideal has the same device and the scene in continuous time. Where the real part falls below
 zero, the handle can give a hand more energy than it got."""

@@ -192,10 +192,10 @@ def work_precision_section(context: Context) -> Section:
     return Section("work-precision", title, "".join(body), tuple(_findings(found)), figures, card=card)
 
 
-LIMITS_EXPLAINED = """What each method claims, and what bisection on its own step finds: the largest <i>h</i> =
-T·√(k/m) at which an undamped oscillator does not grow, and the largest T/τ at which a decay with time constant τ does
-not. 0: it grows at every step size, T sets only how fast. This is the integrator by itself; what the sampled loop
-does is another matter, below."""
+LIMITS_EXPLAINED = """Stability limits that each method states, and those that bisection on its own step finds: the
+largest <i>h</i> = T·√(k/m) at which an undamped oscillator does not grow, and the largest T/τ at which a decay with
+time constant τ does not. 0: it grows at every step size, and T sets only how fast. This is the integrator by itself.
+The sampled loop is another matter, below."""
 
 
 def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
