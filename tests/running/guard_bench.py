@@ -11,7 +11,6 @@ import can
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.running.session import Session, Site
@@ -72,6 +71,7 @@ class GuardBench:
         self.prove = prove
         found = load(Task(scene, rate=rate, rig=rig))
         self.selection = replace(found, rig=found.rig.unproved()) if prove else found
+        self.plan = self.selection.plan
         self.clock = Frozen()
         self.world = World(self.clock, 1_000_000, seed)
         self.frames: list[tuple[int, int, bytes]] = []
@@ -80,10 +80,6 @@ class GuardBench:
         self.port = SimulatedBus(world=self.world)
         self.forger = SimulatedBus(world=self.world)
         self.bus = CanopenBus(self.port, self.clock, owned=True)
-
-    @property
-    def plan(self) -> Plan:
-        return self.selection.plan
 
     def put(self, faults: Iterable[Fault] = (), *, but: Callable[[World], object] | None = None) -> "GuardBench":
         """Put the drives on the bus."""
