@@ -23,8 +23,8 @@ _MARKERS = (
     "virtual_can_bus(time, bitrate, seed): the simulated bus of this test; time is 'real' or 'virtual'",
     "virtual_modbus_line(bus, seed): the simulated Modbus line of this test; bus is 'modbus-tcp:127.0.0.1:0', which is "
     "a free port, or 'modbus-rtu:pty'",
-    "fault_plan(faults, within, kinds): what goes wrong in this test: a file, a list of faults, 'random@SEED', "
-    "or 'random' for a new seed each time",
+    "fault_plan(faults, within, kinds): faults of this test: a file, a list of faults, 'random@SEED', or 'random' for "
+    "a new seed each time",
 )
 
 
@@ -120,4 +120,4 @@ def _refusing() -> Iterator[None]:
     try:
         yield
     except (TypeError, ValueError) as error:  # a wrong keyword of a mark; the package's own errors of usage
-        pytest.fail(f"the marks of this test cannot be fulfilled: {error}", pytrace=False)
+        pytest.fail(f"invalid marks of this test: {error}", pytrace=False)

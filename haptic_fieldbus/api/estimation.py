@@ -95,7 +95,9 @@ def estimate_from(asked: SignalRequest) -> Estimation:
     spec = asked.estimator or (INTEGRATION if signal.quantity == VELOCITY else DEFAULT_ESTIMATOR)
     if spec == INTEGRATION:
         if signal.quantity != VELOCITY:
-            raise UsageError(f"{INTEGRATION} integrates velocities, and {asked.file} has positions: name an estimator")
+            raise UsageError(
+                f"{INTEGRATION} integrates velocities, but {asked.file} has positions: choose an estimator"
+            )
         found = _integrated(signal, period, resolution)
     else:
         chosen(spec).setup(period)  # a wrong parameter is told before a fault of the times
@@ -122,9 +124,9 @@ def _check_even(file: Path, signal: Samples, period: float) -> None:
     if len(uneven):
         row = int(uneven[0])
         message = (
-            f"{rounded(float(steps[row]))} s after the row before; expected about {rounded(period)} s each time, as an"
+            f"{rounded(float(steps[row]))} s after the row before; expected about {rounded(period)} s, because an "
+            f"estimator counts periods ({INTEGRATION} accepts any times); {len(uneven)} such rows in total"
         )
-        message += f" estimator counts periods ({INTEGRATION} takes any times); {len(uneven)} such rows in all"
         raise DocumentError(file, [Fault("time", message, int(signal.lines[row + 1]))])
 
 

@@ -89,7 +89,7 @@ def _frequency(text: str) -> float:
         frequency = math.nan
     if not 0.0 < frequency <= LARGEST_FREQUENCY:
         expected = f"a frequency above 0 in Hz, at most {exactly(LARGEST_FREQUENCY)}, for example sine@2"
-        raise UsageError(f'input "{text}": after @ stands {expected}')
+        raise UsageError(f'input "{text}": expected {expected} after @')
     return frequency
 
 

@@ -32,7 +32,7 @@ def rehearsal(task: Task, trial: Trial) -> Iterator[Rig]:
     for name, axis in selection.rig.axis.items():
         profile = load_profile(axis.profile, task.profiles)
         if profile.drive.protocol != DEFAULT_PROTOCOL:
-            raise UsageError(f"{axis.profile} speaks {profile.drive.protocol}, and a rehearsal is on CANopen")
+            raise UsageError(f"{axis.profile} uses {profile.drive.protocol}; rehearse supports CANopen only")
         # Each hand waits for the force, and is where the scene holds its axis.
         holding = hand.after(trial.fade_in) if hand is not None and selection.scene.holds(name) else None
         # The power of a real drive has to be cut by somebody: that is not taken for granted here.

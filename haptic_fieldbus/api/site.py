@@ -168,13 +168,13 @@ def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
 def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
     kinds = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
     wrong = [
-        f'fault "{fault.kind}" is on the bus "{fault.bus}"; this run has: {", ".join(kinds)}'
+        f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(kinds)}'
         for fault in faults
         if fault.bus is not None and fault.bus not in kinds
     ]
     protocols = ", ".join(dict.fromkeys(bus.protocol for bus in plan.buses))
     wrong += [
-        f'fault "{fault.kind}" is none that a bus of this run can have ({protocols}); leave it out'
+        f'no bus of this run supports the fault "{fault.kind}" ({protocols}); remove it'
         for fault in faults
         if fault.bus in (None, *kinds)
         and not any(fault.kind in kinds[name] for name in kinds if fault.bus in (None, name))
@@ -206,5 +206,5 @@ def _found(built_in: dict[str, str], group: str, protocol: str, what: str) -> ob
         module, name = built_in[protocol].split(":")
         return getattr(import_module(module), name)
     if protocol not in added(group):
-        raise UsageError(f"{protocol} has no {what}: no package adds one (entry point group {group})")
+        raise UsageError(f"{protocol} has no {what}: no installed package provides it (entry point group {group})")
     return added(group)[protocol].load()

@@ -141,7 +141,7 @@ def _plant_of(period: float, *, mass: float, **others: float) -> Plant:
         if not (faults or mass) and others["damping"]:  # then a spring has a limit all the same
             massless = Plant(0.0, others["damping"])
             limit = stiffness_limit(massless, period, others["delay"], lambda stiffness: gain([[-stiffness]]))
-            expected += f"; as it goes to 0, the limit of a spring goes to {rounded_limit(limit)}"
+            expected += f"; for a mass towards 0 the limit of a spring goes to {rounded_limit(limit)}"
         faults.insert(0, f"mass {exactly(mass)}: {expected}")
     if faults:
         raise UsageError("\n".join(faults))

@@ -82,9 +82,9 @@ def forgiven_text(found: Passivity) -> str | None:
         return None
     reasons = sorted(reason for reason in found.booked if reason not in (CHANGE, PULSES))
     return (
-        f"the hand got {in_unit(sum(found.booked[reason] for reason in reasons), 'J')} beyond what the scene had "
-        f"stored, because less was sent before than it asked for ({', '.join(reasons)}); at most "
-        f"{in_unit(found.forgiven, 'J')} within a second, the limit is {in_unit(found.forgiven_limit, 'J')}"
+        f"{in_unit(sum(found.booked[reason] for reason in reasons), 'J')} more went into the handle than the scene "
+        f"had stored, because the force had been reduced before ({', '.join(reasons)}); at most "
+        f"{in_unit(found.forgiven, 'J')} within one second (limit {in_unit(found.forgiven_limit, 'J')})"
     )
 
 
@@ -94,6 +94,6 @@ def cost_text(found: Passivity) -> str | None:
     if cost is None:
         return None
     return (
-        f"the controller took {in_unit(cost.energy, 'J')} from the hand, with at most "
-        f"{in_unit(cost.peak, cost.unit)}, in {percent(cost.share)} of the periods"
+        f"the passivity controller absorbed {in_unit(cost.energy, 'J')} with at most {in_unit(cost.peak, cost.unit)}, "
+        f"in {percent(cost.share)} of the periods"
     )

@@ -166,7 +166,7 @@ class CommandDelay:
         if len(found):
             self._delay_ns = int(np.median(target_ns[found] - recording.times_ns[newest[found] - whole]))
         if self._delay_ns is None:
-            raise ValueError("no recorded command was taken over by the drive")
+            raise ValueError("the drive accepted no recorded command")
         acting_ns = recording.times_ns + self._delay_ns
         own = np.zeros(len(command), dtype=bool)
         # numpy keeps the last of several writes to one index: in reverse order, the first target of a period wins.

@@ -94,11 +94,11 @@ class Proof:
 
     def __str__(self) -> str:
         """Return the outcome in words."""
-        asked = f"asked for were {exactly(1e3 * self.guard)} ms"
+        asked = f"set to {exactly(1e3 * self.guard)} ms"
         if self.off is None:
             seen = rounded(1e3 * self.enabled)
-            return f"axis {self.axis} did not let go in {seen} ms when it was left alone at zero torque; {asked}"
-        return f"axis {self.axis} let go {rounded(1e3 * self.off)} ms after it was left alone at zero torque; {asked}"
+            return f"axis {self.axis}: drive watchdog did not fire within {seen} ms ({asked})"
+        return f"axis {self.axis}: drive watchdog fired after {rounded(1e3 * self.off)} ms ({asked})"
 
     def to_json(self) -> Json:
         """Return the object of `run --json`; the time is None for a drive that never switched off."""
@@ -327,7 +327,7 @@ class Result:
 def result_rows(result: Result) -> Iterator[OutputRow]:
     """Yield all that is told of a run, in the order of its text; figures that are not known have no text."""
     plan, timing, error, stability = result.plan, result.timing, result.torque_error, result.stability
-    yield OutputRow("guard", map(str, result.proofs), "guards", [proof.to_json() for proof in result.proofs])
+    yield OutputRow("watchdog", map(str, result.proofs), "guards", [proof.to_json() for proof in result.proofs])
     yield from (
         OutputRow(key=name, value=getattr(result, name)) for name in ("scene", "drive", "bus", "clock", "cycles")
     )
@@ -376,10 +376,10 @@ def _periods_texts(result: Result) -> Iterator[str]:
         return
     speed = ""
     if result.clock == "virtual" and result.elapsed and result.duration:
-        speed = f" · {rounded(result.duration)} s in {rounded(result.elapsed)} s"
+        speed = f" · {rounded(result.duration)} s simulated in {rounded(result.elapsed)} s"
     yield f"{periods_text(result)}{load_text(result)}{speed}"
     if result.clock != "virtual" and result.periods is not None and result.timing is not None:
-        named = (("began late by", result.timing.lateness_us), ("age of the feedback", result.timing.age_us))
+        named = (("late by", result.timing.lateness_us), ("feedback age", result.timing.age_us))
         texts = [f"{name} {_percentiles_text(times)}" for name, times in named if times is not None]
         if texts:
             yield "; ".join(texts)
@@ -414,12 +414,12 @@ def periods_text(result: Result) -> str:
         return words
     lateness = timing.lateness_us
     most, longest = milliseconds(1e-6 * lateness.p999), milliseconds(1e-6 * lateness.max)
-    return f"{words}, {timing.late} late (99.9 % by at most {most}, the latest by {longest})"
+    return f"{words}, {timing.late} late (p99.9 {most}, max {longest})"
 
 
 def _percentiles_text(times: Percentiles) -> str:
     """Return the median, two percentiles and the maximum of a time."""
-    shares = ((times.p50, "median"), (times.p99, "99 %"), (times.p999, "99.9 %"), (times.max, "at most"))
+    shares = ((times.p50, "median"), (times.p99, "p99"), (times.p999, "p99.9"), (times.max, "max"))
     return ", ".join(f"{milliseconds(1e-6 * value)} ({share})" for value, share in shares)
 
 
@@ -427,7 +427,7 @@ def load_text(result: Result) -> str:
     if result.bus_load is None:
         return ""
     others = result.bus_load - (result.plan.bus_load if result.plan is not None else result.bus_load)
-    of_it = f", {percent(others)} of it by other devices" if others >= WORTH_NAMING else ""
+    of_it = f", {percent(others)} by other devices" if others >= WORTH_NAMING else ""
     return f" · bus load {percent(result.bus_load)}{of_it}"
 
 
@@ -448,8 +448,7 @@ def energy_text(energy: float | None) -> str:
     """Return the work that the error did on the hand [J]: more or less than the ideal; empty when unknown or 0."""
     if not energy:
         return ""
-    way = "gives the hand" if energy > 0.0 else "takes from the hand"
-    return f"{way} {in_unit(abs(energy), 'J')} more than the ideal · "
+    return f"the loop {'added' if energy > 0.0 else 'absorbed'} {in_unit(abs(energy), 'J')} · "
 
 
 def length(value: float, workspace: Workspace) -> str:

@@ -73,15 +73,15 @@ def run_verdict(
     of the worst axis, None without contact; `ripple` is None when not measured; `missed` counts the periods skipped.
     """
     if not stable:
-        return f"Unstable: a {scene} beyond this bench's limit, which a hand may hold down but not the drive alone."
+        return f"Unstable: the {scene} is above the limit of this bench. A hand may damp it; the drive alone cannot."
     if felt is None:
-        return f"The handle met nothing: no contact in this run{_with(hand)}."
+        return f"No contact in this run: the handle touched nothing{_with(hand)}."
     if felt.contact is None:
-        parts = [f"Not judged: the handle rested whenever the {scene} acted{_with(hand)}"]
+        parts = [f"Not judged: the handle did not move while the {scene} acted{_with(hand)}"]
     else:
-        parts = [_felt(scene, effort, hand, felt, felt.contact)]
+        parts = [_felt(effort, hand, felt, felt.contact)]
     if ripple is not None:
-        parts.append("no chatter" if ripple < FELT_SHARE else f"it chatters: {percent(ripple)} ripple")
+        parts.append("no chatter" if ripple < FELT_SHARE else f"the {scene} chatters: {percent(ripple)} ripple")
     if missed:
         parts.append(f"{missed} periods missed")
     return "; ".join(parts) + "."
@@ -94,35 +94,31 @@ def real_verdict(*, effort: str, in_time: float, cut: float, behind: float | Non
     limit or cap, of the worst axis; `behind` is rms(torque actual − target) / rms(target) of the worst axis whose drive
     tells its torque, None when none does. `rehearsed` says that the drives are simulated, in real time.
     """
-    real = "Rendered on a real drive: its true error is not known here"
+    real = f"Rendered on a real drive: the true {effort} error is unknown"
     parts = [
-        f"{'Rehearsed on a simulated drive' if rehearsed else real}; {percent(in_time)} of the periods began in time",
-        f"the {effort} was " + (f"cut in {percent(cut)} of them" if cut else "never cut"),
+        f"{'Rehearsed on a simulated drive' if rehearsed else real}; {percent(in_time)} of the periods started on time",
+        f"the {effort} was " + (f"limited in {percent(cut)} of the periods" if cut else "never limited"),
     ]
     if behind is not None:
-        parts.append(f"the drive's own torque differs from its target by {percent(behind)}")
+        parts.append(f"the torque in the drive differs from its target by {percent(behind)}")
     return "; ".join(parts) + "."
 
 
-def _felt(scene: str, effort: str, hand: str, felt: FeltError, contact: float) -> str:
-    to = f" to the hand {hand}" if hand else ""
-    limit = f"the {percent(FELT_SHARE)} a hand can tell"
-    share = f"error {percent(contact)} of the {effort} in {felt.seconds:.2g} s of moving contact"
+def _felt(effort: str, hand: str, felt: FeltError, contact: float) -> str:
+    share, limit = f"{effort} error {percent(contact)}", f"(people notice from {percent(FELT_SHARE)})"
+    moved = f"{felt.seconds:.2g} s of moving contact"
+    where = f', hand "{hand}", {moved}' if hand else f", {moved}"
     if contact < FELT_SHARE:
-        return f"Feels like the ideal {scene}{to}: {share}, below {limit}"
+        return f"Feels right: {share} {limit}{where}"
     late = f"{rounded(1e3 * felt.late)} ms"
-    added = f"the loop {'added' if felt.added >= 0.0 else 'took'} {rounded(1e3 * abs(felt.added))} mJ"
+    added = f"the loop {'added' if felt.added >= 0.0 else 'absorbed'} {rounded(1e3 * abs(felt.added))} mJ"
     if felt.shape >= FELT_SHARE:
-        return f"Feels different from the ideal {scene}{to}: {share}, above {limit}; {added}"
+        return f"Feels different: {share} {limit}{where}; {added}"
     if felt.by_event and felt.late <= EVENT_DELAY:
-        noticed = f"{late} late (people notice it from {rounded(1e3 * EVENT_DELAY)} ms)"
-        return (
-            f"Feels like the ideal {scene}{to}, {noticed}: {share}, {percent(felt.shape)} beside the delay, below "
-            f"{limit}; {added}"
-        )
-    beside = f"{percent(felt.shape)} of it beside the delay of {late}"
-    return f"Feels different from the ideal {scene}{to}: {share}, {beside}, above {limit}; {added}"
+        noticed = f"{late} late (people notice from {rounded(1e3 * EVENT_DELAY)} ms)"
+        return f"Feels right, {noticed}: {share}, {percent(felt.shape)} without the delay {limit}{where}; {added}"
+    return f"Feels different: {share}, {percent(felt.shape)} without the delay of {late} {limit}{where}; {added}"
 
 
 def _with(hand: str) -> str:
-    return f" with the hand {hand}" if hand else ""
+    return f' (hand "{hand}")' if hand else ""

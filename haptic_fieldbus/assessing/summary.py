@@ -216,9 +216,10 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             yield _unseen(axis, unseen, sign.broken_off)
         if doubts:
             yield (
-                f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "
-                f"then at most {in_unit(axis.limits.before_sign, axis.workspace.effort_unit)} was given until the sign "
-                "was seen again, and then until contact was left"
+                f"axis {axis.name}: the handle moved against the torque {doubts} times, as after a blow; the "
+                f"{axis.workspace.effort_name} was then limited to "
+                f"{in_unit(axis.limits.before_sign, axis.workspace.effort_unit)} until the motor direction was "
+                "confirmed again and contact had ended"
             )
         if stalls:
             yield _stood_still(axis, stalls, plan.period)
@@ -227,9 +228,11 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
 def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
     unit, often = axis.workspace.effort_unit, f"in {100 * share:.0f} % of the periods"
     if asked > axis.limits.effort:
-        return f"axis {axis.name}: the motor gives {axis.limits.effort:.3g} of the {asked:.3g} {unit} asked, {often}"
+        return (
+            f"axis {axis.name}: the motor applied {axis.limits.effort:.3g} of the {asked:.3g} {unit} requested, {often}"
+        )
     return (
-        f"axis {axis.name}: {often} the scene asked for more {axis.workspace.effort_name} than permitted; the limit is "
+        f"axis {axis.name}: {often} the scene requested more {axis.workspace.effort_name} than the limit of "
         f"{axis.limits.effort:.3g} {unit}"
     )
 
@@ -237,26 +240,26 @@ def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
 def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
     often = "once" if stalls == 1 else f"{stalls} times"
     return (
-        f"axis {axis.name}: the position stood still under {axis.workspace.effort_name} for "
-        f"{exactly(axis.limits.stall)} s, {often}, as when a hand leans or the encoder's cable is broken; pulses "
-        f"did not ask the encoder ({why_not_asked(axis, period)}); then at most "
-        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)} was given until contact was left, so that who "
-        f"pushes harder gets further in. A longer time for a hand: axis.{axis.name}.limits.stall in the rig"
+        f"axis {axis.name}: the position did not change under {axis.workspace.effort_name} for "
+        f"{exactly(axis.limits.stall)} s, {often}. A leaning hand and a broken encoder cable look the same, and no "
+        f"test pulses were possible ({why_not_asked(axis, period)}). The {axis.workspace.effort_name} was then limited "
+        f"to {in_unit(axis.limits.holding, axis.workspace.effort_unit)} until contact ended; a hand that pushes harder "
+        f"gets through. To allow more time, raise axis.{axis.name}.limits.stall in the rig"
     )
 
 
 def _shifted(axis: AxisPlan, gaps: GapCounts, share: float) -> str:
     return (
-        f"axis {axis.name}: after {_times(gaps.short, 'short gap')} in the feedback the scene stood up to "
-        f"{in_unit(gaps.farthest, axis.workspace.length_unit)} beside its place, in {100 * share:.0f} % of the "
-        "periods; it goes back as the handle gives way to it"
+        f"axis {axis.name}: after {_times(gaps.short, 'short feedback gap')} the scene was displaced by up to "
+        f"{in_unit(gaps.farthest, axis.workspace.length_unit)}, in {100 * share:.0f} % of the periods; it moves back "
+        "as the handle gives way"
     )
 
 
 def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
     return (
-        f"axis {axis.name}: after {_times(gaps, 'long gap')} in the feedback the {axis.workspace.effort_name} stayed "
-        f"capped at what it was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves "
+        f"axis {axis.name}: after {_times(gaps, 'long feedback gap')} the {axis.workspace.effort_name} stayed limited "
+        f"to its value before the gap, in {100 * share:.0f} % of the periods; the limit ends when the handle leaves "
         "contact"
     )
 
@@ -269,12 +272,13 @@ def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
     told = "the run was too short"
     if failures:
         told = (
-            "nothing moved the way of the torque or against it: let go of the handle, or friction is larger than told"
+            "the handle moved neither with the torque nor against it: release it; friction may be larger than in "
+            "the rig"
         )
     elif broken_off:
-        told = f"gaps in the feedback broke the proof off, {broken_off} times: see how late periods and feedback were"
+        told = f"feedback gaps interrupted the check {broken_off} times: look at late periods and feedback age"
     return (
-        f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
+        f"axis {axis.name}: motor direction not confirmed, so the {axis.workspace.effort_name} was limited to "
         f"{in_unit(axis.limits.before_sign, axis.workspace.effort_unit)}; {told}"
     )
 

@@ -71,7 +71,7 @@ class Reach:
         try:
             return None if depth_at is None else depth_at(position)
         except Exception as error:  # of an element of one's own: it must not hide how the run ended
-            fault = f"element {element.name} raised {type(error).__name__} when asked for its depth: {error}"
+            fault = f"depth of element {element.name}: {type(error).__name__}: {error}"
             self.faults += [fault] if fault not in self.faults else []
             return None
 

@@ -29,18 +29,22 @@ def vcan(
         list[str] | None, option("NAME", "Virtual CAN interface, may be repeated.", default=DEFAULT_VCAN)
     ] = None,
     out: Annotated[
-        list[Path] | None, option("DIR", "Folder that the command can write to in a guest, may be repeated.")
+        list[Path] | None, option("DIR", "Folder that the command may write to in a guest kernel; may be repeated.")
     ] = None,
     time_limit: Annotated[
         float,
-        option("S", "End the command after so many seconds, with exit status 124. \\[default: none]", parser=seconds),
+        option(
+            "S",
+            "Time limit of the command in s; then it is ended with exit status 124. \\[default: none]",
+            parser=seconds,
+        ),
     ] = inf,
-    guest: Annotated[bool, option(None, "Use a guest kernel at any rate.", None, "--guest")] = False,
+    guest: Annotated[bool, option(None, "Always use a guest kernel.", None, "--guest")] = False,
 ) -> None:
-    """Run a command beside virtual CAN interfaces of SocketCAN, and exit with its status.
+    """Run a command with virtual SocketCAN interfaces, and exit with its status.
 
-    They are those of this machine if it has them or lets this user make them; else those of a guest kernel (User-Mode
-    Linux), which needs no rights and sees the same files, read-only but for --out.
+    The interfaces are those of this machine if it has them or this user may create them. Otherwise a guest kernel
+    (User-Mode Linux) provides them; it needs no rights and sees the same files, read-only except --out.
     """
     from haptic_fieldbus.vcan.runner import GuestTask, run
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 # Command `scan`: the nodes of a bus, by reading alone.
 
 NOBODY_ANSWERS = (
-    "no node answered: check that the drives have power, the wiring and both 120 Ω terminators, and the bit rate; "
-    "doctor tells what the adapter says"
+    "no node answered: check the power of the drives, the wiring, both 120 Ω terminators and the bit rate; run doctor "
+    "to check the adapter"
 )
 
 
@@ -51,7 +51,7 @@ class BusOptions:
         str | None,
         option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
     ] = None
-    rig: Annotated[Path | None, option("FILE", "Rig file, whose buses are looked at.", BENCH)] = None
+    rig: Annotated[Path | None, option("FILE", "Rig file whose buses are examined.", BENCH)] = None
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 
@@ -72,7 +72,7 @@ class ScanOptions(BusOptions):
 
     asked: Annotated[
         str | None,
-        option("IDS", "Nodes to ask, as in 1-8 or 1,3.", BENCH, "--node", default="all on CAN, 1 on Modbus"),
+        option("IDS", "Nodes to read, as in 1-8 or 1,3.", BENCH, "--node", default="all on CAN, 1 on Modbus"),
     ] = None
 
     def nodes(self) -> list[int]:
@@ -86,7 +86,7 @@ class ScanOptions(BusOptions):
 
 @options_of(ScanOptions)
 def scan(options: ScanOptions) -> None:
-    """List the nodes of a bus: who they are, their state, the profile that fits. Nothing is written to them."""
+    """List the nodes of a bus: identity, state and matching profile. Nothing is written to them."""
     from haptic_fieldbus.api.bench import scans
 
     show(note_assumed_bitrate(options.bus), sys.stderr)
@@ -144,14 +144,14 @@ class DriveOptions(BusOptions):
 class DoctorOptions(DriveOptions):
     """Options of `doctor`."""
 
-    rate: Annotated[
-        float, option("HZ", "Rate of the loop that is to run.", RENDERING, default=DEFAULT_RATE, parser=frequency)
-    ] = DEFAULT_RATE
+    rate: Annotated[float, option("HZ", "Planned loop rate.", RENDERING, default=DEFAULT_RATE, parser=frequency)] = (
+        DEFAULT_RATE
+    )
 
 
 @options_of(DoctorOptions)
 def doctor(options: DoctorOptions) -> None:
-    """Check adapter, bus and computer before a drive is used, and say what to do about each fault."""
+    """Check adapter, bus and computer before a drive is used; print a remedy for each fault."""
     from haptic_fieldbus.api.bench import examined
 
     show(note_assumed_bitrate(options.bus), sys.stderr)
@@ -180,16 +180,16 @@ class WatchOptions(DriveOptions):
     """Options of `watch`."""
 
     duration: Annotated[
-        float | None, option("S", "Time to watch; until Ctrl-C unless given.", RENDERING, parser=seconds)
+        float | None, option("S", "Duration of watching; default: until Ctrl-C.", RENDERING, parser=seconds)
     ] = None
 
 
 @options_of(WatchOptions)
 def watch(options: WatchOptions) -> None:
-    """Show position, velocity, torque and state of drives while nothing is enabled; Ctrl-C ends it."""
+    """Show position, velocity, torque and state of drives until Ctrl-C; nothing is enabled."""
     duration = math.inf if options.duration is None else options.duration
     if not duration > 0.0:
-        raise UsageError(f"--duration {options.duration}: expected seconds, more than 0")
+        raise UsageError(f"--duration {options.duration}: expected a number of seconds above 0")
     show(note_assumed_bitrate(options.bus), sys.stderr)
     look(options.bench(), duration, sys.stdout, as_json=options.as_json)
 

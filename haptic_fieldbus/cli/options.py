@@ -45,7 +45,7 @@ BUSES = (
 """Names of buses, for the help."""
 DRIVE = f"{DEFAULT_DRIVE} on CAN, {DEFAULT_MODBUS_DRIVE} on Modbus"
 """Default of the drive, for the help."""
-RATE = f"{exactly(DEFAULT_RATE)} on CAN, the highest that it sustains on Modbus"
+RATE = f"{exactly(DEFAULT_RATE)} on CAN, the highest possible on Modbus"
 """Default of the rate, for the help."""
 SHOWN = (
     "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "zero", "profiles",
@@ -55,7 +55,7 @@ SHOWN = (
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
 
 
-HANDS = "push, tap, sine, guide, shake, release or none."
+HANDS = "Motion of the simulated hand: push, tap, sine, guide, shake, release or none."
 """Names of the simulated hands, for the help."""
 
 
@@ -109,7 +109,7 @@ ProfilesOption = Annotated[
     str | None,
     option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
 ]
-PlotOption = Annotated[Path | None, option("PATH", "A picture: .png, .svg or .pdf.", OUTPUT)]
+PlotOption = Annotated[Path | None, option("PATH", "File of the picture: .png, .svg or .pdf.", OUTPUT)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,57 +120,67 @@ class SceneOptions:
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
     ]
     rate: Annotated[
-        float | None, option("HZ", rf"Periods a second. \[default: {RATE}]", RENDERING, parser=frequency)
+        float | None, option("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING, parser=frequency)
     ] = None
     settings: Annotated[
         list[str] | None,
-        option("ELEMENT.PARAMETER=VALUE", "Change the scene; may be repeated.", RENDERING, "--set"),
+        option("ELEMENT.PARAMETER=VALUE", "Set a parameter of the scene; may be repeated.", RENDERING, "--set"),
     ] = None
-    method: Annotated[str | None, option("NAME", "Integrator of virtual states.", RENDERING)] = None
+    method: Annotated[str | None, option("NAME", "Integrator of the virtual states.", RENDERING)] = None
     estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
     as_json: JsonOption = False
     drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
     bus: Annotated[str | None, option("BUS", BUSES, BENCH, default=DEFAULT_BUS)] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
-    rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+    rig: Annotated[Path | None, option("FILE", "Rig file of your bench; --bus sim simulates it.", BENCH)] = None
     axes: Annotated[
         list[str] | None,
-        option("SCENE_AXIS=RIG_AXIS", "Render an axis of the scene on another one; may be repeated.", BENCH, "--axis"),
+        option(
+            "SCENE_AXIS=RIG_AXIS",
+            "Assign an axis of the scene to an axis of the rig; may be repeated.",
+            BENCH,
+            "--axis",
+        ),
     ] = None
     zero: Annotated[
         str | None,
-        option("here", "Count positions from where the handle is at enabling, whatever the rig says.", BENCH),
+        option("here", "Zero is the position of the handle at enabling, instead of the zero of the rig.", BENCH),
     ] = None
     profiles: ProfilesOption = None
     duration: Annotated[
-        float | None, option("S", "Time from enabling on.", RENDERING, default=DEFAULT_DURATION, parser=seconds)
+        float | None, option("S", "Duration from enabling.", RENDERING, default=DEFAULT_DURATION, parser=seconds)
     ] = None
     change: Annotated[
         list[str] | None,
         option(
             "S:ELEMENT.PARAMETER=VALUE",
-            "Change the scene while it runs, S seconds from enabling on; may be repeated.",
+            "Change the scene S seconds after enabling; may be repeated.",
             RENDERING,
         ),
     ] = None
-    force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
+    force: Annotated[bool, option(None, "Run even if the loop is unstable.", RENDERING, "--force")] = False
     fade_in: Annotated[
         float,
-        option("S", "Time from enabling to the full force limit.", RENDERING, default=DEFAULT_FADE_IN, parser=seconds),
+        option(
+            "S", "Time from enabling until the full force limit.", RENDERING, default=DEFAULT_FADE_IN, parser=seconds
+        ),
     ] = DEFAULT_FADE_IN
     hand: Annotated[
         str | None,
-        option("NAME", HANDS, SIMULATION, default=f"that of the scene, or {DEFAULT_HAND}"),
+        option("NAME", HANDS, SIMULATION, default=f"the hand of the scene, or {DEFAULT_HAND}"),
     ] = None
-    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
+    seed: Annotated[int, option("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
     faults: Annotated[
-        str | None, option("FILE", "Faults of drive, bus, host and hand; random@SEED draws some.", SIMULATION)
+        str | None,
+        option("FILE", "File of faults of drive, bus, host and hand; random@SEED draws random ones.", SIMULATION),
     ] = None
     prove: Annotated[
         bool,
-        option(None, "Prove first, at zero torque, that drives left alone let go.", BENCH, "--prove"),
+        option(None, "Test the drive watchdogs at zero torque first.", BENCH, "--prove"),
     ] = False
-    record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
+    record: Annotated[
+        Path | None, option("PATH", "Record frames as .log (candump) or .blf, or one row per period as .csv.", OUTPUT)
+    ] = None
     plot: PlotOption = None
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
 
@@ -204,7 +214,7 @@ def refuse_beside_rig(rig: Path | None, drive: str | None, node: int | None) -> 
     """Raise UsageError for a drive or node-ID beside a rig, which has its own."""
     wrong = [name for name, value in {"--drive": drive, "--node": node}.items() if value is not None]
     if rig is not None and wrong:
-        raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
+        raise UsageError(f"--rig already sets drives and nodes; omit {' and '.join(wrong)}")
 
 
 def options_of(

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # Command `stability`: the stability limits of a scene, computed before anything moves.
 
-DEVICE_PANEL = "Device, instead of a bench (SI, in the scene's workspace; what is not given is 0)"
+DEVICE_PANEL = "Device instead of a bench (SI, in the workspace of the scene; omitted values are 0)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,8 @@ class StabilityOptions(SceneOptions):
     coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE_PANEL, parser=number)] = None
     resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE_PANEL, parser=number)] = None
     delay: Annotated[
-        float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE_PANEL, parser=seconds)
+        float | None,
+        option("S", "Delay from sampling until the torque acts, without the hold.", DEVICE_PANEL, parser=seconds),
     ] = None
 
 
@@ -75,37 +76,39 @@ def stability(options: StabilityOptions) -> None:
 
 # Command `response`: the force of a scene for a prescribed motion, without a drive.
 
-MOTION_DURATION = f"{exactly(DEFAULT_MOTION_DURATION)}, or that of the file"
+MOTION_DURATION = f"{exactly(DEFAULT_MOTION_DURATION)}, or the duration of the file"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseOptions(SceneOptions):
     """Further options of `response`."""
 
-    input: Annotated[str, option("MOTION", "Of the puck: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION)] = (
-        DEFAULT_MOTION
-    )
+    input: Annotated[
+        str, option("MOTION", "Motion of the puck: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION)
+    ] = DEFAULT_MOTION
     amplitude: Annotated[
         float,
         option(
             "M",
-            "Of the motion; a ramp reaches it after one second, a file is multiplied.",
+            "Amplitude of the motion: end value of a ramp after one second, factor for a file.",
             default=DEFAULT_AMPLITUDE,
             parser=number,
         ),
     ] = DEFAULT_AMPLITUDE
     duration: Annotated[
-        float | None, option("S", "Of the motion.", RENDERING, default=MOTION_DURATION, parser=seconds)
+        float | None, option("S", "Duration of the motion.", RENDERING, default=MOTION_DURATION, parser=seconds)
     ] = None
     model: Annotated[
         bool,
-        option(None, "Tell A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"),
+        option(
+            None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"
+        ),
     ] = False
 
 
 @options_of(ResponseOptions, without=(*OF_A_BENCH, *set(OF_A_RUN).difference(["duration"])))
 def response(options: ResponseOptions) -> None:
-    """Simulate the open loop: compute the force of SCENE for a prescribed motion of the puck, by any integrator."""
+    """Simulate the open loop: the force of SCENE for a prescribed motion of the puck, by any integrator."""
     check_plot(options.plot)
     from haptic_fieldbus.api.open_loop import OpenLoop, open_loop
     from haptic_fieldbus.report.analysis_texts import response_lines
@@ -121,9 +124,9 @@ def response(options: ResponseOptions) -> None:
     if options.plot is not None:
         _draw(options.plot, found, model, title)
     if found.diverged:
-        show([("diverged", f"a number was no longer finite after {len(found.time)} samples")], sys.stderr)
+        show([("diverged", f"not finite after {len(found.time)} samples")], sys.stderr)
     if found.alias is not None:
-        text = f"{options.input} is not below half the rate: its samples are those of {rounded(found.alias)} Hz"
+        text = f"{options.input} is not below half the rate: its samples show {rounded(found.alias)} Hz"
         show([("warning", text)], sys.stderr)
     if options.as_json:
         told = found.to_json() if model is None else {**found.to_json(), "model": model.to_json()}
@@ -142,7 +145,7 @@ def _draw(path: Path, found: "Response", model: "EnvironmentModel | None", title
     """Draw the poles of the model, or the response when there is no model; raises UsageError for no poles."""
     if model is not None:
         if not model.integrated.order:
-            raise UsageError("--plot: no method integrates anything in this scene, so that there are no poles to draw")
+            raise UsageError("--plot: this scene has no virtual states, so there are no poles to draw")
         from haptic_fieldbus.report.analysis_plots import plot_model
 
         draw(path, lambda file: plot_model(model, title, file))
@@ -166,13 +169,13 @@ class EstimateOptions:
         str | None,
         option(
             "NAME",
-            "Velocity estimator, with its parameters; of velocities it is a filter, and trapezoidal integrates them. "
-            r"\[default: backward-difference of positions, trapezoidal of velocities]",
+            "Velocity estimator with its parameters. For a file of velocities: a filter, or trapezoidal to integrate. "
+            "\\[default: backward-difference for positions, trapezoidal for velocities]",
         ),
     ] = None
     resolution: Annotated[
         float | None,
-        option("STEP", r"One step of the signal. \[default: the least difference of two values]", parser=number),
+        option("STEP", "One step of the signal. \\[default: the smallest difference of two values]", parser=number),
     ] = None
     plot: PlotOption = None
     as_json: JsonOption = False
@@ -180,7 +183,7 @@ class EstimateOptions:
 
 @options_of(EstimateOptions)
 def estimate(options: EstimateOptions) -> None:
-    """Estimate velocity or position from the signal in FILE, and tell noise, delay and drift of the estimator."""
+    """Estimate velocity or position from the signal in FILE; print noise, delay and drift of the estimator."""
     check_plot(options.plot)
     from haptic_fieldbus.api.estimation import SignalRequest, estimate_from
     from haptic_fieldbus.report.analysis_texts import estimate_lines
@@ -204,7 +207,7 @@ def estimate(options: EstimateOptions) -> None:
 
 @options_of(SceneOptions, without=(*OF_A_RUN, "plot"))
 def plan(options: SceneOptions) -> None:
-    """Compile SCENE for a drive and explain the plan: the steps of each period, and all that is left out."""
+    """Compile SCENE for a drive and print the plan: the steps of each period, and the parts left out."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.explain import explain, plan_json
 

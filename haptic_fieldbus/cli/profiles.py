@@ -71,7 +71,7 @@ def _show(name: str, eds: Path, found: "Comparison") -> None:
     rows = ((each.key, each.shows, "" if each.line is None else str(each.line)) for each in found.agreed)
     show_table(("key", "the file has", "line"), rows)
     for known in found.known:
-        show([(None, ""), (None, f"differs, as the profile says: {known.fault}"), (None, f"  {known.reason}")])
+        show([(None, ""), (None, f"known difference: {known.fault}"), (None, f"  {known.reason}")])
     if found.faults:
         show([(None, "")])
         show((None, f"{eds}: {fault}") for fault in found.faults)
@@ -97,7 +97,7 @@ def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool)
 
     profile = profile_from_eds(load_eds(eds))
     if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):
-        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, and that of --output')
+        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, equal to that of --output')
     path = output or Path(f"{name or _name(profile.title)}.toml")
     if path.suffix != ".toml":
         raise UsageError(f"--output {path}: expected the path of a .toml file")
@@ -124,7 +124,7 @@ def _write(path: Path, text: str) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError as error:
-        raise UsageError(f"{path} is there already; give another --name or --output") from error
+        raise UsageError(f"{path} exists; use another --name or --output") from error
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
@@ -133,10 +133,10 @@ def _tell(path: Path, eds: Path, draft: "Draft") -> None:
     """Print what was written, what was assumed, and what comes next."""
     show([(None, f"{path}: {draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed")])
     show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
-    show([(None, f"Next: find these out, then haptic-fieldbus profiles check {path} --eds {eds}")])
+    show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
 
 
-app = typer.Typer(help="The drive profiles: list, show, check, draft.", no_args_is_help=True)
+app = typer.Typer(help="List, show, check and draft drive profiles.", no_args_is_help=True)
 
 # Order of the sections in `profiles show`.
 SECTIONS = (
@@ -153,7 +153,7 @@ IN_HEXADECIMAL = (
 
 @app.command("list")
 def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) -> None:
-    """List the shipped profiles and your own. One that is broken is told of, and the others are listed."""
+    """List the shipped profiles and your own. A broken profile is reported; the others are listed."""
     from haptic_fieldbus.protocols.catalogue import profile_summaries
 
     found = profile_summaries(profiles)
@@ -187,7 +187,7 @@ def show_profile(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A profile by name, or the path of its file.")],
     eds: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the EDS of the simulated drive instead, for other CANopen programs."),
+        typer.Option(metavar="FILE", help="Write the EDS of the simulated drive, for other CANopen programs."),
     ] = None,
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,
@@ -219,11 +219,11 @@ def show_profile(
 def check_profiles(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped and own ones unless given."),
+        typer.Argument(metavar="[NAME]...", help="Names or paths; default: all shipped profiles and your own."),
     ] = None,
     eds: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Prove one profile against the EDS or DCF of its vendor."),
+        typer.Option(metavar="FILE", help="Compare one profile with the EDS or DCF of its vendor."),
     ] = None,
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,
@@ -233,7 +233,7 @@ def check_profiles(
 
     if eds is not None:
         if not names or len(names) != 1:
-            raise UsageError("--eds FILE proves one profile; expected its name or its path before it")
+            raise UsageError("--eds FILE compares one profile: give its name or path first")
         check_against(names[0], eds, profiles, as_json)
         return
     known = known_names(profiles)
@@ -258,16 +258,16 @@ def new_profile(
     eds: Annotated[Path, typer.Option(metavar="FILE", help="The EDS or DCF of the drive's vendor.")],
     name: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Name of the profile; that of --output, else from the EDS, if left out."),
+        typer.Option(metavar="NAME", help="Name of the profile; default: that of --output, otherwise from the EDS."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The .toml file to write; NAME.toml here unless given.")
+        Path | None, typer.Option(metavar="FILE", help="File to write (.toml); default: NAME.toml in this folder.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Draft a profile from a vendor's EDS: each value with its section, and what no EDS can know marked assumed.
+    """Draft a profile from a vendor's EDS: each value with its section; values that no EDS contains are marked assumed.
 
-    The exit status is 4 when the drive cannot be used for force; the reason is told, and the draft is written.
+    The exit status is 4 if the drive cannot be used for force; the command prints the reason and writes the draft.
     """
     write_draft(eds, name, output, as_json)
 

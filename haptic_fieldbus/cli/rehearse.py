@@ -23,8 +23,8 @@ OF_A_RIG = ("bus", "node", "rig", "axes", "zero", "faults", "prove", "force")
 """Options of `run` that a rehearsal leaves out: it has a bench of its own."""
 SCENE = "wall"
 KEPT = "rig.toml"
-HEADING = """The bench of `haptic-fieldbus rehearse`, as a run has left it. For your own drive give its bus, node and
-profile, and your motor, mechanism and limits. Leave out `proved` and `seen`: they belong to the simulated drive."""
+HEADING = """Bench of `haptic-fieldbus rehearse`, as a run left it. For your own drive change bus, node and profile, and
+motor, mechanism and limits. Omit `proved` and `seen`: they belong to the simulated drive."""
 """Comment at the beginning of a rig file."""
 
 
@@ -40,21 +40,21 @@ class RehearseOptions(SceneOptions):
             show_default=False,
         ),
     ] = SCENE
-    write_rig: Annotated[Path | None, option("FILE", "Keep the rig file, with what was proved and seen.", OUTPUT)] = (
-        None
-    )
+    write_rig: Annotated[
+        Path | None, option("FILE", "Save the rig file with the watchdog proof and the confirmed directions.", OUTPUT)
+    ] = None
 
 
 @options_of(RehearseOptions, without=OF_A_RIG)
 def rehearse(options: RehearseOptions) -> None:
-    """Rehearse the first day with a drive: watch, questions, proofs and run, on a simulated drive in real time."""
+    """Rehearse the first start of a real drive on a simulated one in real time: watch, questions, watchdog test."""
     from haptic_fieldbus import api
     from haptic_fieldbus.api.bench import BenchRequest
     from haptic_fieldbus.api.rehearsal import rehearsal
 
     if not sys.stdin.isatty():
         if not options.yes:
-            raise UsageError("no terminal to answer on; add --yes")
+            raise UsageError("no terminal to confirm on; add --yes")
         never_wait()
     task, trial = options.task(), options.given(api.Trial)
     check_plot(options.plot)
@@ -79,12 +79,13 @@ def rehearse(options: RehearseOptions) -> None:
 def _beginning(options: RehearseOptions) -> Iterator[tuple[str, str]]:
     yield (
         "rehearsal",
-        "drive, motor, handle and hand are simulated in this program; time, questions and proofs are real",
+        "drive, motor, handle and hand are simulated by this program; time, questions and watchdog tests are real",
     )
     if options.hand != "none":
         yield (
             "hand",
-            "moves the handle 60 mm to the positive side and back while the drive is off, also when you are asked to",
+            "moves the handle 60 mm to the positive side and back while the drive is off; it answers for you when you "
+            "are asked to move the handle",
         )
 
 

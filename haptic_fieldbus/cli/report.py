@@ -27,8 +27,8 @@ def report(
     out: Annotated[
         Path, option("DIR", "Folder for index.html, figures and report.json.", default=DEFAULT_REPORT)
     ] = Path(DEFAULT_REPORT),
-    quick: Annotated[bool, typer.Option("--quick", help="Under a minute: fewer steps, shorter runs.")] = False,
-    only: Annotated[str | None, typer.Option(metavar="NAME", help="One section, problem or case by its name.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer steps and shorter runs; takes under a minute.")] = False,
+    only: Annotated[str | None, typer.Option(metavar="NAME", help="Run only this section, problem or case.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the cost of accuracy, the growth of error in a run, stability in stiff cases, and the cost of parts."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @options_of(SceneOptions)
 def run(options: SceneOptions) -> None:
-    """Render SCENE on a drive, and report how well it went."""
+    """Render SCENE on a drive and print the result."""
     from haptic_fieldbus import api
 
     if not sys.stdin.isatty():  # a person at a terminal is to see the plan and the question
@@ -74,7 +74,7 @@ def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial") -> None:
             show([("plot", str(options.plot))])
     if result.recording_fault is not None:
         sys.stdout.flush()
-        show([("failed", f"the recording is not complete: {result.recording_fault}")], sys.stderr)
+        show([("failed", f"the recording is incomplete: {result.recording_fault}")], sys.stderr)
         raise typer.Exit(1)
 
 
@@ -101,7 +101,7 @@ def _ask(text: str) -> bool:
     *warning, question = text.splitlines()
     show([(None, line) for line in warning], sys.stderr)
     if not sys.stdin.isatty():
-        raise UsageError("nobody is there to confirm; a script says --yes")
+        raise UsageError("no terminal to confirm on; add --yes")
     try:
         return typer.confirm(question, default=False, err=True)
     except typer.Abort as given_up:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.planning.plan import Plan
     from haptic_fieldbus.scenes.scene import Scene
 
-app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=True)
+app = typer.Typer(help="List, show and check scenes.", no_args_is_help=True)
 
 
 @app.command("list")
@@ -76,7 +76,7 @@ def show_scene(
 @app.command("check")
 def check_scenes(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped ones unless given.")
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names or paths; default: all shipped scenes.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -110,12 +110,12 @@ def _advice(compiled: "Plan") -> str:
     # The advice is about the axis with the smallest margin; without any judgement, about the first.
     found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
     if found is None or found.stiffness is None:
-        return "no stiffness in it"
+        return "no stiffness to limit"
     if found.cautious is not None and not found.cautious.stable:
         obstacle = found.cautious.obstacle
-        return "no stiffness is inside" if obstacle is None else obstacle_text(obstacle, space)
+        return "no stiffness is inside the limit" if obstacle is None else obstacle_text(obstacle, space)
     if found.recommended is None:
-        return "any stiffness" if found.stiffness else "no stiffness in it"
+        return "any stiffness" if found.stiffness else "no stiffness to limit"
     unit = f"{space.effort_unit}/{space.length_unit}"
     return f"stiffness up to {rounded_limit(found.recommended)} {unit} (asked {rounded_limit(found.stiffness)})"
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 
-HEADING = """The bench of the drives that `haptic-fieldbus simulate` hosts, for `haptic-fieldbus run SCENE --rig FILE`.
-The first run proves the guards of the drives, and keeps the proof here."""
+HEADING = """Bench of the drives that `haptic-fieldbus simulate` hosts, for `haptic-fieldbus run SCENE --rig FILE`.
+The first run tests the drive watchdogs and saves the proof here."""
 """Comment at the beginning of a rig file."""
 
 
@@ -41,21 +41,21 @@ def simulate(
     ] = None,
     bus: Annotated[
         str | None,
-        option("BUS", "Such as socketcan:can0, udp_multicast:239.74.163.2, modbus-tcp:127.0.0.1:0 or modbus-rtu:pty."),
+        option(
+            "BUS",
+            "Bus to host on, such as socketcan:can0, udp_multicast:239.74.163.2, modbus-tcp:127.0.0.1:0 or "
+            "modbus-rtu:pty.",
+        ),
     ] = None,
-    node: Annotated[
-        int, option("ID", "Node-ID of the first drive that names none.", default=DEFAULT_NODE)
-    ] = DEFAULT_NODE,
+    node: Annotated[int, option("ID", "Node-ID of the first drive without one.", default=DEFAULT_NODE)] = DEFAULT_NODE,
     profiles: ProfilesOption = None,
     hand: Annotated[str, option("NAME", HANDS, SIMULATION, default=DEFAULT_HOSTED_HAND)] = DEFAULT_HOSTED_HAND,
-    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
+    seed: Annotated[int, option("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
-    write_rig: Annotated[
-        Path | None, option("FILE", "Write the rig file with which `run` finds these drives.", OUTPUT)
-    ] = None,
+    write_rig: Annotated[Path | None, option("FILE", "Write a rig file for `run` with these drives.", OUTPUT)] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
+    """Host simulated drives in real time until Ctrl-C; print one line per drive when it is ready."""
     from haptic_fieldbus.running.rights import real_time
     from haptic_fieldbus.sim.faults import load_faults
     from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve, rig_of
@@ -84,8 +84,8 @@ def check_free(path: Path) -> None:
     """Raise UsageError when there is a file already, before anything is hosted."""
     if path.exists():
         raise UsageError(
-            f"{path} is there already, and is not overwritten: a run keeps what was proved in it. Leave out "
-            "--write-rig, or name another file"
+            f"{path} exists and is not overwritten, because a run saves its proofs in it. Omit --write-rig, or name "
+            "another file"
         )
 
 

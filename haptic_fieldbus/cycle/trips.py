@@ -122,98 +122,138 @@ def failed_in(trip: Trip, error: Exception, scene: Scene) -> Trip:
     if trip.kind is not TripKind.ELEMENT_FAILED or found is None:
         return trip
     source, fault = found
-    place = source if fault.line is None else f"{source}, line {fault.line}"
+    place = source if fault.line is None else f"{source} line {fault.line}"
     axis = next((axes_of(each)[0] for each in scene.elements if fault.key == f"element {each.name}"), trip.axis)
     return replace(trip, axis=axis, detail=f"{fault.key}: {fault.message} ({place})")
 
 
 def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
-    """Return the exception for a trip; `enabled_at_ns` is None before operation enabled."""
+    """Return the exception for a trip: time, cause, advice; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
-    cause, when = CAUSES[trip.kind](trip, axis), moment(trip.t_ns, enabled_at_ns)
+    cause, advice = CAUSES[trip.kind](trip, axis)
+    if len(plan.axes) > 1:
+        cause = f"axis {trip.axis}: {cause}"
     if trip.kind is TripKind.START_FORCE:
-        return PlanError(f"axis {trip.axis}: {cause}. No torque was given")
-    return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {cause}, {when}. Torque was taken away")
+        return PlanError(f"{cause}; no torque was applied. {advice}")
+    tripped = f"Tripped {moment(trip.t_ns, enabled_at_ns)}: {cause}; torque is off. {advice}"
+    return TRIP_ERRORS[trip.kind](tripped.rstrip())
 
 
 def moment(t_ns: int, enabled_at_ns: int | None) -> str:
     """Return an instant in words, relative to operation enabled; `enabled_at_ns` is None before it."""
     if enabled_at_ns is None:
-        return "before operation enabled"
-    return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
+        return "before enabling"
+    return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after enabling"
 
 
-def _told_by_bus(flag: LinkFlag, trip: Trip, axis: AxisPlan) -> str:
-    # The value of a link trip is the code in the header, which only some of the flags have.
-    return axis.traffic.fault_text(flag, int(trip.value), axis.bus_name)
+Told = tuple[str, str]
+"""Cause of a trip, as a part of a sentence, and what to do, as sentences; empty where there is no advice."""
 
 
-def _power(trip: Trip, axis: AxisPlan) -> str:
+def _told_by_bus(flag: LinkFlag, trip: Trip, axis: AxisPlan) -> Told:
+    # The value of a link trip is the code in the header, which only some of the flags have. Advice follows a semicolon.
+    cause, _, advice = axis.traffic.fault_text(flag, int(trip.value), axis.bus_name).partition("; ")
+    return cause, f"{advice[0].upper()}{advice[1:]}." if advice else ""
+
+
+def _power(trip: Trip, axis: AxisPlan) -> Told:
     # The value of these trips is the statusword.
-    return f"node {axis.node} went to {trip.detail} by itself (statusword {int(trip.value):04X}h)"
+    cause = f"node {axis.node} changed to {trip.detail} by itself (statusword {int(trip.value):04X}h)"
+    return cause, "Look up the error code of the drive."
 
 
-def _too_often(trip: Trip, axis: AxisPlan) -> str:
-    return (
-        f"{percent(trip.value)} of the feedback of node {axis.node} was lost within a second, which divides the "
-        f"stiffness that is stable by {trip.detail}"
+def _lost(trip: Trip, axis: AxisPlan) -> Told:
+    # The value is the age [s].
+    cause = f"feedback lost: the last from node {axis.node} is {rounded(1e3 * trip.value)} ms old"
+    return cause, "Check cable, power and node-ID of the drive."
+
+
+def _too_often(trip: Trip, axis: AxisPlan) -> Told:
+    cause = (
+        f"feedback lost too often: {percent(trip.value)} of the samples of node {axis.node} within one second, which "
+        f"divides the stiffness limit by {trip.detail}"
     )
+    return cause, "Check the cable and the load of the computer."
 
 
-def _missed(trip: Trip, axis: AxisPlan) -> str:
+def _missed(trip: Trip, axis: AxisPlan) -> Told:
     """One long sleep has no detail; many short ones have the factor by which they cost stiffness."""
-    advice = "another process takes the processor's time, or the rate is too high for this computer"
+    advice = "Another process uses the processor, or --rate is too high for this computer."
     if not trip.detail:
-        return f"the loop slept for {rounded(1e3 * trip.value)} ms: {advice}"
-    return (
-        f"the loop missed {percent(trip.value)} of the periods of a second, which divides the stiffness that is "
-        f"stable by {trip.detail}: {advice}"
+        return f"the loop slept for {rounded(1e3 * trip.value)} ms", advice
+    cause = (
+        f"the loop missed {percent(trip.value)} of the periods within one second, which divides the stiffness limit "
+        f"by {trip.detail}"
     )
+    return cause, advice
 
 
-def _start(trip: Trip, axis: AxisPlan) -> str:
+def _clock(trip: Trip, axis: AxisPlan) -> Told:
+    return f"the clock went back: a sample is {rounded(-1e3 * trip.value)} ms older than the one before", ""
+
+
+def _not_finite(trip: Trip, axis: AxisPlan) -> Told:
+    workspace = axis.workspace
+    return f"the {workspace.effort_name} of the scene is not finite: {trip.value} {workspace.effort_unit}", ""
+
+
+def _scene_failed(trip: Trip, axis: AxisPlan) -> Told:
+    return f"the scene failed: {trip.detail}", ""
+
+
+def _start(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.effort_unit
     where = start_position(axis, trip.limit or 0.0, trip.position)
     advice = (
-        "no place nearby would do: lower the force of the scene"
+        "No position nearby has a smaller force: reduce the force of the scene."
         if where is None
-        else f"start with the handle {rounded(where)} {axis.workspace.length_unit} from here"
+        else f"Start with the handle {rounded(where)} {axis.workspace.length_unit} from here."
     )
-    return (
-        f"the scene begins with {rounded(trip.value)} {unit}, and at most {rounded(trip.limit or 0.0)} {unit} is "
-        f"permitted at the start; {advice}"
+    cause = (
+        f"the scene starts with {rounded(trip.value)} {unit}, at most {rounded(trip.limit or 0.0)} {unit} is allowed "
+        "at the start"
     )
+    return cause, advice
 
 
-def _acceleration(trip: Trip, axis: AxisPlan) -> str:
+def _acceleration(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    return (
-        f"the position jumped: {rounded(trip.value)} {unit}/s² is more than motor, hand and inertia can do "
-        f"({rounded(trip.limit or 0.0)} {unit}/s²). Check the encoder and its cable"
+    cause = (
+        f"the position jumped: {rounded(trip.value)} {unit}/s² is more than motor and hand can cause "
+        f"({rounded(trip.limit or 0.0)} {unit}/s²)"
     )
+    return cause, "Check the encoder and its cable."
 
 
-def _energy(trip: Trip, axis: AxisPlan) -> str:
-    return (
-        f"the scene gave the hand {rounded(1e3 * trip.value)} mJ more than it had stored and the loop may leak, the "
-        f"limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. An element with a source of energy states its largest "
-        "force (strongest), one that stores energy how much (stored)"
+def _mechanical_power(trip: Trip, axis: AxisPlan) -> Told:
+    return f"power {rounded(trip.value)} W, above the limit of {rounded(trip.limit or 0.0)} W", ""
+
+
+def _energy(trip: Trip, axis: AxisPlan) -> Told:
+    cause = (
+        f"the scene put {rounded(1e3 * trip.value)} mJ more into the handle than allowed "
+        f"({rounded(1e3 * (trip.limit or 0.0))} mJ)"
     )
+    return cause, "If an element stores energy, define `stored`; if it is a source, define `strongest`."
 
 
-def _forgiven(trip: Trip, axis: AxisPlan) -> str:
-    return (
-        f"gaps in the feedback, fade-in and doubts gave the hand {rounded(1e3 * trip.value)} mJ within a second beyond "
-        f"what the scene had stored, the limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. Look for what loses feedback"
+FIND_LOSS = "Find the cause of the lost feedback."
+
+
+def _forgiven(trip: Trip, axis: AxisPlan) -> Told:
+    cause = (
+        f"feedback gaps, fade-in and doubts about the motor direction put {rounded(1e3 * trip.value)} mJ more into the "
+        f"handle within one second than the scene had stored (limit {rounded(1e3 * (trip.limit or 0.0))} mJ)"
     )
+    return cause, FIND_LOSS
 
 
-def _held(trip: Trip, axis: AxisPlan) -> str:
-    return (
-        f"torque held in gaps of the feedback gave the hand {rounded(1e3 * trip.value)} mJ, beyond what the scene had "
-        f"stored and {rounded(1e3 * HELD_POWER)} mW; the limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. Look for "
-        "what loses feedback"
+def _held(trip: Trip, axis: AxisPlan) -> Told:
+    cause = (
+        f"torque held in feedback gaps put {rounded(1e3 * trip.value)} mJ into the handle, beyond the stored energy "
+        f"and {rounded(1e3 * HELD_POWER)} mW (limit {rounded(1e3 * (trip.limit or 0.0))} mJ)"
     )
+    return cause, FIND_LOSS
 
 
 def _limit(trip: Trip) -> str:
@@ -221,108 +261,110 @@ def _limit(trip: Trip) -> str:
     return "unknown" if trip.limit is None else rounded_limit(trip.limit)
 
 
-def _speed(trip: Trip, axis: AxisPlan) -> str:
+def _speed(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    return f"speed {rounded(trip.value)} {unit}/s, the limit is {_limit(trip)} {unit}/s{_weak(axis)}"
+    return f"speed {rounded(trip.value)} {unit}/s, above the limit of {_limit(trip)} {unit}/s{_weak(axis)}", ""
 
 
-def _position(trip: Trip, axis: AxisPlan) -> str:
+def _position(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    return f"position {rounded_limit(trip.value)} {unit}, the limit is {_limit(trip)} {unit}{_weak(axis)}"
+    return f"position {rounded_limit(trip.value)} {unit}, beyond the limit of {_limit(trip)} {unit}{_weak(axis)}", ""
 
 
 def _weak(axis: AxisPlan) -> str:
     """Return the cap of the force, with which a hand pushes through any wall; empty without one."""
-    return f" ({axis.cap}; a hand can push through walls)" if axis.cap else ""
+    return f" ({axis.cap}; the hand can push through walls)" if axis.cap else ""
 
 
-def _dead(trip: Trip, axis: AxisPlan) -> str:
+def _dead(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
     unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
     if math.isnan(trip.value):
-        return (
-            f"set-points are not proved to act: node {axis.node} has not answered for {trip.detail} ms what target "
-            "torque it has. Another tool may keep its SDO server busy"
-        )
-    return (
+        cause = f"set-points not confirmed: node {axis.node} has not returned its target torque for {trip.detail} ms"
+        return cause, "Another tool may keep its SDO server busy."
+    cause = (
         f"set-points do not act: {rounded(trip.limit or 0.0)} {unit} was sent, but the {shown} of node {axis.node} "
-        f"says {rounded(trip.value)} {unit}, and has not followed for {trip.detail} ms. Another tool may have "
-        "switched off what receives its set-points, changed its mode of operation or lowered its torque limit"
+        f"is {rounded(trip.value)} {unit} and has not followed for {trip.detail} ms"
+    )
+    return cause, (
+        "Another tool may have disabled the reception of set-points, changed the mode of operation or lowered the "
+        "torque limit of the drive."
     )
 
 
-def _foreign(trip: Trip, axis: AxisPlan) -> str:
+def _foreign(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of torque that was not asked for; the value is what the drive says, the limit what was sent."""
     unit = axis.workspace.effort_unit
-    return (
-        f"another master on {axis.bus_name} sets the torque of unit {axis.node}: {trip.detail} it said "
-        f"{in_unit(trip.value, unit)}, and at most {in_unit(trip.limit or 0.0, unit)} in this direction was sent. End "
-        "that master"
+    cause = (
+        f"another master on {axis.bus_name} sets the torque of unit {axis.node}: {trip.detail} it was "
+        f"{in_unit(trip.value, unit)}, but at most {in_unit(trip.limit or 0.0, unit)} in this direction was sent"
     )
+    return cause, "End the other master."
 
 
-def _reversed(trip: Trip, axis: AxisPlan) -> str:
+def _reversed(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of a motion against the torque; the value is how far, the limit the torque."""
     force, length = axis.workspace.effort_unit, axis.workspace.length_unit
-    return (
-        f"pulses of {in_unit(trip.limit or 0.0, force)} moved the handle {in_unit(abs(trip.value), length)} to the "
-        "other side. Either the encoder counts backwards, or the motor turns backwards: swap two lines of the one that "
-        "does, or reverse it in the drive. The sign of the mechanism in the rig turns both, and is no remedy"
+    cause = (
+        f"motor direction wrong: test pulses of {in_unit(trip.limit or 0.0, force)} moved the handle "
+        f"{in_unit(abs(trip.value), length)} the wrong way"
+    )
+    return cause, (
+        "Encoder or motor is reversed: swap two wires of the reversed one, or reverse it in the drive. Do not change "
+        "`sign` of the mechanism in the rig: it reverses both."
     )
 
 
-def _hidden(trip: Trip, axis: AxisPlan) -> str:
+def _hidden(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of a refusal: nothing moved; the value is the number of attempts, the limit the torque."""
-    return (
-        f"pulses of up to ±{in_unit(trip.limit or 0.0, axis.workspace.effort_unit)} did not move the handle in "
-        f"{trip.value:.0f} attempts, so its sign is not known. Let go of the handle, release its brake, and check that "
-        f"the motor is connected. If friction is larger than these pulses: {raising(axis)}"
+    cause = (
+        f"motor direction not confirmed: test pulses up to ±{in_unit(trip.limit or 0.0, axis.workspace.effort_unit)} "
+        f"did not move the handle in {trip.value:.0f} attempts"
+    )
+    return cause, (
+        "Release the handle and its brake, and check the motor connection. If friction is larger than these pulses: "
+        f"{raising(axis)}."
     )
 
 
-def _stood_still(trip: Trip, axis: AxisPlan) -> str:
+def _stood_still(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of a trip by counts that no pulse moved; the value is the force, the limit the pulses."""
     force, length, hand = axis.workspace.effort_unit, axis.workspace.length_unit, HAND[axis.workspace]
-    return (
-        f"the counts stood still under {in_unit(abs(trip.value), force)}, and {PAIRS} pairs of pulses of "
-        f"±{in_unit(trip.limit or 0.0, force)} moved none of them, though they move two against a hand of "
-        f"{in_unit(hand.stiffness, f'{force}/{length}')}. Check the encoder and its cable, and that neither a brake "
-        "nor an end stop holds the handle; friction may be larger than in the rig"
+    cause = (
+        f"the encoder does not count: under {in_unit(abs(trip.value), force)}, {PAIRS} pairs of test pulses of "
+        f"±{in_unit(trip.limit or 0.0, force)} moved no count; two counts are expected against a hand of "
+        f"{in_unit(hand.stiffness, f'{force}/{length}')}"
+    )
+    return cause, (
+        "Check the encoder and its cable. Check that no brake or end stop blocks the handle. Friction may be larger "
+        "than in the rig."
     )
 
 
-def _drift(trip: Trip, axis: AxisPlan) -> str:
+def _drift(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
-    return (
-        f"the position may be off by {rounded(trip.value)} {unit}, the limit is {_limit(trip)} {unit}: what is "
-        f"rounded off {axis.profile.title}'s velocity, its only feedback, in steps of {rounded(step)} {unit}/s, adds "
-        f"up (to go on, start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
+    cause = (
+        f"position uncertain by {rounded(trip.value)} {unit}, above the limit of {_limit(trip)} {unit}: "
+        f"{axis.profile.title} reports only velocity, rounded to {rounded(step)} {unit}/s, and the rounding errors "
+        "add up"
     )
+    return cause, f"Restart with the handle at its zero, or raise axis.{axis.name}.limits.drift."
 
 
-Cause = Callable[[Trip, AxisPlan], str]
-"""Function that words the cause of a trip, as a part of a sentence."""
-# The value of a trip by missing feedback is its age [s].
-CAUSES: dict[TripKind, Cause] = {
+CAUSES: dict[TripKind, Callable[[Trip, AxisPlan], Told]] = {
     **{kind: partial(_told_by_bus, flag) for flag, kind in LINK_TRIPS.items()},
     TripKind.DRIVE_FAULT: _power,
     TripKind.DRIVE_DISABLED: _power,
-    TripKind.FEEDBACK_LOST: lambda trip, axis: (
-        f"no feedback from node {axis.node}: the last is {rounded(1e3 * trip.value)} ms old"
-    ),
+    TripKind.FEEDBACK_LOST: _lost,
     TripKind.FEEDBACK_SPARSE: _too_often,
     TripKind.PERIODS_MISSED: _missed,
-    TripKind.CLOCK: lambda trip, axis: (
-        f"the time of a sample lies {rounded(-1e3 * trip.value)} ms before that of the one before"
-    ),
-    TripKind.NOT_FINITE: lambda trip, axis: (
-        f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
-    ),
-    TripKind.ELEMENT_FAILED: lambda trip, axis: f"the scene failed: {trip.detail}",
+    TripKind.CLOCK: _clock,
+    TripKind.NOT_FINITE: _not_finite,
+    TripKind.ELEMENT_FAILED: _scene_failed,
     TripKind.START_FORCE: _start,
     TripKind.ACCELERATION: _acceleration,
-    TripKind.POWER: lambda trip, axis: f"power {rounded(trip.value)} W, the limit is {rounded(trip.limit or 0.0)} W",
+    TripKind.POWER: _mechanical_power,
     TripKind.ENERGY: _energy,
     TripKind.FORGIVEN: _forgiven,
     TripKind.HELD: _held,

@@ -61,7 +61,7 @@ def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
     without mass.
     """
     if not plant.mass:
-        raise UsageError("mass 0: bodies hang on a mass above 0")
+        raise UsageError("mass 0: expected a mass above 0 to attach bodies to")
     a = np.zeros((2 * len(bodies) + 2,) * 2)
     masses = [plant.mass, *(body.mass for body in bodies)]
     for place, mass in enumerate(masses):
@@ -92,7 +92,7 @@ def sample_with(plant: Plant, bodies: Sequence[HungBody], period: float, delay: 
     """
     check_times(period, delay)
     if plant.tachometer:
-        raise UsageError("a tachometer does not tell where the bodies are: expected a plant whose position is sampled")
+        raise UsageError("a tachometer does not measure the position of bodies: expected a plant with sampled position")
     return sampled.sample(*through_torque_loop(*dynamics(plant, bodies), plant.torque_lag), period, delay)
 
 

@@ -88,7 +88,7 @@ class Plant:
         if not (self.mass or self.damping):
             raise UsageError("a device without mass needs damping")
         if self.tachometer and not self.mass:
-            raise UsageError("a device without mass has no velocity for a tachometer to read")
+            raise UsageError("a device without mass has no velocity for a tachometer")
 
 
 def check_times(period: float, delay: float) -> None:

@@ -133,7 +133,7 @@ class AxisPlan:
         if not reason or self.limits.effort < self.limits.holding:
             return ""
         value = in_unit(self.limits.effort, self.workspace.effort_unit)
-        return f"{self.workspace.effort_name} limited to {value}, {percent(HOLDING_SHARE)} of rated torque: {reason}"
+        return f"{self.workspace.effort_name} limited to {value} ({percent(HOLDING_SHARE)} of rated torque): {reason}"
 
     @property
     def largest_stretch(self) -> float:
@@ -166,8 +166,8 @@ def draft_axis(
     axis = rig.axis.get(scene_axis.name)
     if axis is None:
         raise PlanError(
-            f"{scene.name} needs the axis {scene_axis.name!r}; the rig {rig.source} has: {', '.join(rig.axis)}. "
-            f"--axis {scene_axis.name}=NAME renders it on another one"
+            f"{scene.name} needs the axis {scene_axis.name!r}; the rig {rig.source} has: {', '.join(rig.axis)}. Use "
+            f"--axis {scene_axis.name}=NAME for another one"
         )
     profile = profiles[axis.profile]
     if not profile.drive.usable:  # it only documents why its drive cannot render force
@@ -227,7 +227,9 @@ def _check_zero(name: str, rig: Rig, profile: DriveProfile) -> None:
     """Refuse an encoder count as zero for a drive without a position: an integrated position has its own start."""
     zero = rig.axis[name].mechanism.zero
     if not _offers_position(profile) and zero != "start":
-        message = f'{zero}; expected "start": {profile.title} offers velocity only, and no encoder count to begin at'
+        message = (
+            f'{zero}; expected "start": {profile.title} reports velocity only, so it has no encoder count for the zero'
+        )
         raise RigError(rig.source or "the rig", [Fault(f"axis.{name}.mechanism.zero", message)])
 
 
@@ -235,8 +237,8 @@ def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: D
     """Refuse a coupling to a position that drifts: it would pull at both hands for no reason that they could find."""
     if couplings and not _offers_position(profile):
         raise PlanError(
-            f"{couplings[0].name} ties axis {name} to another one, but {profile.title} offers velocity only, and a "
-            "position that is integrated from it drifts; a coupling needs drives that offer their position"
+            f"{couplings[0].name} couples axis {name}, but {profile.title} reports velocity only, and the integrated "
+            "position drifts; a coupling needs drives that report position"
         )
 
 
@@ -265,7 +267,7 @@ def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile
         provider = next((each for each in PROVIDERS[signal] if each in offered), None)
         if provider is None:
             needing = f"{asking[signal]} on axis {axis} needs {signal.value}"
-            raise SignalUnavailableError(f"{needing}, which {profile.title} neither offers nor derives")
+            raise SignalUnavailableError(f"{needing}, but {profile.title} does not offer it, and it cannot be derived")
         incoming.append(provider)
     return tuple(dict.fromkeys(incoming))
 
@@ -274,12 +276,12 @@ def _protocol(profile: DriveProfile, rig: Rig, axis: RigAxis) -> FieldbusProtoco
     """Return the protocol of the axis' bus; raises PlanError when the drive speaks another one or the bus has none."""
     section = rig.bus[axis.bus]
     if not section.protocol:
-        raise PlanError(f"the bus {axis.bus} of the rig is of no protocol; in Python a CAN bus is a CanSection")
+        raise PlanError(f"the bus {axis.bus} of the rig has no protocol; in Python use CanSection for a CAN bus")
     protocol = protocol_named(section.protocol)
     if profile.drive.protocol != protocol.name:
         own = protocol_named(profile.drive.protocol).simulated_bus(profile)
         raise PlanError(
-            f"{profile.title} speaks {profile.drive.protocol}, but the bus {axis.bus} is one of {protocol.name}; "
-            f"simulated it is on --bus {own}"
+            f"{profile.title} speaks {profile.drive.protocol}, but the bus {axis.bus} is {protocol.name}; simulate it "
+            f"with --bus {own}"
         )
     return protocol

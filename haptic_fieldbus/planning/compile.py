@@ -271,24 +271,24 @@ def compile_plan(
 
 def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> Iterator[str]:
     """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
-    yield f"{prefix}link: trip on lost feedback, emergency or restart"
+    yield f"{prefix}link: trips on lost feedback, emergency or restart"
     yield f"{prefix}power state: statusword → controlword"
     yield from (f"{prefix}{step}" for step in (_integrated(axis) if axis.integrates else _estimated(axis)))
     if axis.profile.echo is not None:
         yield (
-            f"{prefix}echo: {axis.profile.echo.value} against what was sent, needed by safety; trip when they differ "
-            f"for {rounded(1e3 * axis.limits.echo)} ms"
+            f"{prefix}echo: compares {axis.profile.echo.value} with the sent set-point; trips if they differ for "
+            f"{rounded(1e3 * axis.limits.echo)} ms"
         )
     probe = sign_probe(axis, period)
     if probe is not None:
         yield f"{prefix}sign: {sign_text(axis, probe)}"
     if math.isfinite(axis.limits.energy):
-        yield f"{prefix}energy: what is given against what was stored and what the hold leaks"
+        yield f"{prefix}energy: trips when the loop puts out more than was stored plus the sampling leak"
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
         yield f"{prefix}element: {element.name}{how}"
     if controlled:
-        yield f"{prefix}passivity controller: damping, while more is given than was stored"
+        yield f"{prefix}passivity controller: damps when the loop puts out more than was stored"
     yield f"{prefix}limits: finite, fade-in, effort, slew"
     yield f"{prefix}encode: {axis.workspace.effort_unit} → target torque"
 
@@ -306,8 +306,8 @@ def _integrated(axis: AxisPlan) -> Iterator[str]:
     unit, step, drift = axis.workspace.length_unit, abs(axis.velocity_unit), axis.limits.drift
     yield f"velocity: as the drive reads it, in steps of {in_unit(step, f'{unit}/s')}, speed check"
     yield (
-        f"position: velocity → {unit} by the trapezoid; drift trip when it may be off by {in_unit(drift, unit)}, "
-        f"after {rounded(2 * drift / step)} s"
+        f"position: velocity → {unit} by the trapezoidal rule; trips when uncertain by {in_unit(drift, unit)}, after "
+        f"{rounded(2 * drift / step)} s"
     )
 
 
@@ -317,7 +317,7 @@ def _linear_note(estimator: str) -> str:
     from haptic_fieldbus.numerics.estimators import linear_stand_in
 
     other = linear_stand_in(estimator)
-    return "" if other is None else f" (not linear: stability is judged with {other})"
+    return "" if other is None else f" (not linear: stability is checked with {other})"
 
 
 def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
@@ -325,31 +325,33 @@ def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
     for axis in axes:
         offered = axis.profile.offers()
         if Signal.VELOCITY in offered and not axis.integrates:
-            why = "the filter behind it is not known; what is estimated from position has known dynamics"
+            why = "the filter of the drive is unknown; a velocity estimated from position has known dynamics"
             yield LeftOut(offered[Signal.VELOCITY].address, f"{axis.profile.title} offers it, but {why}")
     if not any(_estimates(axis) for axis in axes):
         if any(axis.integrates for axis in axes):
-            yield LeftOut("estimator", "the drive reads velocity itself")
+            yield LeftOut("estimator", "the drive reports velocity itself")
         else:
-            yield LeftOut("velocity", "no element asks for it")
-            yield LeftOut("estimator", "without velocity there is nothing to estimate")
+            yield LeftOut("velocity", "no element needs it")
+            yield LeftOut("estimator", "no velocity, so nothing to estimate")
     if not any(mapped.signal is Signal.TORQUE_ACTUAL for axis in axes for mapped in axis.incoming):
-        yield LeftOut("torque actual", "no element asks for it")
+        yield LeftOut("torque actual", "no element needs it")
     for axis in axes:
         if _asks(axis, rig):
-            why = "is a profile of no particular drive: a run asks the drive, and then plans with what it has"
+            why = "is a generic profile: the run reads the drive's objects and plans with those"
             yield LeftOut("objects that the drive lacks", f"{axis.profile.title} {why}")
         if axis.profile.echo is None:
-            why = "does not show what it was sent (torque.echo of its profile)"
+            why = "does not return its set-points (torque.echo of its profile)"
             yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {CAPPED}")
         why = unguarded(axis.profile, axis.rig)
         if why:
-            yield LeftOut("guard", f"{why}; {CAPPED}, and a person must cut the power (emergency_stop of the rig)")
+            yield LeftOut(
+                "guard", f"{why}; {CAPPED}, and an emergency stop must cut the power (emergency_stop of the rig)"
+            )
     for name in dict.fromkeys(name for axis in axes for name in unbounded(axis)):
-        yield LeftOut("energy ledger", f"{name} may give any force by itself, so no energy can be called too much")
+        yield LeftOut("energy ledger", f"{name} can apply any force by itself, so the energy has no limit")
     if not any(axis.method for axis in axes):
         remembers = any(isinstance(element, MemoryElement) for axis in axes for element in axis.elements)
-        why = "what elements remember, they step by themselves" if remembers else "no element has virtual states"
+        why = "elements with a memory step it themselves" if remembers else "no element has virtual states"
         yield LeftOut("integrator", why)
         if not remembers:
             yield LeftOut("virtual states", "no element has any")

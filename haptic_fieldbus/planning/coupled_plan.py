@@ -26,8 +26,8 @@ class CouplingAges:
         """Return the ages of both motions in words, as one number [ms] when they are equal."""
         texts = {name: f"{rounded(1e3 * age)} ms" for name, age in self.ages[axis].items()}
         if len(set(texts.values())) == 1:
-            return f"{texts[axis]} behind both motions"
-        return " and ".join(f"{text} behind {name}" for name, text in texts.items())
+            return f"{texts[axis]} after both motions"
+        return " and ".join(f"{text} after {name}" for name, text in texts.items())
 
 
 def ages(

@@ -44,8 +44,8 @@ def first_enabling(profile: DriveProfile) -> str:
     timing = profile.timing
     longest = exactly(timing.enabling_timeout + timing.mode_change_timeout)
     return (
-        "the first enabling after power-on may turn the shaft, while the drive looks for its commutation: hands off, "
-        f"and room to move, for up to {longest} s"
+        "the first enabling after power-on may turn the shaft while the drive finds its commutation: keep hands off "
+        f"and the way free for up to {longest} s"
     )
 
 
@@ -59,7 +59,7 @@ def enabling_lines(axes: Iterable[AxisPlan]) -> Iterator[str]:
 
 REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""
-BESIDE = "by what is sent beside the exchange"
+BESIDE = "switched off by messages outside the cyclic exchange"
 
 
 class EndCause(Enum):
@@ -119,46 +119,46 @@ def _of_axis(
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period, age)
-    by_loop = "seen in the next period, whose set-points are torque-free"
-    by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"
+    by_loop = "detected in the next period, whose set-points have zero torque"
+    by_guard = "a person who cuts the power" if alone else f"drive watchdog {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
-    by_age = f"feedback older than {rounded(1e3 * age)} ms is a trip"
+    by_age = f"trip when feedback is older than {rounded(1e3 * age)} ms"
     lost, by_loss = min(faded, old) + end, "held for one period, then faded out"
     if untied:
-        lost, by_loss = old + end, f"{by_loss}; axes that no coupling ties to it go on: {by_age}"
+        lost, by_loss = old + end, f"{by_loss}; axes without a coupling to it: {by_age}"
     elif shared and math.isinf(traffic.silence):  # drives that only answer are asked one after another
-        lost, by_loss = old + end, f"{by_loss}; drives of one line wait for the one that is silent: {by_age}"
+        lost, by_loss = old + end, f"{by_loss}; other drives of the line wait for the silent one: {by_age}"
     if traffic.waits_for_answers:
-        lost, by_loss = old + end, f"held, as nothing is sent before the drive answers; {by_age}"
+        lost, by_loss = old + end, f"held, because nothing is sent before the drive answers; {by_age}"
         if shared:  # a gateway may wait for the drive that is silent, and hand on nothing for the others
-            lost, by_loss = max(lost, period + guard + end), f"{by_loss}; behind a gateway {by_guard}"
+            lost, by_loss = max(lost, period + guard + end), f"{by_loss}; behind a gateway: {by_guard}"
     yield TorqueDeadline(EndCause.FEEDBACK, lost, by_loss)
     # A drive whose profile names no reaction to the loss of its master names none to a fault either: it may brake.
-    unknown = "the drive by itself, nobody knows how soon; the others at once"
+    unknown = "the drive by itself after an unknown time; the others at once"
     by_drive = f"the drive by itself; the others: {by_loop}" if axis.profile.guarded else unknown
     yield TorqueDeadline(EndCause.FAULT, seen if axis.profile.guarded else math.inf, by_drive)
-    yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as when feedback is lost")
+    yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as for lost feedback")
     if math.isfinite(traffic.silence):
-        how = f"{rounded(1e3 * traffic.silence)} ms without it, then {by_loop}"
+        how = f"{rounded(1e3 * traffic.silence)} ms without a heartbeat, then {by_loop}"
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
-    how = f"{by_age}; then {BESIDE}, at the latest {by_guard}"
+    how = f"{by_age}; then {BESIDE}; at the latest: {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
     # Where only one of several drives is gone, the others lose their torque as when feedback is lost.
     yield TorqueDeadline(EndCause.DISCONNECTED, max(guard + end, lost if untied or shared else 0.0), by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
-    yield TorqueDeadline(EndCause.STOPPED, guard + end, f"{by_guard}, alone")
+    yield TorqueDeadline(EndCause.STOPPED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
     if axis.other_masters is not None:
         yield TorqueDeadline(EndCause.OTHER_MASTER, _replaced(axis.other_masters, period) + seen, _shown(axis))
-    yield TorqueDeadline(EndCause.END, seen, "torque-free set-points at once")
+    yield TorqueDeadline(EndCause.END, seen, "set-points of zero torque at once")
 
 
 def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
     """Return how a set-point without effect is noticed; a constant one cannot be told from one that acts."""
     if math.isinf(axis.limits.echo):
-        return "nothing notices it: the drive does not show what it was sent"
+        return "not detected: the drive does not return its set-points"
     waited = rounded(1e3 * axis.limits.echo)
-    return f"not followed for {waited} ms from the first change on is a trip; then {BESIDE}, at the latest {by_guard}"
+    return f"trip when not followed for {waited} ms after the first change; then {BESIDE}; at the latest: {by_guard}"
 
 
 def _replaced(others: OtherMasters, period: float) -> float:
@@ -171,9 +171,9 @@ def _replaced(others: OtherMasters, period: float) -> float:
 
 def _shown(axis: AxisPlan) -> str:
     if axis.other_masters is None or axis.other_masters.shown_by is None:
-        return "nothing notices it: no register shows them before ours replace them"
+        return "not detected: no register shows them before ours replace them"
     return (
-        f"added up, each until ours replaces it; {axis.other_masters.shown_by.value} shows it, and {FOREIGN_TIMES} "
+        f"sum of the times until ours replace them; {axis.other_masters.shown_by.value} shows them; {FOREIGN_TIMES} "
         f"within {exactly(FOREIGN_WITHIN)} s are a trip"
     )
 
@@ -189,12 +189,12 @@ def unseen_text(axis: AxisPlan, period: float) -> str:
     measured = others.shown_by is Signal.TORQUE_ACTUAL
     recent = recent_time(period, axis.limits.age, axis.delay.torque_loop if measured else 0.0)
     overshoot = f" and {percent(OVERSHOOT)} of their range" if measured else ""
-    turns = "" if others.every == 1 else f", looked for in one of {others.every} periods"
+    turns = "" if others.every == 1 else f", checked in one of {others.every} periods"
     return (
-        f"{who}: those that act for less than {rounded(1e3 * others.blind)} ms (a period is {rounded(1e3 * period)} ms)"
-        f"{turns}; those that exceed ours of the last {rounded(1e3 * recent)} ms in either direction by less than "
-        f"{percent(FOREIGN_SHARE)} of rated torque{overshoot}. Fewer than {FOREIGN_TIMES} within "
-        f"{exactly(FOREIGN_WITHIN)} s are no trip"
+        f"{who}: those that act for less than {rounded(1e3 * others.blind)} ms (period "
+        f"{rounded(1e3 * period)} ms){turns}; those outside the range of ours in the last "
+        f"{rounded(1e3 * recent)} ms by less than {percent(FOREIGN_SHARE)} of rated torque{overshoot}. Fewer than "
+        f"{FOREIGN_TIMES} within {exactly(FOREIGN_WITHIN)} s do not trip"
     )
 
 

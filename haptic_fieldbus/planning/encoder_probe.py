@@ -115,7 +115,7 @@ def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
     if axis.integrates:
         return f"{axis.profile.title} offers velocity only"
     if plant is None or not plant.mass:
-        return "the inertia is not known"
+        return "the inertia is unknown"
     longest = math.floor(LONGEST_PULSE / period + 1e-9)
     if not longest:
         return f"a pulse of one period is longer than {exactly(1e3 * LONGEST_PULSE)} ms"
@@ -126,7 +126,9 @@ def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
     if needed > FELT_SHARE * limits.effort - step:
         force = axis.workspace.effort_unit
         asked = f"pulses of ±{in_unit(needed, force)}" if moved else "longer pulses"
-        return f"{asked} would be needed, and {percent(FELT_SHARE)} of {in_unit(limits.effort, force)} is felt"
+        return (
+            f"{asked} are needed, but pulses above {percent(FELT_SHARE)} of {in_unit(limits.effort, force)} can be felt"
+        )
     effort = max(1, math.ceil(needed / step - 1e-9)) * step
     enough = way / (effort - plant.coulomb)
     periods = next(
@@ -136,7 +138,7 @@ def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
     least, lead = max(limits.holding, effort / FELT_SHARE), max(1, round(LEAD / period))
     probe = EncoderProbe(effort, periods, least, lead, math.ceil(axis.delay.total / period) + 1, period)
     if limits.stall < probe.time:
-        return f"that takes {rounded(probe.time)} s, and limits.stall is {exactly(limits.stall)} s"
+        return f"the test takes {rounded(probe.time)} s, but limits.stall is {exactly(limits.stall)} s"
     return probe
 
 
@@ -165,20 +167,20 @@ def encoder_lines(axis: AxisPlan, period: float) -> Iterator[str]:
         return
     probe, limits, force = _probe(axis, period), axis.limits, axis.workspace.effort_unit
     holding = in_unit(limits.holding, force)
-    rule = f"counts that stand still for {exactly(limits.stall)} s lower the {axis.workspace.effort_name} to {holding}"
+    rule = f"without a count for {exactly(limits.stall)} s the {axis.workspace.effort_name} is limited to {holding}"
     if isinstance(probe, str):
-        yield f"not asked by pulses: {probe}; {rule}"
+        yield f"encoder not tested by pulses: {probe}; {rule}"
         return
     hand, length = HAND[axis.workspace], axis.workspace.length_unit
     yield (
-        f"asked by pulses when its counts stand still for {exactly(STILL)} s under {in_unit(probe.least, force)} or "
-        f"more: pairs of ±{in_unit(probe.effort, force)} for {rounded(1e3 * probe.periods * period)} ms, at most "
+        f"encoder test by pulses after {exactly(STILL)} s without a count under {in_unit(probe.least, force)} or more: "
+        f"pairs of ±{in_unit(probe.effort, force)} for {rounded(1e3 * probe.periods * period)} ms, at most "
         f"{percent(FELT_SHARE)} of the {axis.workspace.effort_name}"
     )
     friction = 0.0 if axis.plant is None else axis.plant.coulomb
     yield (
         f"a pair moves two counts against {in_unit(friction, force)} of friction and a hand of "
-        f"{in_unit(hand.stiffness, f'{force}/{length}')}; {PAIRS} pairs without a motion end the run after "
+        f"{in_unit(hand.stiffness, f'{force}/{length}')}; {PAIRS} pairs without a count trip after "
         f"{rounded(probe.time)} s"
     )
     if probe.least > limits.holding:
@@ -190,4 +192,4 @@ def why_not_asked(axis: AxisPlan, period: float) -> str:
     probe = _probe(axis, period)
     if isinstance(probe, str):
         return probe
-    return f"below {in_unit(probe.least, axis.workspace.effort_unit)} a hand would feel them"
+    return f"pulses could be felt below {in_unit(probe.least, axis.workspace.effort_unit)}"

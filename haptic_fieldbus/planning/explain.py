@@ -141,10 +141,10 @@ def recommended_limits(axis: AxisPlan) -> str:
     told = (
         ("effort", given.effort, rounded(FIRST_SHARE * axis.rated_effort, 2)),
         ("speed", given.speed, exactly(FIRST_SPEED[axis.workspace.value])),
-        ("position", given.position, f"[lowest, highest], the free way of the handle in {length}"),
+        ("position", given.position, f"[lowest, highest], the travel of the handle in {length}"),
     )
     missing = ", ".join(f"{name} = {value}" for name, known, value in told if known is None)
-    return f"for the first runs [axis.{axis.name}.limits] {missing}" if missing else ""
+    return f"for the first runs write [axis.{axis.name}.limits] {missing}" if missing else ""
 
 
 def _text(row: LimitRow) -> str:
@@ -212,7 +212,7 @@ def plan_rows(plan: Plan) -> Iterator[OutputRow]:
         yield OutputRow("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
     guards = plan.guards
     yield OutputRow(
-        "guard", guard_lines(guards, simulated=plan.simulated), "guards", [guard.to_json() for guard in guards]
+        "watchdog", guard_lines(guards, simulated=plan.simulated), "guards", [guard.to_json() for guard in guards]
     )  # fmt: skip
     yield OutputRow("enabling", enabling_lines(axes))
     parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
@@ -285,7 +285,7 @@ def delay_text(plan: Plan) -> str:
 
 def deadline_texts(plan: Plan) -> Iterator[str]:
     """Yield what zero torque means, then a line for each cause with its longest time [ms] and the way to zero."""
-    yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % of it left), a late host not counted:"
+    yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % left), without lateness of the host:"
     for each in plan.deadlines:
         yield f"{each.cause.value}: {milliseconds(each.seconds)}, {each.how}"
 
@@ -299,7 +299,7 @@ def _stability(plan: Plan) -> Iterator[str]:
     """Yield the verdict on the weakest axis, with its limits when a stiffness can be varied."""
     axis, stability = plan.weakest, plan.stability
     if axis is None or stability is None:
-        yield "unknown: the rig does not give inertia and viscous_damping"
+        yield "unknown: inertia and viscous_damping are missing in the rig"
         return
     limit, verdict = stability.stiffness_limit, stability.verdict.value
     if stability.stiffness is None or limit.stable is None or limit.passive is None:
@@ -326,14 +326,13 @@ def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
         damping = f" and {rounded(place.damping)} {workspace.effort_unit}·s/{length}" if place.damping else ""
         held = in_unit(stability.effort, workspace.effort_unit) if math.isfinite(stability.effort) else "the elements"
         yield (
-            f"worst of the places that {held} can hold: "
-            f"{in_unit(place.position, length)}, {rounded_limit(place.stiffness)} {per}{damping}, "
-            f"a motion is multiplied by {rounded(place.growth, 6)} in a period"
+            f"worst equilibrium that {held} can hold: {in_unit(place.position, length)}, "
+            f"{rounded_limit(place.stiffness)} {per}{damping}, spectral radius {rounded(place.growth, 6)}"
         )
     if crest is not None and crest.position is not None and crest.ideal is not None:
         yield (
-            f"at {in_unit(crest.position, length)} nothing can rest: the ideal itself is multiplied by "
-            f"{rounded(crest.ideal, 6)} in a period, this loop by {rounded(crest.growth, 6)}"
+            f"unstable equilibrium at {in_unit(crest.position, length)}: spectral radius of the ideal "
+            f"{rounded(crest.ideal, 6)}, of this loop {rounded(crest.growth, 6)}"
         )
     yield from (text for _, text in own_law_texts(stability, workspace))
 
@@ -348,7 +347,7 @@ def cautious_text(least: Cautious, workspace: Workspace) -> str:
         + (f", coupling {rounded(each.coupling)} times as stiff" if each.coupling != 1.0 else "")
         for each in least.judged_at
     ]
-    return f"the worst of the ranges, {'; '.join(at)}"
+    return f"worst case of the ranges, {'; '.join(at)}"
 
 
 def obstacle_text(obstacle: Obstacle, workspace: Workspace) -> str:

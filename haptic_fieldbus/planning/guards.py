@@ -17,7 +17,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.protocols.traffic import Json
 
-CAPPED = f"torque stays within {100 * HOLDING_SHARE:g} % of rated, what a hand may hold for ever"
+CAPPED = f"torque is limited to {100 * HOLDING_SHARE:g} % of rated, which a hand can hold"
 SAME_GUARD_MS = 0.5
 """Two guards that differ by less are the same; drives count them in whole milliseconds."""
 BETWEEN_PROOFS = 0.2
@@ -31,26 +31,26 @@ LONGEST_QUESTION = 0.02
 def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
     """Return the reason for which no guard of the drive can be relied on; empty while none is known."""
     if not profile.guarded:
-        return f"{profile.title} offers no watch on its master that takes the torque away (profile)"
+        return f"{profile.title} has no watchdog that switches the torque off (profile)"
     proved = axis.proved
     if proved is None or proved.guard == "proved" or proved.profile != profile.name:
         return ""
-    return f"the guard of {profile.title} {_failed(proved)} when it was tried on {proved.date} (rig file)"
+    return f"the watchdog of {profile.title} {_failed(proved)} in the test on {proved.date} (rig file)"
 
 
 def cap_reason(profile: DriveProfile, axis: RigAxis, *, known: bool) -> str:
     """Return the reason for which force is capped; empty when it is not. `known` is whether stability can be judged."""
     if not known:
-        return "inertia and viscous_damping of the axis are not known"
+        return "inertia and viscous_damping of the axis are unknown"
     if profile.echo is None:
-        return f"{profile.title} does not show what it was sent (torque.echo of its profile)"
+        return f"{profile.title} does not return its set-points (torque.echo of its profile)"
     return unguarded(profile, axis)
 
 
 def _failed(proved: Proved) -> str:
     if proved.guard_ms is None:
-        return "did not act"
-    return f"acted after {rounded(proved.guard_ms)} ms instead of {exactly(proved.asked_ms)} ms"
+        return "did not fire"
+    return f"fired after {rounded(proved.guard_ms)} ms instead of {exactly(proved.asked_ms)} ms"
 
 
 def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
@@ -58,9 +58,9 @@ def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
     why = unguarded(profile, axis)
     if why and axis.emergency_stop is None:
         raise PlanError(
-            f"axis {name}: {why}, so it could hold its last torque when this computer dies or the cable breaks. With "
-            f"an emergency stop in reach that cuts the power of the motor, write axis.{name}.emergency_stop = "
-            f'"power" into the rig; {CAPPED} then. To try its guard anew: run --prove'
+            f"axis {name}: {why}. The drive could hold its last torque when this computer dies or the cable breaks. If "
+            f'an emergency stop within reach cuts the motor power, write axis.{name}.emergency_stop = "power" into the '
+            f"rig; then {CAPPED}. To test the watchdog again: run --prove"
         )
 
 
@@ -138,8 +138,8 @@ class AxisGuard:
             measured = "" if self.proved.guard_ms is None else f"{rounded(self.proved.guard_ms)} ms measured "
             return f"{asked}; {measured}on {self.proved.date}{_serial(self.proved)}"
         if simulated:
-            return f"{asked}; taken on trust in a simulation, and proved with run --prove"
-        return f"{asked}; is proved at zero torque before force is given: {self.why_not}"
+            return f"{asked} (not tested; `run --prove` tests it)"
+        return f"{asked} (to be tested at zero torque before force is applied: {self.why_not})"
 
 
 def to_prove(
@@ -172,15 +172,15 @@ def guard_of(name: str, profile: DriveProfile, axis: RigAxis, set_to: SetGuard, 
 def _why_not(profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str) -> str:
     proved = axis.proved
     if proved is None:
-        return "the rig file has no proof of it yet" if source else "without a rig file no proof is kept"
+        return "the rig file has no watchdog proof yet" if source else "without a rig file no proof is saved"
     if proved.profile != profile.name:
-        return f"the proof in the rig file was made with the profile {proved.profile}"
+        return f"the proof in the rig file is for the profile {proved.profile}"
     if abs(proved.asked_ms - 1e3 * set_to.seconds) > SAME_GUARD_MS:
-        return f"the proof in the rig file is one of {exactly(proved.asked_ms)} ms"
+        return f"the proof in the rig file is for {exactly(proved.asked_ms)} ms"
     if proved.digest is None:
-        return "the proof in the rig file is by an earlier version and has no digest; run --prove makes a new one"
+        return "the proof in the rig file was made by an earlier version and has no digest; run --prove makes a new one"
     if proved.digest != proved.digest_with(set_to.written):
-        return "profile, reaction, bus, node or the proof itself was changed since the proof was kept in the rig file"
+        return "profile, reaction, bus, node or proof changed after the proof was saved in the rig file"
     return _out_of_time(proved, set_to)
 
 
@@ -190,7 +190,7 @@ def _out_of_time(proved: Proved, set_to: SetGuard) -> str:
     if proved.guard_ms is not None and low - _ROUNDED_MS <= proved.guard_ms <= high + _ROUNDED_MS:
         return ""
     measured = "no time" if proved.guard_ms is None else f"{rounded(proved.guard_ms)} ms"
-    return f"the proof in the rig file has {measured}, and {rounded(low)} to {rounded(high)} ms pass at this rate"
+    return f"the proof in the rig file has {measured}; {rounded(low)} to {rounded(high)} ms are accepted at this rate"
 
 
 def unproved(guard: AxisGuard, recorded: Proved | None, drive: Identity) -> str:
@@ -206,11 +206,11 @@ def unproved(guard: AxisGuard, recorded: Proved | None, drive: Identity) -> str:
     other = known.difference(drive)
     if other and known.serial is not None and drive.serial is not None:
         before, now = (_hexadecimal(getattr(each, other)) for each in (known, drive))
-        return f"the proof in the rig file is that of another drive: its {other} is {before}, that of this one {now}"
+        return f"the proof in the rig file is for another drive: {other} {before}, this drive has {now}"
     if guard.cap:
         return ""
     if drive.serial is None:
-        return "the drive tells no serial number, so a proof cannot be told to be its own"
+        return "the drive reports no serial number, so the proof cannot be assigned to it"
     return "the proof in the rig file names no drive" if other else ""
 
 

@@ -50,7 +50,7 @@ def effort_step(unit: str, profile: DriveProfile, axis: RigAxis) -> float:
     step = torque_step(unit, axis, profile.full_scale)
     if step is None:
         raise PlanError(
-            f"the rig's {needed_for(unit, axis)} of node {axis.node} is unknown: torque cannot be scaled without it"
+            f"node {axis.node}: {needed_for(unit, axis)} is missing in the rig; it is needed to scale the torque"
         )
     return step / axis.mechanism.ratio
 
@@ -65,11 +65,11 @@ def rated_effort(axis: RigAxis, unit: str = "") -> float:
     """
     rated = axis.rated_torque
     if rated is None:
-        raise PlanError(f"the rig's rated_torque of node {axis.node} is unknown: torque cannot be limited without it")
+        raise PlanError(f"node {axis.node}: rated_torque is missing in the rig; it is needed to limit the torque")
     if axis.coulomb_friction >= rated:
         raise PlanError(
-            f"the rig's coulomb_friction of node {axis.node}, {exactly(axis.coulomb_friction)} N·m, is not below its "
-            f"rated_torque, {exactly(rated)} N·m: the motor could not move the handle. Is one of them in mN·m?"
+            f"node {axis.node}: coulomb_friction ({exactly(axis.coulomb_friction)} N·m) must be below rated_torque ("
+            f"{exactly(rated)} N·m), or the motor cannot move the handle. Is one of them in mN·m?"
         )
     if is_current(unit) and axis.rated_current is not None and axis.torque_constant is not None:
         rated = min(rated, axis.rated_current * axis.torque_constant)
@@ -85,7 +85,7 @@ def position_steps(profile: DriveProfile, axis: RigAxis) -> float:
     unit = offered.unit if offered else COUNTS
     steps = steps_per_revolution(unit, axis.encoder_counts_per_revolution, metres_per_revolution(axis))
     if not steps:
-        raise PlanError(f"{profile.title} tells its position in {unit}; it needs a linear mechanism in the rig")
+        raise PlanError(f"{profile.title} reports its position in {unit}; the rig needs a linear mechanism")
     return steps
 
 

@@ -101,7 +101,7 @@ def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
     for axis, wanted in zip(running.axes, plan.axes, strict=True):
         if math.isfinite(axis.limits.energy):
             for name in unbounded(wanted):
-                yield f"{name} may then give any force by itself, and this run judges the energy that it gives"
+                yield f"{name} could then apply any force by itself, but this run limits the energy"
         for element in _forces(wanted):
             for signal in element.needs:
                 if signal not in axis.needs and signal in MISSING:
@@ -124,8 +124,8 @@ def _check_transition(before: Plan, after: Plan) -> None:
         groups = [group for group in grouped(axes, after.period) if changing & {each.name for each in group.members}]
         if any(group.growth() > 1.0 + ROUNDING for group in groups):
             raise UnstableSceneError(
-                "the way to these values is unstable on this bench, though both ends are not: it is with "
-                f"{percent(share, 3)} of the new and the rest of the old. Go by other values"
+                "the change to these values is unstable on this bench, though both ends are stable: a mix of old "
+                f"values and {percent(share, 3)} of the new ones is unstable. Use intermediate values"
             )
 
 

@@ -41,7 +41,7 @@ _WORDS: dict[str, Callable[[DriveProfile], str]] = {
     "velocity.actual": lambda profile: "unit of velocity",
     "pdo.rpdo_acts": lambda profile: "set-points act on reception",
     "link_loss.reacts": lambda profile: "reaction to a lost link",
-    "sync.powers": lambda profile: "periods that it takes",
+    "sync.powers": lambda profile: "accepted loop periods",
 }
 """Key of a profile → its words; others do not bear on torque, or follow from these."""
 _ORDER = list(_WORDS)

@@ -108,14 +108,18 @@ def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[
         beyond = " and ".join(law.beyond)
         stated = f"{rounded_limit(max(law.stated, 0.0))} {per}"
         if not law.places:
-            yield law, f"{law.element}: judged by linearised() alone, {stated}, as its force depends on {beyond}"
+            yield law, f"{law.element}: checked by linearised() alone ({stated}), because its force depends on {beyond}"
             continue
         lower, upper = (in_unit(end, length) for end in law.travel)
         text = f"{law.element}: force read at {law.places} places from {lower} to {upper}; "
         text += f"steepest {rounded_limit(max(law.steepest, 0.0))} {per} at {in_unit(law.position, length)}"
-        text += f", more than linearised() states, {stated}" if law.is_steeper else ""
-        text += f"; read at rest, as it depends on {beyond} too" if law.beyond else ""
-        text += "; it pushes the handle away without end; limits.position of the rig stops that" if law.runs_off else ""
+        text += f", more than linearised() states ({stated})" if law.is_steeper else ""
+        text += f"; read at rest, because it also depends on {beyond}" if law.beyond else ""
+        text += (
+            "; its force away from rest grows without bound; limits.position of the rig stops the handle"
+            if law.runs_off
+            else ""
+        )
         yield law, text
 
 
@@ -126,7 +130,7 @@ def _uncoupled(plan: Plan, group: Group) -> str:
         found, element, space = each.stability, each.stiffest, plan.axis(each.reference_axis).workspace
         limit = found.stiffness_limit.stable
         if element is not None and limit is not None and found.verdict is Verdict.UNSTABLE:
-            where = f"{element.name} on {each.reference_axis} is unstable without a coupling too"
+            where = f"{element.name} on {each.reference_axis} is unstable without its coupling too"
             parts.append(f"; {where}, limit {rounded_limit(limit)} {space.effort_unit}/{space.length_unit}")
     return "".join(parts)
 
@@ -141,7 +145,7 @@ def softer(element: AnyElement, stiffness: float) -> str:
     changed = {name: value for name, value in changed.items() if value != getattr(element, name)}
     # A list of stiffnesses cannot be written as one setting.
     if not all(isinstance(value, float) for value in changed.values()):
-        return f"{element.name} with {rounded(stiffness / abilities(element).stiffness)} times its stiffnesses"
+        return f"{element.name} with all stiffnesses multiplied by {rounded(stiffness / abilities(element).stiffness)}"
     # Several are rounded by less, so that their ratio stays.
     digits = 2 if len(changed) == 1 else LIMIT_DIGITS
     smaller = {name: rounded_down(value, digits) if value > 0.0 else value for name, value in changed.items()}

@@ -96,7 +96,7 @@ def parse_axes(texts: Iterable[str]) -> dict[str, str]:
     for text in texts:
         own, _, other = (part.strip() for part in text.partition("="))
         if not (own and other):
-            faults.append(f"--axis \"{text}\": expected the scene's axis=the rig's axis, for example knob=handle")
+            faults.append(f'--axis "{text}": expected SCENE_AXIS=RIG_AXIS, for example knob=handle')
         elif own in axes:
             faults.append(f"--axis {own}: given twice, as {axes[own]} and {other}")
         axes[own] = other
@@ -163,7 +163,7 @@ def check_fade_in(fade_in: float) -> None:
     """Raise UsageError for a time [s] in which a force would not fade in; the comparison also refuses NaN."""
     if not SHORTEST_FADE_IN <= fade_in <= LONGEST_FADE_IN:
         least, most = exactly(SHORTEST_FADE_IN), exactly(LONGEST_FADE_IN)
-        raise UsageError(f"fade-in {exactly(fade_in)} s: expected {least} to {most} s, so that the hand notices")
+        raise UsageError(f"fade-in {exactly(fade_in)} s: expected {least} to {most} s, so that the person notices it")
 
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
@@ -191,7 +191,7 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
     if path.suffix not in suffixes:
         return [f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}']
     if not path.parent.is_dir():
-        return [f'{option} "{path}": there is no folder {path.parent}']
+        return [f'{option} "{path}": no folder {path.parent}']
     # Opening to append tries the permissions without changing a file that is there.
     existed = path.exists()
     if path.is_fifo():  # opening it would wait for somebody who reads it

@@ -49,7 +49,8 @@ def settled(task: Task) -> tuple[Scene, str | None]:
         limited = stiffest_of(found.couplings)  # coupled axes are judged by this stiffness alone
         if limited is not None and part != f"{limited.name}.stiffness":
             raise UsageError(
-                f"{part}={values[part]}: the limit of coupled axes is told for {limited.name}.stiffness alone"
+                f"{part}={values[part]}: for coupled axes only {limited.name}.stiffness can be set as a part of "
+                "the limit"
             )
     return found, part
 
@@ -64,10 +65,10 @@ def at_limit(task: Task, scene: Scene, part: str, stability: Stability | None) -
     limit = None if stability is None else stability.stiffness_limit.stable
     # Also a limit of 0, of which each part is 0.
     if not limit or math.isinf(limit):
-        raise UsageError(f"{text}: this bench has no stability limit to take a part of")
+        raise UsageError(f"{text}: this bench has no stability limit")
     divisor = float(str(values[part]).partition("/")[2] or 1.0)
     if divisor == 0.0:
-        raise UsageError(f"{text}: the limit cannot be divided by zero")
+        raise UsageError(f"{text}: division of the limit by zero")
     name, _, parameter = part.rpartition(".")
     element: Any = next((each for each in scene.elements if each.name == name), None)
     value: Setting = limit / divisor  # [N/m or N·m/rad]
@@ -136,7 +137,9 @@ def _check_scales(part: str, value: Setting, scene: Scene) -> None:
     graded = abilities(element).with_stiffness
     doubled = element if graded is None else graded(2.0 * element.stiffness)
     if not isinstance(own, float) or getattr(doubled, parameter) == own:
-        raise UsageError(f"{part}={value}: only a stiffness has a limit, or what it follows from")
+        raise UsageError(
+            f"{part}={value}: only a stiffness, or a parameter that determines it, can be a part of the limit"
+        )
 
 
 HERE = "here"
@@ -191,8 +194,8 @@ def select(task: Task) -> Selection:
     ]
     if missing:
         raise PlanError(
-            f"the bench on {found.bus.text} is unknown, so stability cannot be judged. A rig file (--rig FILE) must "
-            f"give: {', '.join(missing)}. Without them, --force allows 5 % of rated torque"
+            f"stability unknown: the bench on {found.bus.text} lacks {', '.join(missing)}. Write them into a rig file "
+            "(--rig FILE), or use --force with at most 5 % of rated torque"
         )
     return found
 
@@ -222,7 +225,7 @@ def _with_zero(rig: Rig, zero: str | None) -> Rig:
         return rig
     if zero != HERE:
         raise UsageError(
-            f'--zero "{zero}": expected {HERE}; an encoder count stands in the rig, axis.NAME.mechanism.zero'
+            f'--zero "{zero}": expected {HERE}; for an encoder count use axis.NAME.mechanism.zero in the rig'
         )
     return replace(
         rig,
@@ -273,12 +276,12 @@ def _bus_of(rig: Rig) -> BusName:
     if len({bus.simulated for bus in names.values()}) > 1:
         raise UsageError(
             f"{rig.source or 'the rig'} mixes simulated and real buses: {listed}. A run has either virtual or real "
-            "time; --bus sim simulates all of them"
+            "time; add --bus sim to simulate all"
         )
     # Two masters on one pair of wires would each send a SYNC.
     if len({section.wires for section in _used(rig).values()}) < len(names):
         raise UsageError(
-            f"{rig.source or 'the rig'} names one bus twice: {listed}. What hangs on one pair of wires is one [bus]"
+            f"{rig.source or 'the rig'} lists one bus twice: {listed}. Use one [bus] for one pair of wires"
         )
     first = next(iter(names.values()))
     return replace(first, text=", ".join(bus.text for bus in names.values()))
@@ -292,8 +295,8 @@ def _on_bus(rig: Rig, named: BusName) -> Rig:
     used = _used(rig)
     if len(used) > 1 and not named.simulated:
         raise UsageError(
-            f"--bus {named.text} is one bus, but the axes of {rig.source or 'the rig'} are on several: "
-            f"{', '.join(used)}. Leave it out, or simulate them with --bus sim"
+            f"--bus {named.text} is one bus, but the axes of {rig.source or 'the rig'} use several: {', '.join(used)}. "
+            "Omit --bus, or simulate them with --bus sim"
         )
     # With several buses each keeps its own name as its channel, so that the simulated ones stay apart.
     sections = {

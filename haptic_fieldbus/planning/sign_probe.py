@@ -163,15 +163,17 @@ def check_steps(axis: AxisPlan) -> None:
     """
     target, force = axis.profile.offers()[Signal.TARGET_TORQUE], axis.workspace.effort_unit
     step = f"axis {axis.name}: one step of target torque is {in_unit(axis.effort_unit, force)} at the handle"
-    scale = "Check the mechanism and what scales the torque in the rig"
+    scale = "Check the mechanism and the torque scaling in the rig"
     most = target.type.limits[1]
     if axis.limits.effort > most * axis.effort_unit:
         limit = in_unit(axis.limits.effort, force)
         raise PlanError(
-            f"{step}, and the drive takes {most} of them: less than the limit of the axis, {limit}. {scale}"
+            f"{step}, and at most {most} steps are possible: less than the limit of the axis, {limit}. {scale}"
         )
     if axis.limits.unseen <= 0.0 and not axis.sign_known:
-        raise PlanError(f"{step}, more than is permitted before the sign is seen. {scale}; {raising(axis)}")
+        raise PlanError(
+            f"{step}, above the torque allowed before the motor direction is confirmed. {scale}; {raising(axis)}"
+        )
 
 
 def probe_of(axis: AxisPlan, period: float) -> SignProbe:
@@ -236,14 +238,14 @@ def raising(axis: AxisPlan) -> str:
     given, force = axis.rig.permissions, axis.workspace.effort_unit
     share, effort = permitted_unseen(axis.rig, axis.rated_effort, axis.workspace)
     if axis.limits.effort < min(share, effort):
-        return f"the limit of the axis, {in_unit(axis.limits.effort, force)}, bounds it"
+        return f"pulses cannot exceed the limit of the axis, {in_unit(axis.limits.effort, force)}"
     if effort <= share:
-        return f"axis.{axis.name}.permissions.sign_effort, {exactly(effort)} {force} now, permits more"
+        return f"raise axis.{axis.name}.permissions.sign_effort, now {exactly(effort)} {force}"
     if given.sign_pulse == LARGEST_SHARE:
-        return f"{percent(LARGEST_SHARE)} of rated torque is the most that can be permitted"
+        return f"pulses cannot exceed {percent(LARGEST_SHARE)} of rated torque"
     return (
-        f"axis.{axis.name}.permissions.sign_pulse, {exactly(share / axis.rated_effort)} of rated torque now, permits "
-        f"more, up to {exactly(LARGEST_SHARE)}"
+        f"raise axis.{axis.name}.permissions.sign_pulse, now {exactly(share / axis.rated_effort)} of rated torque, to "
+        f"at most {exactly(LARGEST_SHARE)}"
     )
 
 
@@ -251,11 +253,14 @@ def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
     """Return in words how the sign will be seen: torques, times, and how far the handle may move."""
     force, first = axis.workspace.effort_unit, probe.stages[0]
     share = percent(probe.largest / axis.rated_effort)
-    grown = f", which grow to ±{in_unit(probe.largest, force)} ({share} of rated torque) at most while nothing moves"
-    pulses = f"pulses of ±{in_unit(first.effort, force)}{grown if probe.largest > first.effort else ''}"
+    grown = f", growing to ±{in_unit(probe.largest, force)} ({share} of rated torque) while nothing moves"
+    pulses = (
+        f"motor direction check with pulses of ±{in_unit(first.effort, force)}"
+        f"{grown if probe.largest > first.effort else ''}"
+    )
     return (
-        f"{pulses}; {_ways(axis, probe)}; seen after {rounded(1e3 * probe.time)} ms at least{_hindered(axis, probe)}; "
-        f"until motion follows torque, at most {in_unit(probe.holding, force)}"
+        f"{pulses}; {_ways(axis, probe)}; takes at least {rounded(1e3 * probe.time)} ms{_hindered(axis, probe)}; "
+        f"until then at most {in_unit(probe.holding, force)}"
     )
 
 
@@ -263,11 +268,11 @@ def _ways(axis: AxisPlan, probe: SignProbe) -> str:
     """Return how far the pulses move the handle, as the rig describes its inertia."""
     length, first = axis.workspace.length_unit, probe.stages[0]
     if probe.travel is None or probe.farthest is None:
-        return "how far they move the handle is unknown, as its inertia is"
+        return "the travel of the handle is unknown, because its inertia is"
     speed = f" at {in_unit(probe.travel / (first.periods * probe.period), f'{length}/s')}" if probe.speed else ""
     return (
-        f"the first ones move a free handle to and fro by up to {in_unit(probe.travel, length)}{speed}, the largest "
-        f"ones a handle that comes loose by up to {in_unit(probe.farthest, length)}"
+        f"the first pulses move a free handle by up to {in_unit(probe.travel, length)}{speed}; the largest pulses move "
+        f"a handle that breaks loose by up to {in_unit(probe.farthest, length)}"
     )
 
 
@@ -276,12 +281,12 @@ def _hindered(axis: AxisPlan, probe: SignProbe) -> str:
     force, told = axis.workspace.effort_unit, ""
     if probe.friction >= probe.largest:
         told = (
-            f"; the friction in the rig, {in_unit(probe.friction, force)}, is not below the largest pulse: expect that "
-            f"nothing moves and the run is refused ({raising(axis)})"
+            f"; friction in the rig ({in_unit(probe.friction, force)}) is not below the largest pulse, so the test "
+            f"will probably fail ({raising(axis)})"
         )
     if not is_checked(axis):
         told += (
-            f"; the {force} follow from the rig alone and cannot be checked, because {axis.profile.title} neither "
-            "takes a share of a rated value nor tells one"
+            f"; the values in {force} follow from the rig alone and cannot be checked: {axis.profile.title} neither "
+            "uses a share of a rated value nor reports one"
         )
     return told

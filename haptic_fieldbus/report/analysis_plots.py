@@ -88,9 +88,9 @@ def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
             look = line(method)
             panel.plot([1e3 * model.period], [at_period], **look | {"linestyle": "none", "label": "_"})
     panel.axvline(1e3 * model.period, color=GREY, linewidth=1.0, linestyle=":")
-    panel.set(xscale="log", ylim=(0.0, GROWN), xlabel="period [ms]", ylabel="growth per step, largest |z| [1]")
+    panel.set(xscale="log", ylim=(0.0, GROWN), xlabel="period [ms]", ylabel="spectral radius, largest |z| [1]")
     panel.set_title(
-        f"growth of a free motion in a step; below, by method, at {in_unit(model.period, 's')}", loc="left", size=10.5
+        f"spectral radius per step; below, by method, at {in_unit(model.period, 's')}", loc="left", size=10.5
     )
     panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
     panel.spines[["top", "right"]].set_visible(False)
@@ -182,7 +182,7 @@ def plot_region(judgement: Judgement, path: Path) -> None:
     """
     element = judgement.group.stiffest
     if element is None or not hasattr(element, "damping"):
-        raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
+        raise UsageError("--plot needs an element with stiffness and damping; this scene has none")
     stability = judgement.stability
     # The last term keeps the panel from having no width when neither device nor scene has damping.
     near = 4.0 * max(stability.plant.damping, float(element.damping), 1e-9 * judgement.group.largest_damping)
@@ -213,7 +213,7 @@ def _draw(panel: Axes, judgement: Judgement, end: float) -> None:
     panel.fill_between(damping, stable, color=BLUE, alpha=0.16, linewidth=0)
     panel.plot(damping, stable, color=BLUE, linewidth=1.8, label="stable below")
     panel.fill_between(damping, passive, color=GREEN, alpha=0.25, linewidth=0)
-    panel.plot(damping, passive, color=GREEN, linewidth=1.8, label="passive below, with any hand")
+    panel.plot(damping, passive, color=GREEN, linewidth=1.8, label="passive with any hand")
     panel.set_xlabel(f"virtual damping [{units['damping']}]")
     panel.set_ylabel(f"virtual stiffness [{units['stiffness']}]")
     panel.margins(x=0)

@@ -41,9 +41,9 @@ def response_lines(response: Response, title: str) -> list[Line]:
     lines += [("", _extremes("force", response.force, space.effort_unit))]
     lines += [("", _extremes(f"virtual {name}", values, "")) for name, values in response.states.items()]
     if response.spectral_radius is not None:
-        radius = f"{response.method}: spectral radius {rounded(response.spectral_radius, 9)} a step"
+        radius = f"{response.method}: spectral radius {rounded(response.spectral_radius, 9)} per step"
         lines.append(("method", f"{radius}, {_growth_words(response.spectral_radius)}"))
-    ended = f"{len(response.time)} samples" + (", then no finite number" if response.diverged else "")
+    ended = f"{len(response.time)} samples" + (", then not finite" if response.diverged else "")
     return [*lines, ("verdict", f"{'diverged' if response.diverged else 'finite'}: {ended}")]
 
 
@@ -91,7 +91,7 @@ def model_lines(model: EnvironmentModel) -> list[Line]:
     if model.integrated.order:
         steps = {name: "no step" if by is None else rounded(by, DIGITS) for name, by in model.growth.items()}
         growth = ", ".join(f"{method} {by}" for method, by in steps.items())
-        lines.append(("growth", f"of a free motion in a step, its spectral radius: {growth}"))
+        lines.append(("growth", f"spectral radius of one step: {growth}"))
     return lines
 
 
@@ -145,7 +145,9 @@ def estimate_lines(found: Estimation, file: str) -> list[Line]:
     signal, estimate = found.signal, found.estimate
     duration = float(signal.times[-1] - signal.times[0])
     sampled = f"{len(signal.times)} rows, {rounded(duration)} s at {rounded(1.0 / found.period, 6)} Hz"
-    uneven = f", up to {percent(found.unevenness)} of a period early or late" if found.unevenness > UNEVEN else ""
+    uneven = (
+        f", samples up to {percent(found.unevenness)} of a period early or late" if found.unevenness > UNEVEN else ""
+    )
     return [
         ("signal", f"{file}: {_range(signal.quantity, signal.values)}, in steps of {rounded(found.resolution)}"),
         ("", f"{sampled}{uneven}"),
@@ -164,7 +166,7 @@ def _range(name: str, values: NDArray[np.float64]) -> str:
 def _noise(found: Estimation) -> str:
     gain = found.estimate.noise_gain
     if gain is None:
-        return "no figure: the estimator is not linear, and what it does to noise depends on the motion"
+        return "no value: the estimator is not linear; its noise depends on the motion"
     amplified = f"white noise of 1 in {found.signal.quantity} is {rounded(gain)} in {found.estimate.quantity}"
     return f"gain {rounded(gain)}: {amplified}" + (" at the end" if found.estimator == INTEGRATION else "")
 
@@ -172,32 +174,30 @@ def _noise(found: Estimation) -> str:
 def _delay(found: Estimation) -> str:
     delay = found.estimate.delay
     if delay is None:
-        return "no figure: it depends on the motion"
+        return "no value: it depends on the motion"
     if not delay:
-        return "none of slow changes"
-    return f"{in_unit(delay, 's')}, {rounded(delay / found.period)} periods: a slow change of velocity is seen so late"
+        return "no delay for slow changes"
+    return f"{in_unit(delay, 's')}, {rounded(delay / found.period)} periods, for slow changes of velocity"
 
 
 def _drift(found: Estimation, duration: float) -> str:
     drift = found.estimate.drift
     if drift is None:
-        return "none: what happened is forgotten"
+        return "no drift: the estimator forgets old samples"
     if not drift:
-        return "none of readings without steps; an offset in velocity adds up all the same"
-    wrong = f"of readings rounded to their step, each wrong by up to {rounded(0.5 * found.resolution)}"
-    return (
-        f"up to {rounded(drift)} in {rounded(duration)} s {wrong}; rounded down they fall short by so much on average"
-    )
+        return "no drift from readings without steps; a velocity offset still adds up"
+    wrong = f"from readings rounded to a step, each wrong by up to {rounded(0.5 * found.resolution)}"
+    return f"up to {rounded(drift)} in {rounded(duration)} s {wrong}; with rounding down this is the average shortfall"
 
 
 # Stability limits of a loop in words, as lines of a key and a text.
 
 # A passive hand is one that gives off no more energy than it took up.
 MEANING = {
-    Verdict.PASSIVE: "no hand that is passive itself can make it unstable",
-    Verdict.STABLE: "a small motion dies wherever {held} can hold the handle; some hand could make it grow",
-    Verdict.LIMIT_CYCLE: "it moves to and fro over the edge of an encoder count for ever",
-    Verdict.UNSTABLE: "it grows until something saturates",
+    Verdict.PASSIVE: "stable with every passive hand",
+    Verdict.STABLE: "small motions decay wherever {held} can hold the handle; not passive",
+    Verdict.LIMIT_CYCLE: "the handle moves to and fro over one encoder count without end",
+    Verdict.UNSTABLE: "motion grows until a limit acts",
 }
 
 
@@ -222,7 +222,7 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     yield from (OutputRow("assumed", [text]) for text in assumed)
     yield OutputRow(key="assumed", value=list(assumed))
     yield OutputRow("limits", _limits(judgement, unit))
-    yield OutputRow("radius", [f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"])
+    yield OutputRow("radius", [f"spectral radius {rounded(stability.spectral_radius, 9)} (below 1 decays)"])
     yield OutputRow("place", place_texts(stability, space))
     margin = stability.margin
     told = "" if margin is None or math.isinf(margin) else f" · margin {rounded(margin)}"
@@ -250,13 +250,11 @@ def notes(judgement: Judgement) -> list[Line]:
     plant, found = judgement.stability.plant, []
     if judgement.stability.stiffness_limit.quantisation == 0.0:
         step = in_unit(plant.resolution, judgement.workspace.length_unit)
-        found.append(("note", f"quantisation 0: {_step(plant)} of {step} and no Coulomb friction to bridge it"))
+        found.append(("note", f"quantisation limit 0: no Coulomb friction bridges one {_step(plant)} of {step}"))
     if plant.tachometer:
-        found.append(("note", "passive 0: between two readings of velocity some hand can always gain energy"))
+        found.append(("note", "passive limit 0: with a sampled velocity no stiffness is passive"))
     if judgement.linear_estimator is not None:
-        found.append(
-            ("note", f"{judgement.estimator} is not linear; judged with {judgement.linear_estimator} in its place")
-        )
+        found.append(("note", f"{judgement.estimator} is not linear; checked with {judgement.linear_estimator}"))
     return found
 
 
@@ -282,7 +280,7 @@ def _device(plant: Plant, workspace: Workspace) -> str:
         f"mass {rounded(plant.mass)} {units['mass']}",
         f"damping {rounded(plant.damping)} {units['damping']}",
         f"Coulomb friction {in_unit(plant.coulomb, workspace.effort_unit)}",
-        f"{_step(plant).partition(' ')[2]} {in_unit(plant.resolution, workspace.length_unit)}",  # without the article
+        f"{_step(plant)} {in_unit(plant.resolution, workspace.length_unit)}",
         f"torque loop {rounded(1e3 * plant.torque_lag)} ms",
     ]
     values = (plant.mass, plant.damping, plant.coulomb, plant.resolution, plant.torque_lag)
@@ -293,22 +291,22 @@ def _load(body: HungBody, workspace: Workspace) -> str:
     """Return a load behind a compliant transmission."""
     units = parameter_units(workspace)
     link = f"{rounded(body.stiffness)} {units['stiffness']} and {rounded(body.damping)} {units['damping']}"
-    return f"behind it, by {link}: mass {rounded(body.mass)} {units['mass']}"
+    return f"load behind {link}: mass {rounded(body.mass)} {units['mass']}"
 
 
 def _step(plant: Plant) -> str:
     """Return the name of one step of the measured position."""
-    return "a step by the tachometer" if plant.tachometer else "an encoder step"
+    return "tachometer step" if plant.tachometer else "encoder count"
 
 
 def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     """Yield the stiffness limits, last with the share `UNCERTAIN` of the friction."""
     limit = judgement.stability.stiffness_limit
     if limit.stable is None:
-        yield "none: no element has a stiffness to vary"
+        yield "no limit: no element has a stiffness to vary"
         return
     yield f"stable {_up_to(limit.stable, unit)}"
-    hand = "whatever hand holds it" if limit.passive else "as nothing proves it for every hand"
+    hand = "stable with every passive hand" if limit.passive else "not proved for every hand"
     yield f"passive {_up_to(limit.passive, unit)}, {hand}"
     if limit.quantisation is not None:
         between = "steps" if judgement.stability.plant.tachometer else "counts"
@@ -321,7 +319,7 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
-    yield f"with {exactly(UNCERTAIN)} of the friction: {limits}"
+    yield f"with {exactly(UNCERTAIN)} times the friction: {limits}"
 
 
 def _up_to(value: float | None, unit: str) -> str:

@@ -58,7 +58,7 @@ def draw_law(panel: Axes, trace: Trace, elements: Sequence[object], effort: floa
     places = np.linspace(low - margin, high + margin, PLACES)
     law = law_at_rest(elements, places)
     if law is not None:
-        panel.plot(places * units.per_length, law, color=GREY, linewidth=1.0, linestyle="--", label="law at rest")
+        panel.plot(places * units.per_length, law, color=GREY, linewidth=1.0, linestyle="--", label="force at rest")
         for number, well in enumerate(wells(places, law)):
             label = "well" if not number else None
             panel.axvline(well * units.per_length, color=GREEN, linewidth=1.0, linestyle=":", label=label)
@@ -188,13 +188,13 @@ def draw_axis(
     if periods is not None:
         _draw_times(panels[2, 0], periods)
     elif trace.ideal is None:
-        panels[2, 0].text(0.5, 0.5, "the error is not known", transform=panels[2, 0].transAxes, ha="center")
+        panels[2, 0].text(0.5, 0.5, "error unknown", transform=panels[2, 0].transAxes, ha="center")
     _legends(panels[:, 0])
     if window:
         draw_law(panels[0, 1], trace, elements, effort, units)
         _dress(panels[0, 1], f"{name}{units.effort_name} over position [{units.length}]")
         close = cut(trace, *window)
-        _column(panels[1:, 1], close, walls, units, f"{name}a closer look, period by period", "time [ms]", 1e3)
+        _column(panels[1:, 1], close, walls, units, f"{name}detail, period by period", "time [ms]", 1e3)
         panels[2, 1].set_ylabel(f"{units.effort_name} [{units.effort}]")
         panels[0, 0].axvspan(*window, color=ORANGE, alpha=0.35, linewidth=0)
 
@@ -250,14 +250,14 @@ def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) 
         return
     times = trace.times * per_second
     at, felt = thin(times, FELT * np.abs(trace.ideal))
-    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{percent(FELT)}: a hand cannot tell")
+    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{percent(FELT)}: not noticeable")
     _line(panel, times, trace.force - trace.ideal, VERMILION, 1.0, "rendered − ideal")
     panel.set_ylabel(f"error [{units.effort}]")
 
 
 def _draw_times(panel: Axes, periods: PeriodTimes) -> None:
-    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "age of the feedback")
-    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "began late by")
+    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "feedback age")
+    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "late by")
     panel.set_ylabel("time [ms]")
     panel.set_ylim(bottom=0.0)
 
@@ -292,7 +292,7 @@ def _mark_fade_in(panels: Array, trace: Trace, units: AxisUnits) -> None:
     for panel in panels:
         panel.axvspan(first, last, color="#f1f6fa", linewidth=0, zorder=0)
     place = {"transform": panels[1].get_xaxis_transform(), "ha": "center", "va": "center", "rotation": 90, "size": 9}
-    panels[1].text((first + last) / 2, 0.5, "limit fades in", color="#555555", **place)
+    panels[1].text((first + last) / 2, 0.5, "fade-in of the limit", color="#555555", **place)
 
 
 def _mark_changes(panels: Array, changes: Sequence[float]) -> None:

@@ -121,10 +121,10 @@ def stability_text(plan: Plan) -> str:
     """Return the verdict on the axis with the smallest margin, with limits and margin as far as they are known."""
     axis, stability = plan.weakest, plan.stability
     if axis is None or stability is None:
-        return "unknown: the rig does not give inertia and viscous_damping"
+        return "unknown: inertia and viscous_damping are missing in the rig"
     stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
     if stability.verdict is Verdict.STABLE and math.isfinite(stability.effort):
-        verdict = f"stable at every resting place up to {in_unit(stability.effort, axis.workspace.effort_unit)}"
+        verdict = f"stable at every equilibrium up to {in_unit(stability.effort, axis.workspace.effort_unit)}"
     if stable is None or stability.stiffness is None:
         return verdict
     asked = f"you ask {rounded_limit(stability.stiffness)}: {verdict}"
@@ -144,7 +144,7 @@ def _cautious_text(stability: Stability, workspace: Workspace) -> str:
     if least is None or math.isinf(least.stable) or stability.stiffness is None:
         return ""
     if not least.stable:
-        found = "no stiffness would be inside" if least.obstacle is None else obstacle_text(least.obstacle, workspace)
+        found = "no stiffness is inside" if least.obstacle is None else obstacle_text(least.obstacle, workspace)
         return f"; above the cautious limit: {found}"
     limit = f"cautious limit {rounded_limit(least.stable)}"
     if stability.stiffness <= least.stable:

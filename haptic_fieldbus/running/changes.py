@@ -66,7 +66,7 @@ class Changes:
     def scene(self) -> Scene:
         """Current scene, or the scene at the end of the present ramp; raises UsageError before a run."""
         if self._running is None:
-            raise UsageError("no run has these changes yet")
+            raise UsageError("these changes belong to no run yet")
         return self.applied[-1].change.plan.scene if self.applied else self._running.scene
 
     @property
@@ -84,10 +84,10 @@ class Changes:
         """
         with self._lock:
             if self._running is None or self._last is None or self._cycle is None:
-                raise UsageError("nothing runs with these changes: they can be asked for while `run` runs")
+                raise UsageError("no run uses these changes: request them while `run` runs")
             # Changes are made in the order in which they were judged, so a request would have to wait for these.
             if len(self._planned) > len(self.applied):
-                raise UsageError(f"scheduled changes are still to come, up to {exactly(self._planned[-1].time)} s")
+                raise UsageError(f"scheduled changes are pending, up to {exactly(self._planned[-1].time)} s")
             change = plan_change(self._running, self._last, settings, force=self._force)
             self._hand_over(change, self._last, self._cycle)
             self._last = change.plan
@@ -100,7 +100,7 @@ class Changes:
         served another run, and otherwise the errors of `request`. UnstableSceneError is not raised if `force`.
         """
         if self._running is not None:
-            raise UsageError("these changes were those of another run; make new ones")
+            raise UsageError("these changes belong to another run; make new ones")
         faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {exactly(self.ramp)}: expected a time above 0 s"]
         faults += [
             f"change at {exactly(time)} s: expected a time above 0 s and below the duration, {exactly(duration)} s"
@@ -116,7 +116,7 @@ class Changes:
                     plan_change(plan, planned[-1].plan if planned else plan, settings, force=force, time=time)
                 )
             except HapticFieldbusError as error:
-                error.add_note(f"asked for by the change at {exactly(time)} s")
+                error.add_note(f"requested by the change at {exactly(time)} s")
                 raise
         self._running, self._planned, self._force = plan, tuple(planned), force
         return self._planned

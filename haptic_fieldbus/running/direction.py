@@ -44,8 +44,8 @@ def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | N
     due = [axis for axis in plan.axes if axis.rig.seen.direction is None]
     if instruct is None or not plan.rig.source:
         return [
-            f"axis {axis.name}: direction not confirmed by a person. Only somebody at the handle can see that "
-            "positions grow to the positive side: start once with a rig file at a terminal, without --yes"
+            f"axis {axis.name}: positive direction not confirmed by a person. Start once with a rig file at a "
+            "terminal, without --yes, and move the handle when asked"
             for axis in due
         ]
     if not due:
@@ -73,14 +73,14 @@ def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instru
             break
     else:
         raise UsageError(
-            f"not enabled: nobody moved the handle of axis {axis.name} within {PATIENCE:g} s. Move it to the positive "
+            f"not enabled: the handle of axis {axis.name} did not move within {PATIENCE:g} s. Move it to the positive "
             "side when asked, or start with --yes, which leaves the direction unconfirmed"
         )
     if way < 0.0:
         sign = -axis.rig.mechanism.sign
         message = (
-            f"the handle was moved to the positive side, and its position fell by {in_unit(-way, unit)}; if this is "
-            f"the side that is to be positive, it must be {sign}"
+            f"the handle moved to the positive side, but its position fell by {in_unit(-way, unit)}. If this side is "
+            f"to be positive, write sign = {sign}"
         )
         raise RigError(plan.rig.source, [Fault(f"axis.{axis.name}.mechanism.sign", message)])
 
@@ -93,7 +93,7 @@ def _kept(axis: AxisPlan, plan: Plan) -> Iterator[str]:
         edit_file(plan.rig.source, partial(with_table, path=("axis", axis.name, "seen"), values=values))
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        yield f"axis {axis.name}: that the direction is right was not kept in {plan.rig.source}: {why}"
+        yield f"axis {axis.name}: the confirmed direction was not saved in {plan.rig.source}: {why}"
 
 
 class _WayExchange:
@@ -132,5 +132,5 @@ class _WayExchange:
         feedback = image.input.unpack_from(self._bus.read(self._deadline_ns))
         self._bus.write(self._output)
         flags = feedback[FLAGS]
-        check_link(axis, flags, feedback[EMERGENCY], "before operation enabled. No torque was given")
+        check_link(axis, flags, feedback[EMERGENCY], "before enabling. No torque was applied")
         return None if flags & LinkFlag.STALE else feedback[place]

@@ -28,7 +28,7 @@ SIGNALS = tuple(
 )  # Windows has no SIGHUP
 OURS_TO_TAKE = (signal.SIG_DFL, signal.default_int_handler)
 """Handlers that nobody has chosen; others, as those of `nohup` or of a program around ours, stay."""
-EARLY = " before operation enabled: no torque was given"
+EARLY = " before enabling: no torque was applied"
 """When a run was stopped of which the drives were never enabled."""
 AGAIN = 1.0
 """Time after a KeyboardInterrupt in which further signals are only noted, since the way out has begun [s]."""

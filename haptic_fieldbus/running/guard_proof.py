@@ -87,8 +87,8 @@ class _Looked:
         enabled = self.state is PowerState.OPERATION_ENABLED
         if self.state in FAULTS or (self._enabled and not enabled):
             raise DriveFaultError(
-                f"axis {self.axis.name}: node {self.axis.node} went to {self.state.value} by itself, when its guard "
-                "was to be proved and before it was left alone. Torque was taken away"
+                f"axis {self.axis.name}: node {self.axis.node} changed to {self.state.value} by itself before the "
+                "watchdog test began. Torque is off"
             )
         self._enabled = enabled
 
@@ -191,7 +191,7 @@ class _ProofExchange:
     def _check(self, axis: AxisPlan, feedback: Sequence[int], flags: int) -> None:
         """Raise the error of the first link fault among these flags."""
         _, found, code = feedback
-        check_link(axis, found & flags, code, "while its guard was proved at zero torque. Torque was taken away")
+        check_link(axis, found & flags, code, "during the watchdog test at zero torque. Torque is off")
 
     def _late(self) -> BusTimeoutError:
         return not_enabled(self._plan, {each.axis.name: each.state for each in (*self._proved, *self._others)})
@@ -208,9 +208,9 @@ def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
     guards = {guard.axis: guard.seconds for guard in plan.guards}
     for name, why in due.items():
         yield (
-            f"about to prove the guard of axis {name}{f' ({why})' if why else ''}: the drive is enabled with zero "
-            f"torque, then left alone until it lets go by itself, asked for within {exactly(1e3 * guards[name])} ms; "
-            "it may report a lost master, which is then cleared."
+            f"about to test the drive watchdog of axis {name}{f' ({why})' if why else ''}: the drive is enabled at "
+            "zero torque, then receives nothing until it switches off by itself (watchdog "
+            f"{exactly(1e3 * guards[name])} ms). It may report a lost master; that fault is then cleared."
         )
 
 
@@ -225,8 +225,8 @@ def check(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof], 
         raise UnprovedGuardError("\n".join([*failed, *unknown, *unkept]))
     if any(proof.missed for proof in proofs):
         raise BusError(
-            f"this computer was late each of the {ATTEMPTS} times that the guards of the drives were to be proved: "
-            "another process takes the processor's time, or the rate is too high for this computer"
+            f"this computer was late in all {ATTEMPTS} watchdog tests: another process uses the processor, or --rate "
+            "is too high for this computer"
         )
 
 
@@ -244,7 +244,10 @@ def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or error
             table = table_text(path, values).replace("\n", ", ")
-            yield f"the proof of axis {proof.axis} was not kept in {plan.rig.source}: {why}. It would be: {table}"
+            yield (
+                f"the watchdog proof of axis {proof.axis} was not saved in {plan.rig.source}: {why}. To add it by "
+                f"hand: {table}"
+            )
 
 
 def _values(plan: Plan, proof: Proof, drive: Identity) -> dict[str, Value] | None:
@@ -270,13 +273,13 @@ def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
     told = facts.get(proof.axis)
     number = None if told is None else told.identity.serial
     serial = "" if number is None else f" (serial {number:#010x})"
-    stayed = f"for {rounded(1e3 * proof.enabled)} ms, and was never seen off"
-    when = stayed if proof.off is None else f"until {rounded(1e3 * proof.off)} ms after it"
+    stayed = f"for {rounded(1e3 * proof.enabled)} ms and did not switch off"
+    when = stayed if proof.off is None else f"for {rounded(1e3 * proof.off)} ms"
     return (
-        f"axis {proof.axis}: the guard of {axis.profile.title}, node {axis.node}{serial}, did not act in time. Nothing "
-        f"was sent to it, and it stayed in operation enabled {when}; asked for were {exactly(1e3 * proof.guard)} ms, "
-        f"and {rounded(1e3 * proof.allowed)} ms would have passed. No torque was given. A drive like this keeps its "
-        f"torque when this computer dies or the cable breaks: check its guard and its reaction with its own tool"
+        f"axis {proof.axis}: the watchdog of {axis.profile.title}, node {axis.node}{serial}, did not fire in time. "
+        f"Without messages the drive stayed in operation enabled {when} (watchdog {exactly(1e3 * proof.guard)} ms, "
+        f"at most {rounded(1e3 * proof.allowed)} ms accepted). No torque was applied. Such a drive keeps its torque "
+        "if the computer dies or the cable breaks: check its watchdog and reaction with its own tool"
         f"{_instead(plan, proof.axis)}"
     )
 
@@ -285,18 +288,21 @@ def _switched_off(plan: Plan, proof: Proof) -> str:
     """Return the sentence about a drive that something else than its guard switched off."""
     axis, off = plan.axis(proof.axis), rounded(1e3 * (proof.off or 0.0))
     return (
-        f"axis {axis.name}: {axis.profile.title}, node {axis.node}, was off {off} ms after it was left alone, each of "
-        f"{ATTEMPTS} times, and its guard of {exactly(1e3 * proof.guard)} ms cannot act before "
-        f"{rounded(1e3 * proof.earliest)} ms: something else switches it off, such as safe torque off (STO) or an "
-        "enable input. Whether its guard acts is not known. No torque was given"
+        f"axis {axis.name}: {axis.profile.title}, node {axis.node}, was off after {off} ms in all {ATTEMPTS} watchdog "
+        f"tests, but its watchdog of {exactly(1e3 * proof.guard)} ms cannot fire before "
+        f"{rounded(1e3 * proof.earliest)} ms. Something else switches it off, such as safe torque off (STO) or an "
+        "enable input. The watchdog is not tested. No torque was applied"
     )
 
 
 def _instead(plan: Plan, name: str) -> str:
     """Return the way to go on without a guard."""
     if not plan.rig.source:
-        return f"; with an emergency stop that cuts its power a rig file can permit it (emergency_stop); {CAPPED} then"
+        return (
+            "; if an emergency stop cuts the motor power, a rig file can permit this drive (emergency_stop); then "
+            f"{CAPPED}"
+        )
     if plan.axis(name).rig.emergency_stop is None:
         stop = f'axis.{name}.emergency_stop = "power"'
-        return f"; with an emergency stop in reach that cuts its power, write {stop} into the rig; {CAPPED} then"
-    return f"; it is kept in the rig, so that from the next run on {CAPPED}"
+        return f"; if an emergency stop within reach cuts the motor power, write {stop} into the rig; then {CAPPED}"
+    return f"; the result is saved in the rig; from the next run on {CAPPED}"

@@ -69,7 +69,7 @@ LONGEST_SAMPLE = 500_000
 """Largest number of periods whose times are kept; of a longer run those of the last ones."""
 PROGRESS_EVERY = 0.1
 """Time between two reports of progress [s]."""
-UNCONFIRMED = "The drives did not confirm that their motors are off: switch the power off."
+UNCONFIRMED = "The drives did not confirm that their motors are off. Switch the power off."
 
 
 def run_loop(
@@ -214,7 +214,7 @@ def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError
     listed = ", ".join(f"axis {name} is in the state {state.value}" for name, state in states.items())
     return BusTimeoutError(
         f"operation enabled was not reached within {exactly(enabling_time(plan))} s: {listed}. Check safe torque off "
-        "(STO), the motor supply, and that no brake or enable input holds the drive back"
+        "(STO), the motor supply, and that no brake or enable input blocks the drive"
     )
 
 

@@ -64,7 +64,7 @@ def _fifo() -> Iterator[Right]:
     """Ask for SCHED_FIFO; a real-time class that this thread has already stays."""
     wished = f"SCHED_FIFO {PRIORITY}"
     if not hasattr(os, "sched_setscheduler"):
-        yield Right("scheduling", wished, "that of this system", False)
+        yield Right("scheduling", wished, "system default", False)
         return
     before, priority = os.sched_getscheduler(0), os.sched_getparam(0)
     if before in REAL_TIME:
@@ -73,7 +73,7 @@ def _fifo() -> Iterator[Right]:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError:
-        yield Right("scheduling", wished, "the ordinary class", False, LIMITS)
+        yield Right("scheduling", wished, "normal scheduling", False, LIMITS)
         return
     try:
         yield Right("scheduling", wished, wished, True)
@@ -149,7 +149,7 @@ def _timer_slack() -> Iterator[Right]:
     wished = f"timer slack {TIMER_SLACK_NS} ns"
     before = _libc().prctl(_GET_TIMER_SLACK, 0, 0, 0, 0) if sys.platform.startswith("linux") else -1
     if before < 0 or _libc().prctl(_SET_TIMER_SLACK, TIMER_SLACK_NS, 0, 0, 0):
-        yield Right("timer_slack", wished, "that of this system", False)
+        yield Right("timer_slack", wished, "system default", False)
         return
     try:
         yield Right("timer_slack", wished, wished, True)
@@ -164,12 +164,15 @@ def _no_idle_states() -> Iterator[Right]:
     try:
         held = os.open(IDLE_STATES, os.O_WRONLY)
     except FileNotFoundError:
-        yield Right("idle_states", wished, "the kernel's choice", False)
+        yield Right("idle_states", wished, "chosen by the kernel", False)
         return
     except OSError:
         rule = 'KERNEL=="cpu_dma_latency", GROUP="GROUP", MODE="0660"'
-        advice = f"to keep processors awake, write {rule} into /etc/udev/rules.d/99-haptic.rules and restart"
-        yield Right("idle_states", wished, "the kernel's choice", False, advice)
+        advice = (
+            f"to keep processors out of deep idle states, write {rule} into /etc/udev/rules.d/99-haptic.rules and "
+            "restart"
+        )
+        yield Right("idle_states", wished, "chosen by the kernel", False, advice)
         return
     try:
         os.write(held, struct.pack("i", 0))
@@ -225,7 +228,9 @@ def clock_check() -> Check:
     info = time.get_clock_info("monotonic")
     fine = info.monotonic and info.resolution <= RESOLUTION
     measured = f"{info.implementation}, steps of {rounded(1e9 * info.resolution)} ns"
-    return Check("clock", fine, measured, "" if fine else "use Linux: this clock is too coarse for a loop")
+    return Check(
+        "clock", fine, measured, "" if fine else "use Linux: the clock of this system is too coarse for the loop"
+    )
 
 
 def lateness(clock: Clock, rate: float, measured: float = MEASURED) -> list[float]:
@@ -240,11 +245,11 @@ def wake_up_check(late: Sequence[float], rate: float) -> Check:
     cuts = quantiles(late, n=100, method="inclusive")
     punctual = cuts[98] <= LATE_SHARE / rate
     measured = (
-        f"late by {rounded(1e6 * cuts[49])} µs as a rule, {rounded(1e6 * cuts[98])} µs in 1 of 100, "
-        f"{rounded(1e6 * max(late))} µs at most, at {rounded(rate)} Hz"
+        f"late by {rounded(1e6 * cuts[49])} µs (median), {rounded(1e6 * cuts[98])} µs (p99), "
+        f"{rounded(1e6 * max(late))} µs (max) at {rounded(rate)} Hz"
     )
     advice = (
-        "take load from this computer, give it real-time rights (scheduling, memory), or lower --rate: a period should "
-        f"begin late by no more than {rounded(1e6 * LATE_SHARE / rate)} µs"
+        "reduce the load of this computer, give the program real-time rights (scheduling, memory), or lower --rate: a "
+        f"period should start at most {rounded(1e6 * LATE_SHARE / rate)} µs late"
     )
     return Check("wake_up", punctual, measured, "" if punctual else advice)

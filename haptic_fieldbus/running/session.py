@@ -203,10 +203,10 @@ class Session:
             from haptic_fieldbus.running.guard_proof import questions
 
             proved = questions(plan, due)
-        unseen = [f"Not seen: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]
+        unseen = [f"Not detected: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]
         question = "\n".join([*heard, *unseen, *proved, *(_warning(plan, name, bus) for name in bus.facts)])
         if self.confirm is None or not self.confirm(question):
-            raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
+            raise UsageError("not enabled: a real drive needs a confirmation (add --yes in scripts)")
 
     def _followed(self, rows: Rows, assessment: Assessment, cycle: Cycle, cycles: int) -> Callable[[int], None]:
         """Return the function that the loop calls about ten times a second.
@@ -222,7 +222,7 @@ class Session:
             for name in [name for name in hidden if cycle.axes[name].sign.unseen]:
                 hidden.discard(name)
                 if self.instruct is not None:
-                    self.instruct(f"axis {name}: let go of the handle, so that torque is seen to move it\n")
+                    self.instruct(f"axis {name}: release the handle for the motor direction check\n")
             if self.progress is not None:
                 self.progress(done, cycles)
 
@@ -263,6 +263,6 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
-        f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
+        f"{'. '.join((f'{facts.link_loss}, read back from the drive', *facts.changes))}."
         f"{'' if probe is None else f' First, {sign_text(axis, probe)}.'}"
     )

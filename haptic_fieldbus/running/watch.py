@@ -116,7 +116,7 @@ class Viewer:
         return (position - self._before[1]) / (glimpse.t_ns - self._before[0]) * 1e9
 
 
-ENABLED = "somebody has left it enabled: torque may act"
+ENABLED = "left enabled: torque may act"
 """Note about a drive in *operation enabled*, which nobody here has brought about."""
 
 

@@ -179,10 +179,10 @@ def _kinds(wanted: Iterable[str] | None, possible: Collection[str]) -> tuple[str
 def _checked(plan: FaultPlan) -> FaultPlan:
     for fault in plan.faults:
         if isinstance(fault, HostFault):
-            raise UsageError(f'fault "{fault.kind}" is one of the master\'s computer, which is real here; leave it out')
+            raise UsageError(f'fault "{fault.kind}" is a fault of the host computer, which is real here; remove it')
         if fault.bus is not None:
             raise UsageError(
-                f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
+                f'fault "{fault.kind}" names the bus "{fault.bus}"; this bench has one bus, remove the key'
             )
     return plan
 

@@ -54,7 +54,7 @@ class VirtualModbusLine:
         """
         self.faults, self.seed = faults or FaultPlan(), seed
         if wrong := [fault.kind for fault in self.faults.faults if fault.kind not in KINDS]:
-            raise UsageError(f'fault "{wrong[0]}" is none that a Modbus line can have; leave it out')
+            raise UsageError(f'a Modbus line does not support the fault "{wrong[0]}"; remove it')
         self._section = modbus_section(parse_bus(bus).section)
         requests = tuple(drives) or (DriveRequest(),)
         self._slots = [each.slot(DEFAULT_MODBUS_DRIVE, "line", self.faults.faults) for each in requests]

@@ -36,14 +36,14 @@ def require_guest() -> None:
     """Raise VcanError, with a command that helps, when no guest kernel can be started here."""
     if platform.system() != "Linux" or platform.machine() not in PROCESSORS:
         raise VcanError(
-            f"no vcan on this machine, and User-Mode Linux runs on Linux on x86 only, not on {platform.system()} "
-            f"on {platform.machine()}; as root, load the module by: modprobe vcan"
+            f"no vcan on this machine. User-Mode Linux needs Linux on x86, this is {platform.system()} on "
+            f"{platform.machine()}; as root, load the module by: modprobe vcan"
         )
     missing = {name: package for name, package in PROGRAMS.items() if program(name) is None}
     if missing:
         raise VcanError(
-            f"no vcan on this machine, and no guest kernel without {', '.join(missing)}; either, as root, "
-            f"modprobe vcan and ip link add vcan0 type vcan, or: apt-get install {' '.join(PROGRAMS.values())}"
+            f"no vcan on this machine, and no guest kernel without {', '.join(missing)}. Either, as root: modprobe "
+            f"vcan and ip link add vcan0 type vcan; or: apt-get install {' '.join(PROGRAMS.values())}"
         )
     if not any(MODULES.glob("*/kernel/drivers/net/can/vcan.ko*")):
         raise VcanError(
@@ -218,7 +218,7 @@ class Guest:
     def status(self) -> int | None:
         """Exit status of the command; raises VcanError when not all that it wrote has come to the host."""
         if self.heard.unwritten and self.heard.status is not None:
-            raise VcanError(f"{', '.join(self.heard.unwritten)}: not all could be written; is the disk full?")
+            raise VcanError(f"{', '.join(self.heard.unwritten)}: could not be written completely; is the disk full?")
         return self.heard.status
 
     def last_words(self) -> str:
@@ -283,8 +283,8 @@ def memory_folder() -> str:
                 return str(folder)
     room = ", ".join(f"{folder} has {megabytes}" for folder, megabytes in free.items()) or "none can be written"
     raise VcanError(
-        f"the guest kernel needs a folder with {MEMORY_MB} MB free for its memory, in which programs may run: {room}; "
-        "TMPDIR names another one"
+        f"the guest kernel needs a folder with {MEMORY_MB} MB of free space in which programs may run: {room}; set "
+        "TMPDIR to another one"
     )
 
 

@@ -50,11 +50,11 @@ class GuestCommand:
             if not folder.is_dir():
                 raise UsageError(f'--out "{folder}": no such folder')
             if not os.access(folder, os.W_OK | os.X_OK):
-                raise UsageError(f'--out "{folder}": this user must not write to it')
+                raise UsageError(f'--out "{folder}": no permission to write')
         for folder in (Path.cwd(), *self.writable):
             hidden = next((own for own in OWN_FOLDERS if folder.resolve().is_relative_to(own)), None)
             if hidden is not None:
-                raise UsageError(f"{folder}: the guest kernel has a {hidden} of its own; use a folder elsewhere")
+                raise UsageError(f"{folder}: the guest kernel has its own {hidden}; use another folder")
 
 
 @contextmanager
@@ -135,7 +135,7 @@ def _lend(interface: str, taken_back: ExitStack) -> bool:
     # The kernel tells the kind of an interface; none of its files does.
     elif not _ip("-details", "link", "show", "dev", interface, "type", "vcan", shows=interface):
         raise UsageError(
-            f'interface "{interface}" exists and is no vcan: commands may do anything to theirs, so name another one'
+            f'interface "{interface}" exists and is not a vcan. The command could change it, so choose another name'
         )
     if is_up(interface):
         return True
@@ -301,7 +301,7 @@ def _end(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
     place.send(asked)
     _wait(place, GRACE_S, arrived)
     if timed_out:
-        raise VcanError(f"the command was ended after {limit_s:g} s, its time limit", TIMED_OUT)
+        raise VcanError(f"the command was ended at its time limit of {limit_s:g} s", TIMED_OUT)
     return SIGNALLED + asked if place.status is None else place.status
 
 
@@ -334,7 +334,7 @@ def _check(errand: GuestTask) -> None:
     word = errand.command[0]
     if shutil.which(word) is None:
         if "/" in word and Path(word).exists():
-            raise VcanError(f"{word} is no program that this user may run", CANNOT_RUN)
+            raise VcanError(f"{word}: no permission to run it", CANNOT_RUN)
         raise VcanError(f'no program "{word}"' + ("" if "/" in word else " in the folders of PATH"), NOT_FOUND)
 
 
@@ -345,7 +345,7 @@ def _environment(place: str) -> dict[str, str]:
 def _writable(folders: Sequence[Path]) -> str:
     """Say where a command in a guest can write to."""
     if not folders:
-        return "it can write to $TMPDIR, and to no folder of the host without --out"
+        return "the command can write to $TMPDIR only; for a folder of the host use --out"
     return f"it can write to $TMPDIR, and on the host to {', '.join(str(folder.resolve()) for folder in folders)}"
 
 
