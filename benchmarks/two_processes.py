@@ -42,11 +42,11 @@ TRIP_AGE, TO_SPARE = 0.030, 0.005
 LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)|position|acceleration|speed")
 """Words by which a run tells that it ended on the age of data or on late periods, or on what these do to the wall: on a
 bench that nothing else disturbs, a handle that leaves it went through a wall that was not there."""
-CAPPED = re.compile(r"stayed capped at what it was\s+before, in (\d+) %")
+CAPPED = re.compile(r"stayed limited to its value\s+before\s+the\s+gap, in (\d+) %")
 """Words by which a run tells that gaps took the force of the wall until contact is left, and for how long."""
-BESIDE = re.compile(r"the scene stood up\s+to ([\d.]+) mm beside its place")
+BESIDE = re.compile(r"the scene was displaced by up\s+to ([\d.]+) mm")
 """Words by which a run tells how far short gaps moved the wall until contact is left."""
-STRETCHED = re.compile(r"divides the stiffness that is stable by ([\d.]+)")
+STRETCHED = re.compile(r"divides the stiffness limit by ([\d.]*\d)")
 """Words by which a run tells that it ended on many gaps within a second, each of them short."""
 ALIKE = 0.95
 """Share of what ended the run that the timer must show to excuse it."""

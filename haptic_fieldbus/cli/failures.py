@@ -62,7 +62,9 @@ def print_object(error: BaseException) -> None:
 def tell(error: HapticFieldbusError) -> int:
     """Print the error's message and notes to standard error, and return the exit status."""
     outcome = outcome_of(type(error))
-    lines = [*str(error).splitlines(), *getattr(error, "__notes__", ())]
+    # The sentence on a trip begins with the word that is the key.
+    message = str(error).removeprefix("Tripped ") if outcome.key == "tripped" else str(error)
+    lines = [*message.splitlines(), *getattr(error, "__notes__", ())]
     # Lines after the first go on below it: under the empty key when there is a key column, else without one.
     show([(outcome.key if number == 0 else outcome.key and "", line) for number, line in enumerate(lines)], sys.stderr)
     return outcome.status

@@ -113,7 +113,7 @@ class TestIntegration:
         assert found.delay == 0.0
 
     def test_positions_are_not_integrated(self, noise: Array, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match=r"trapezoidal integrates velocities, and .* has positions"):
+        with pytest.raises(UsageError, match=r"trapezoidal integrates velocities, but .* has positions"):
             estimated(tmp_path, "position", noise, "trapezoidal")
 
 
@@ -128,7 +128,7 @@ class TestTimes:
     def test_a_missing_row_is_a_fault_with_its_line(self, noise: Array, tmp_path: Path) -> None:
         gap: Array = np.delete(TIMES, 10)
         sentence = (
-            r"line 12: time: 0\.02 s after the row before; expected about 0\.01 s each time, .* 1 such rows in all"
+            r"line 12: time: 0\.02 s after the row before; expected about 0\.01 s each time, .* 1 such rows in total"
         )
         with pytest.raises(DocumentError, match=sentence):
             estimated(tmp_path, "position", noise[:-1], times=gap)

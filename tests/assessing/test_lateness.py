@@ -66,9 +66,7 @@ LONG_PULSES = {"braking_pulse.duration": 0.1, "braking_pulse.damping": 10.0}
 def test_pulses_may_come_a_little_late() -> None:
     verdict = run("braking_pulse", hand="shake", settings=LONG_PULSES, duration=1.5).verdict
     assert verdict is not None
-    told = re.match(
-        r"Feels like the ideal braking pulse .*, ([\d.]+) ms late \(people notice it from 5\.5 ms\)", verdict
-    )
+    told = re.match(r"Feels right, ([\d.]+) ms late \(people notice from 5\.5 ms\)", verdict)
     assert told is not None
     assert 0.4 < float(told[1]) < 1.6
 
@@ -80,7 +78,7 @@ def test_pulses_beside_a_wall_may_not() -> None:
     beside = replace(scene, elements=(*scene.elements, Wall("handle", 20.0, position=0.09)))
     verdict = run(beside, hand="shake", settings=LONG_PULSES, duration=2.0).verdict
     assert verdict is not None
-    assert re.match(r"Feels different .* of it beside the delay of", verdict)
+    assert re.match(r"Feels different: .* without the delay of", verdict)
 
 
 def test_of_the_library_only_pulses_come_from_events_alone() -> None:

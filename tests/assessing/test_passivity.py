@@ -8,7 +8,7 @@ COST = Controlled(energy=0.0123, peak=0.24, share=0.125, unit="N")
 def test_the_cost_of_the_controller_is_one_sentence() -> None:
     found = Passivity(("handle",), 0.0, 0.005, {}, COST)
     assert cost_text(found) == (
-        "the controller took 0.0123 J from the hand, with at most 0.24 N, in 12 % of the periods"
+        "the passivity controller absorbed 0.0123 J with at most 0.24 N, in 12 % of the periods"
     )
     assert cost_text(Passivity(("handle",), 0.0, 0.005, {}, None)) is None
 
@@ -36,7 +36,7 @@ def test_a_budget_that_does_not_exist_is_null() -> None:
 def test_what_was_forgiven_is_one_sentence_with_its_reasons_and_its_budget() -> None:
     booked = {"gap": 0.08, "change": 1.0, "fade-in": 0.02}
     assert forgiven_text(Passivity(("handle",), 0.0, 0.005, booked, None, 0.06, 2.0)) == (
-        "the hand got 0.1 J beyond what the scene had stored, because less was sent before than it asked for (fade-in, "
-        "gap); at most 0.06 J within a second, the limit is 2 J"
+        "0.1 J more went into the handle than the scene had stored, because the force had been reduced before (fade-in, "
+        "gap); at most 0.06 J within one second (limit 2 J)"
     )
     assert forgiven_text(Passivity(("handle",), 0.0, 0.005, {"gap": 0.004}, None, 0.004, 2.0)) is None

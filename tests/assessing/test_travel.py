@@ -62,7 +62,7 @@ class Unsure(Wall):
 
 
 def test_an_element_that_fails_to_tell_its_depth_hides_neither_a_trip_nor_a_result() -> None:
-    sentence = "element wall raised ZeroDivisionError when asked for its depth: float division by zero"
+    sentence = "depth of element wall: ZeroDivisionError: float division by zero"
     found = run(scene_of(Unsure("handle", 600.0)), duration=0.02, hand="none")
     assert told(found).depth == {}
     assert found.warnings.count(sentence) == 1
@@ -95,7 +95,7 @@ def test_true_extremes_are_those_of_the_trace_and_no_encoder_count_off() -> None
 @pytest.mark.thorough("whole runs at 140 Hz")
 def test_at_half_the_limit_of_a_serial_line_a_push_goes_on_to_the_end_of_the_bench() -> None:
     """6 N over some 70 N/m are 86 mm, of which the bench has 80."""
-    with pytest.raises(SafetyTripError, match=r"the limit is 0\.1 m") as tripped:
+    with pytest.raises(SafetyTripError, match=r"the limit of 0\.1 m") as tripped:
         run("wall", bus=RTU, settings={"wall.stiffness": "max/2"})
     result = tripped.value.result
     assert isinstance(result, Result)

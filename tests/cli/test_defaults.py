@@ -112,7 +112,7 @@ def test_the_protocol_of_the_bus_decides_about_rate_and_drive(command: Command) 
     assert [plan.axes[0].profile.name for plan in found] == drives
     text = " ".join(command("plan", "--help").out.replace("│", " ").split())
     assert f"[default: {drives[0]} on CAN, {drives[1]} on Modbus]" in text
-    assert "[default: 1000 on CAN, the highest that it sustains on Modbus]" in text
+    assert "[default: 1000 on CAN, the highest possible on Modbus]" in text
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -33,17 +33,17 @@ def test_the_lectures_noise_is_told(command: Command) -> None:
     assert "noisy_sine.csv: position -1.09 to 1.09, in steps of 1e-6" in out
     assert "1001 rows, 10 s at 100 Hz" in out
     assert "gain 141: white noise of 1 in position is 141 in velocity" in out
-    assert "5 ms, 0.5 periods: a slow change of velocity is seen so late" in out
-    assert "none: what happened is forgotten" in out
+    assert "5 ms, 0.5 periods, for slow changes of velocity" in out
+    assert "no drift: the estimator forgets old samples" in out
 
 
 def test_the_drift_of_a_tachometer_is_told(command: Command) -> None:
     out = command("estimate", TACHOMETER).out
     assert "trapezoidal" in out
-    assert "up to 0.05 in 10 s of readings rounded to their step, each wrong by up to 0.005" in out
-    assert "delay      none of slow changes" in out
+    assert "up to 0.05 in 10 s from readings rounded to a step, each wrong by up to 0.005" in out
+    assert "delay      no delay for slow changes" in out
     smooth = command("estimate", TACHOMETER, "--resolution", "0").out
-    assert "none of readings without steps" in smooth
+    assert "no drift from readings without steps" in smooth
 
 
 def test_an_estimator_that_is_not_linear_has_no_figures(command: Command) -> None:

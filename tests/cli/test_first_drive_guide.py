@@ -127,7 +127,7 @@ def walked(walk: Walk) -> None:
         # The page's hand keeps the page's limits: only a computer without time for both may end the run.
         assert status == 0 or (TOO_SLOW.search(seen) and "the limit is" not in seen), seen
         assert "at most 2 % of rated torque, 0.5 m/s" in seen, "1 N of 50.3 N"
-        if "let go" in seen:
+        if "drive watchdog fired" in seen:
             assert "[axis.handle.proved]" in rig.read_text(encoding="utf-8")
             assert "move the handle 10 mm to the positive side" in seen or command != RUN
     # After the run, as before it, the drive is off, and `scan` finds it as on the first day.

@@ -72,7 +72,7 @@ def check_stopped(finished: FinalState, number: signal.Signals) -> dict[str, Any
     assert (stopped["signal"], stopped["duration_s"]) == (number.name, 60.0)
     assert finished.err == f"{stopped['message']}\n"
     assert told["trips"] == []
-    when = "before operation enabled: no torque was given"
+    when = "before enabling: no torque was applied"
     if stopped["time_s"] is not None:
         when = f"at {stopped['time_s']:.1f} s of 60 s"
         assert told["cycles"] == pytest.approx(1000 * stopped["time_s"], abs=1)

@@ -27,7 +27,7 @@ ITEMS = {
     "haptic interface: puck, encoder, controller, motor": ("plan wall", r"TPDO1.*position.*RPDO1.*target torque"),
     "the drive behind the motor": ("profiles show maxon_epos4", r"6064h.*6071h|6071h.*6064h"),
     "rotary and linear are analogues": ("report --quick --only rotary-equals-linear --out analogues", ""),
-    "virtual wall": ("run wall --duration 3 --plot wall.png", r"Feels like the ideal wall"),
+    "virtual wall": ("run wall --duration 3 --plot wall.png", r"Feels right"),
     "a chattering wall is refused": ("run wall --set wall.stiffness=3000", r"refused"),
     "chatter from a large force": (
         "run wall --set wall.stiffness=20000 --force --hand release --duration 3 --plot chatter.png", r"Unstable"
@@ -35,14 +35,14 @@ ITEMS = {
     "chatter from slow sampling": ("run wall --rate 100 --force --duration 3 --plot slow_sampling.png", r"Unstable"),
     "chatter from coarse quantisation": (
         "run wall --rig examples/lecture/coarse_encoder.toml --set wall.stiffness=1000 --duration 3 --plot coarse.png",
-        r"it chatters: 1\d % ripple",
+        r"the wall chatters: 1\d % ripple",
     ),
     "the limit of a coarse encoder": (
         "stability wall --rig examples/lecture/coarse_encoder.toml --set wall.stiffness=1000",
         r"at rest between two counts to 60\.32 N/m.*radius +0\.99.*limit-cycle",
     ),
     "tachometer as the only sensor": (
-        "run damped_wall --drive example_velocity_only --duration 3", r"Feels like the ideal damped wall"
+        "run damped_wall --drive example_velocity_only --duration 3", r"Feels right"
     ),
     "held puck: step of one unit": (
         "response sprung_mass --input step --amplitude 1",
@@ -57,7 +57,7 @@ ITEMS = {
     "free puck in motion": (
         "response free_puck --amplitude 0.01 --duration 2 --plot free_puck.png", r"mass position 0 to 0\.0206"
     ),
-    "free puck in the hand": ("run free_puck --duration 3 --plot led.png", r"Feels like the ideal free puck"),
+    "free puck in the hand": ("run free_puck --duration 3 --plot led.png", r"Feels right"),
     "free puck by its closed form": ("report --quick --only free-puck --out free_puck", ""),
     "forward Euler: eigenvalues 1 ± jT·√(k/m)": (
         "response sprung_mass --method forward-euler --model", r"poles 1 ± 0\.02j \(modulus 1\.00019998\)"
@@ -100,7 +100,7 @@ ITEMS = {
     "long steps miss fast signals": (
         "estimate examples/lecture/fast_tachometer.csv", r"position -0\.0022\d to 0\.0022\d"
     ),
-    "surgery simulator": ("run generalised_maxwell --duration 3 --plot tissue.png", r"Feels like the ideal"),
+    "surgery simulator": ("run generalised_maxwell --duration 3 --plot tissue.png", r"Feels right"),
     "tissue by every method": ("report --quick --only tissue --out tissue", ""),
 }  # fmt: skip
 """By the item of the lecture its command, and what the command tells."""

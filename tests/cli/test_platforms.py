@@ -117,7 +117,7 @@ REFUSALS = {
     "run wall --bus modbus-rtu:COM3@115200 --yes --force": (2, "serial lines work under Linux and macOS only"),
     "simulate --bus modbus-rtu:pty --drive simplex_motion": (2, "serial lines work under Linux and macOS only"),
     "simulate --bus socketcan:vcan0": (1, "cannot open socketcan:vcan0"),
-    f"vcan --guest -- {sys.executable} --version": (125, "User-Mode Linux runs on Linux on x86 only"),
+    f"vcan --guest -- {sys.executable} --version": (125, "User-Mode Linux needs Linux on x86"),
 }
 
 

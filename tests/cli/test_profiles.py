@@ -230,7 +230,7 @@ class TestCheckedAgainstAFile:
         path.write_text(text + reasons, encoding="utf-8")
         finished = command("profiles", "check", str(path), "--eds", str(vendor_file))
         assert finished.status == 0, finished.out
-        assert "differs, as the profile says: line " in finished.out
+        assert "known difference: line " in finished.out
         assert "left out: it means nothing" in finished.out
         assert "2 differences with a reason, no faults" in finished.out
         told = json.loads(command("profiles", "check", str(path), "--eds", str(vendor_file), "--json").out)
@@ -241,7 +241,7 @@ class TestCheckedAgainstAFile:
     def test_one_profile_is_proved_at_a_time(self, names: tuple[str, ...], vendor_file: Path, command: Command) -> None:
         finished = command("profiles", "check", *names, "--eds", str(vendor_file))
         assert finished.status == 2
-        assert "--eds FILE proves one profile" in finished.err
+        assert "--eds FILE compares one profile" in finished.err
 
     def test_a_file_that_is_none_is_told(self, tmp_path: Path, command: Command) -> None:
         finished = command("profiles", "check", "generic_cia402", "--eds", str(tmp_path / "none.eds"))
@@ -277,7 +277,7 @@ class TestDrafted:
         path.write_text("mine")
         finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path))
         assert (finished.status, finished.out) == (2, "")
-        assert "is there already; give another --name or --output" in finished.err
+        assert "exists; use another --name or --output" in finished.err
         assert path.read_text() == "mine"
 
     @pytest.mark.parametrize(

@@ -31,10 +31,10 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
-        ((), 2, "no terminal to answer on; add --yes"),
+        ((), 2, "no terminal to confirm on; add --yes"),
         (("nowhere", "--yes"), 2, 'no scene "nowhere"'),
         (("--yes", "--hand", "foot"), 2, 'no hand "foot"'),
-        (("--yes", "--drive", "generic_cia402_modbus"), 2, "a rehearsal is on CANopen"),
+        (("--yes", "--drive", "generic_cia402_modbus"), 2, "rehearse supports CANopen only"),
         (("--yes", "--set", "wall.stiffness=3000"), 4, "3000 N/m is unstable on this bench"),
         (("--yes", "--plot", "mass.doc"), 2, "mass.doc"),
         (("--yes", "--bus", "can0"), 2, "--bus"),
@@ -76,11 +76,11 @@ class TestTheDay:
             "step       haptic-fieldbus watch --rig rig.toml",
             "switch on disabled",
             "step       haptic-fieldbus run wall --rig rig.toml",
-            "about to prove the guard of axis handle",
+            "about to test the drive watchdog of axis handle",
             "about to enable torque on maxon EPOS4",
             "[y/N]",
             "axis handle is off: move the handle 10 mm to the positive side",
-            "axis handle let go ",
+            "axis handle: drive watchdog fired after ",
             "Rehearsed on a simulated drive",
         ]
         places = [seen.find(text) for text in told]

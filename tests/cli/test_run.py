@@ -110,7 +110,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--rig", "no.toml", "--drive", "maxon_epos4", "--node", "3"), 2, "leave out --drive and --node"),
         (("wall", "--faults", "no.toml"), 2, "no such file"),
         (("wall", "--plot", "picture.txt"), 2, "suffix must be one of .png"),
-        (("wall", "--plot", "no folder/picture.png"), 2, "there is no folder"),
+        (("wall", "--plot", "no folder/picture.png"), 2, 'picture.png": no folder no folder'),
         (("wall", "--record", "frames.txt"), 2, "suffix must be one of .log"),
         (("wall", "--node", "one"), 2, "Invalid value"),
         (("wall", "--nope"), 2, "No such option"),

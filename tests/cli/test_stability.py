@@ -56,12 +56,12 @@ def test_a_limit_of_zero_by_quantisation_is_told_with_its_reason(command: Comman
     options = ("--mass", "0.5", "--damping", "1.2", "--resolution", "1e-5", "--json")
     finished = command("stability", "wall", *options)
     assert json.loads(finished.out)["stiffness_limit"]["quantisation"] == 0.0
-    assert "no Coulomb friction to bridge it" in finished.err
+    assert "no Coulomb friction bridges one encoder count" in finished.err
 
 
 def test_an_estimator_that_is_not_linear_is_told(command: Command) -> None:
     finished = command("stability", "damped_wall", "--estimator", "foaw-end-fit")
-    assert f"foaw-end-fit is not linear; judged with {linear_stand_in('foaw-end-fit')} in its place" in finished.err
+    assert f"foaw-end-fit is not linear; checked with {linear_stand_in('foaw-end-fit')}" in finished.err
 
 
 def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command) -> None:
@@ -69,7 +69,7 @@ def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command)
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
         "scene", "device", "delay", "assumed", "limits", "radius", "verdict",
     ]  # fmt: skip
-    assert "with 0.7 of the friction: stable to 1044 N/m, passive to 1006 N/m" in out
+    assert "with 0.7 times the friction: stable to 1044 N/m, passive to 1006 N/m" in out
     assert "verdict    passive: " in out
     assert "margin 2.49" in out
 
@@ -109,4 +109,4 @@ def test_the_region_is_drawn(options: tuple[str, ...], tmp_path: Path, command: 
 def test_a_region_needs_an_element_with_stiffness_and_damping(tmp_path: Path, command: Command) -> None:
     finished = command("stability", "sprung_mass", "--plot", str(tmp_path / "region.png"))
     assert finished.status == 2
-    assert "no element with both" in finished.err
+    assert "--plot needs an element with stiffness and damping" in finished.err

@@ -38,13 +38,13 @@ def kernel(programs: Path, script: str) -> None:
     [
         (("--", "no-such-program"), 127, 'no program "no-such-program" in the folders of PATH'),
         (("--", "./no-such-program"), 127, 'no program "./no-such-program"\n'),
-        (("--", "/etc/passwd"), 126, "/etc/passwd is no program that this user may run"),
+        (("--", "/etc/passwd"), 126, "/etc/passwd: no permission to run it"),
         (("--interface", "a b", "--", "true"), 2, 'interface "a b": expected 1 to 15 letters'),
         (("--interface", "sixteen_letters_", "--", "true"), 2, "expected 1 to 15 letters"),
         (("--interface", "a", "--interface", "a", "--", "true"), 2, "interfaces a, a: each can be named once"),
         (("--interface", "lo", "--", "true"), 2, 'interface "lo" exists and is no vcan'),
         (("--time-limit", "0", "--", "true"), 2, "--time-limit 0: expected more than 0 s"),
-        (("--guest", "--", "true"), 125, "no guest kernel without linux.uml, insmod, ip; either, as root, modprobe"),
+        (("--guest", "--", "true"), 125, "no guest kernel without linux.uml, insmod, ip. Either, as root: modprobe"),
         (("--guest", "--", "true"), 125, PACKAGES),
     ],
 )
@@ -68,7 +68,7 @@ def test_a_kernel_without_the_module_is_told(command: Command, programs: Path) -
 
 
 @pytest.mark.parametrize(
-    ("folder", "said"), [("nowhere", '--out "nowhere": no such folder'), ("/sys", "the guest kernel has a /sys")]
+    ("folder", "said"), [("nowhere", '--out "nowhere": no such folder'), ("/sys", "the guest kernel has its own /sys")]
 )
 def test_a_folder_that_cannot_be_written_to_is_told(command: Command, programs: Path, folder: str, said: str) -> None:
     kernel(programs, "exit 0")
@@ -84,7 +84,7 @@ def test_too_little_room_for_the_memory_of_the_guest_is_told(
     monkeypatch.setattr(guest, "MEMORY_MB", 2**40)
     finished = command("vcan", "--guest", "--", "true")
     assert finished.status == 125
-    assert "TMPDIR names another one" in finished.err
+    assert "set TMPDIR to another one" in finished.err
 
 
 def test_a_kernel_that_ends_at_once_shows_what_it_said(command: Command, programs: Path) -> None:

@@ -159,7 +159,7 @@ def test_answers_that_stay_away_are_a_trip_in_the_stated_time(rate: float) -> No
     assert stated(rate) - EVERY - 2 / rate <= waited <= stated(rate) + 1 / rate
     error = trip_error(trip, plan, 0)
     assert isinstance(error, DriveFaultError)
-    assert "set-points are not proved to act: node 1 has not answered for " in str(error)
+    assert "set-points not confirmed: node 1 has not returned its target torque for " in str(error)
 
 
 def test_a_drive_that_never_answers_trips_after_enabling() -> None:
@@ -187,7 +187,7 @@ def test_torque_that_is_not_what_was_sent_is_told_with_both() -> None:
     assert trip is not None
     assert trip.value == pytest.approx(60 * UNIT)
     assert trip.limit == pytest.approx(200 * UNIT)
-    assert "the target torque asked of node 1 says 3.02 N" in str(trip_error(trip, plan, 0))
+    assert "the target torque asked of node 1 is 3.02 N" in str(trip_error(trip, plan, 0))
 
 
 @given(

@@ -185,7 +185,7 @@ def test_a_start_that_is_too_strong_everywhere_says_so() -> None:
     cycle = Cycle(plan)
     cycle(image())
     assert cycle.trip is not None
-    assert "no place nearby would do" in str(trip_error(cycle.trip, plan, 0))
+    assert "No position nearby has a smaller force" in str(trip_error(cycle.trip, plan, 0))
 
 
 def test_effort_is_limited_to_the_rigs_limit() -> None:

@@ -141,4 +141,4 @@ def test_what_a_doubt_did_is_told() -> None:
         for warning in run("wall", endless_rig("wall"), duration=1.6, faults=[blow]).warnings
         if "against" in warning
     ]
-    assert "the motion went against the torque 1 times, as by a blow of the hand; then at most 2.51 N was given" in told
+    assert "the handle moved against the torque 1 times, as after a blow; the force was then limited to 2.51 N" in told

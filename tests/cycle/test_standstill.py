@@ -85,8 +85,8 @@ def test_an_encoder_that_no_pulse_moves_is_a_trip_within_the_stated_time() -> No
     assert FELT_SHARE * leaned.full >= PULSE
     assert given[: round(1e3 * STILL)] == [0] * round(1e3 * STILL)
     said = str(trip_error(trip, leaned.plan, leaned.began_ns))
-    assert "the counts stood still under 8 N, and 5 pairs of pulses of ±0.402 N moved none of them" in said
-    assert "a hand of 1000 N/m. Check the encoder and its cable" in said
+    assert "the encoder does not count: under 8 N, 5 pairs of test pulses of ±0.402 N moved no count" in said
+    assert "a hand of 1000 N/m; torque is off. Check the encoder and its cable" in said
 
 
 @pytest.mark.parametrize("after", [1, 15, 30, 34])

@@ -19,11 +19,14 @@ from tests.cases import every
 @every("kind", TripKind)
 def test_every_kind_of_trip_has_an_exception_and_a_cause(kind: TripKind) -> None:
     plan = plan_of(profile=VELOCITY_ONLY if kind is TripKind.DRIFT else PROFILE)
-    taken = ", 1.500 s after operation enabled. Torque was taken away"
     error = trip_error(Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan, 1_000_000_000)
     assert isinstance(error, TRIP_ERRORS[kind])
-    assert str(error).startswith("axis handle: ")
-    assert str(error).endswith(". No torque was given" if kind is TripKind.START_FORCE else taken)
+    cause, advice = CAUSES[kind](Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan.axes[0])
+    told = f"{cause}; no torque was applied. {advice}"
+    if kind is not TripKind.START_FORCE:
+        told = f"Tripped 1.500 s after enabling: {cause}; torque is off. {advice}"
+    assert str(error) == told.rstrip()
+    assert not advice or (advice[0].isupper() and advice.endswith("."))
 
 
 @pytest.mark.parametrize("table", [CAUSES, TRIP_ERRORS])
@@ -59,7 +62,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
 
 def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> None:
     trip = Trip(TripKind.POSITION, "handle", 0, 0.1234, 0.1)
-    words = "axis handle: position 0.1234 m, the limit is 0.1 m, before operation enabled. Torque was taken away"
+    words = "Tripped before enabling: position 0.1234 m, beyond the limit of 0.1 m; torque is off."
     assert str(trip_error(trip, plan_of(), None)) == words
 
 
@@ -83,7 +86,7 @@ def test_a_limit_of_ours_is_never_explained_away() -> None:
 def test_a_handle_that_goes_too_far_with_a_capped_force_is_told_of_the_cap(kind: TripKind) -> None:
     capped = plan_of(rig=rig_of(WALL, inertia=None))
     told = str(trip_error(Trip(kind, "handle", 0, 0.1234, 0.1), capped, None))
-    assert f" ({capped.axes[0].cap}; a hand can push through walls), before operation" in told
+    assert f" ({capped.axes[0].cap}; the hand can push through walls); torque is off." in told
     assert "push through" not in str(trip_error(Trip(kind, "handle", 0, 0.1234, 0.1), plan_of(), None))
 
 

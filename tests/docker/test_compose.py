@@ -26,7 +26,7 @@ HEALTHY_WITHIN = 60.0
 COMPOSERS = (["docker", "compose"], ["docker-compose"], ["podman", "compose"], ["podman-compose"])
 HOST_BASE = "localhost/host-base"
 SLIM = "docker.io/library/python:3.13-slim"
-ENDED_EARLY = "Torque was taken away"
+ENDED_EARLY = "torque is off"
 """In the sentence that says why: without rights of real time a busy machine is too late for a fresh link."""
 
 

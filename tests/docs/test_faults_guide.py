@@ -12,7 +12,7 @@ FILES = re.findall(r"^```toml\n# faults.toml\n(.*?)^```", TEXT, re.MULTILINE | r
 COMMANDS = re.findall(r"^```console\nhaptic-fieldbus (.*)\n```", TEXT, re.MULTILINE)
 STATED = [int(status) for status in re.findall(r"ends with exit status (\d)", TEXT)]
 (PROGRAM,) = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
-CAUSES = ("tripped    axis handle: position", "reset the connection")
+CAUSES = ("after enabling: position", "reset the connection")
 
 
 @pytest.mark.thorough("runs of seconds")

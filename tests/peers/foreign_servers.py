@@ -33,7 +33,7 @@ RATES = (1000, 200)
 WAYS = {"FC23": "[3, 23]", "FC3 + FC16": "[3, 16]"}
 """Way of exchange → functions of the drive."""
 PROFILE, PRIORITY = "foreign_drive", 40
-UNTIMELY = ("no feedback from node", "was lost within a second", "the loop missed", "the loop slept")
+UNTIMELY = ("feedback lost: the last from node", "feedback lost too often", "the loop missed", "the loop slept")
 """Parts of the sentences by which a run ends that computer or server kept waiting."""
 WITHHELD = 0.015
 """A machine that was late by so much itself [s], half of the age that ends a run, keeps no loop in time."""
@@ -208,7 +208,7 @@ def run_on(line: Line, folder: Path, duration: float) -> End:
         length = ("--rate", str(line.rate), "--duration", str(duration), "--yes")
         process = start("run", "wall", "--profiles", str(folder), "--rig", str(rig), *settings, *length, port=None)
         out, err = process.communicate(timeout=60.0 + duration)
-    assert "let go" in out + err or process.returncode != 0, out + err
+    assert "drive watchdog fired" in out + err or process.returncode != 0, out + err
     return End(process.returncode, out + err)
 
 

@@ -58,10 +58,10 @@ def test_a_person_who_answers_and_moves_the_handle_gets_a_wall_and_a_rig_that_kn
     status, seen = first_start(rig, 0.02)
     assert status == 0, seen
     told = [
-        "about to prove the guard of axis handle",
+        "about to test the drive watchdog of axis handle",
         "about to enable torque on generic CiA 402",
         "axis handle is off: move the handle 10 mm to the positive side",
-        "axis handle let go ",
+        "axis handle: drive watchdog fired after ",
     ]
     places = [seen.find(text) for text in told]
     assert -1 not in places, seen

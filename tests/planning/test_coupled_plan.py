@@ -147,18 +147,18 @@ class TestRefusal:
             assert told.verdict is not Verdict.UNSTABLE
 
     def test_tells_what_is_unstable_without_a_coupling(self) -> None:
-        with pytest.raises(UnstableSceneError, match="wall on left is unstable without a coupling too, limit 108"):
+        with pytest.raises(UnstableSceneError, match="wall on left is unstable without its coupling too, limit 108"):
             check_stable(plan_of(scene_of(SHAFT, Wall("left", stiffness=3000.0)), profile=canopen("maxon_epos4")))
 
     def test_says_what_a_part_of_the_limit_is_of(self) -> None:
         half = haptic_fieldbus.stability("virtual_shaft", settings={"shaft.stiffness": "max/2"})
         assert half.margin == pytest.approx(2.0)
-        with pytest.raises(UsageError, match=r"wall.stiffness=max: .* told for shaft.stiffness alone"):
+        with pytest.raises(UsageError, match=r"wall.stiffness=max: .* only shaft.stiffness can be set"):
             haptic_fieldbus.stability("virtual_shaft", settings={"wall.stiffness": "max"})
 
     def test_of_a_drive_that_offers_velocity_only(self, tmp_path: Path) -> None:
         drive = str(velocity_only(tmp_path))
-        with pytest.raises(PlanError, match=r"shaft ties axis left to another one, but .* offers velocity only"):
+        with pytest.raises(PlanError, match=r"shaft couples axis left, but .* reports velocity only"):
             haptic_fieldbus.plan("virtual_shaft", drive=drive)
 
 
@@ -170,7 +170,7 @@ class TestAges:
         assert {on: dict(ages) for on, ages in found.ages.items()} == {
             on: pytest.approx(dict.fromkeys(AXES, total)) for on in AXES
         }
-        late = f"{rounded(1e3 * total)} ms behind both motions"
+        late = f"{rounded(1e3 * total)} ms after both motions"
         line = f"shaft: force on left {late}, on right {late}"
         assert line in explain(plan)
         assert dict(announcement(plan))["coupling"] == line

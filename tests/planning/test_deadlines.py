@@ -23,12 +23,17 @@ LAG = -math.log(0.01) / (2.0 * math.pi * 1000.0)
         # A period is held, ten fade, one passes until the answer, one more until the set-point is obeyed.
         (TIED, "sim", 0.001 * (1 + 10 + 1) + 0.0004, "then faded out"),
         # 0.6 of a guard of 50 ms, a period until it is noticed, and as above.
-        (ALONE, "sim", 0.030 + 0.002 + 0.0004, "axes that no coupling ties to it go on: feedback older than 30 ms"),
+        (ALONE, "sim", 0.030 + 0.002 + 0.0004, "axes without a coupling to it: trip when feedback is older than 30 ms"),
         # A guard of 50 ms after the period in which it was fed.
         (TIED, "sim-modbus-tcp", 0.050 + 0.001, "behind a gateway the guard of the drive, 50 ms"),
         # 70 Hz, the guard is five periods in whole milliseconds; function 23 is a period late.
-        (TIED, "sim-modbus-rtu@115200", 0.6 * 0.072 + 3.0 / 70.0, "wait for the one that is silent: feedback older"),
-        (ALONE, "sim-modbus-rtu@115200", 0.6 * 0.072 + 3.0 / 70.0, "axes that no coupling ties to it go on"),
+        (
+            TIED,
+            "sim-modbus-rtu@115200",
+            0.6 * 0.072 + 3.0 / 70.0,
+            "wait for the silent one: trip when feedback is older",
+        ),
+        (ALONE, "sim-modbus-rtu@115200", 0.6 * 0.072 + 3.0 / 70.0, "axes without a coupling to it"),
     ],
 )
 def test_feedback_that_one_of_two_drives_loses_ends_the_torque_of_both(

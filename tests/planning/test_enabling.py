@@ -14,7 +14,7 @@ SEARCHING = replace(
 
 def test_it_tells_that_the_shaft_may_turn_and_for_how_long() -> None:
     assert "may turn the shaft" in first_enabling(SEARCHING)
-    assert "hands off, and room to move, for up to 4.5 s" in first_enabling(SEARCHING)
+    assert "keep hands off and the way free for up to 4.5 s" in first_enabling(SEARCHING)
     assert first_enabling(PROFILE) == ""
 
 

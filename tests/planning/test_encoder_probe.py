@@ -160,7 +160,7 @@ def test_a_drive_with_velocity_only_keeps_the_rule_and_says_so() -> None:
     plan = plan_of(profile=VELOCITY_ONLY)
     assert encoder_probe(plan.axes[0], plan.period) is None
     assert text(plan) == (
-        "not asked by pulses: test drive offers velocity only; counts that stand still for 90 s lower the force to "
+        "encoder not tested by pulses: test drive offers velocity only; without a count for 90 s the force is limited to "
         "2.51 N"
     )
 
@@ -169,7 +169,7 @@ def test_pulses_that_would_be_felt_are_not_given_and_the_plan_says_so() -> None:
     """Friction of 0.05 N·m is 6.3 N at the handle: 9.4 N would be needed, and 8 % of 50.3 N is 4.0 N."""
     plan = plan_of(rig=rig_of(WALL, coulomb_friction=0.05))
     assert encoder_probe(plan.axes[0], plan.period) is None
-    assert "not asked by pulses: pulses of ±9.42 N would be needed, and 8 % of 50.3 N is felt; counts" in text(plan)
+    assert "tested by pulses: pulses of ±9.42 N are needed, but pulses above 8 % of 50.3 N can be felt; " in text(plan)
 
 
 def test_a_period_that_is_longer_than_a_pulse_asks_nothing() -> None:
@@ -180,19 +180,19 @@ def test_a_period_that_is_longer_than_a_pulse_asks_nothing() -> None:
 def test_a_torque_loop_that_is_slower_than_a_pulse_asks_nothing() -> None:
     plan = plan_of()
     slow = replace(plan.axes[0], delay=replace(plan.axes[0].delay, torque_loop=0.05))
-    assert why_not_asked(slow, plan.period) == "longer pulses would be needed, and 8 % of 50.3 N is felt"
+    assert why_not_asked(slow, plan.period) == "longer pulses are needed, but pulses above 8 % of 50.3 N can be felt"
 
 
 def test_a_rig_that_wants_less_force_sooner_gets_it_by_the_rule() -> None:
     plan = plan_of(rig=rig_of(WALL, limits=Limits(stall=4.0)))
     assert encoder_probe(plan.axes[0], plan.period) is None
-    assert text(plan).startswith("not asked by pulses: that takes 4.7 s, and limits.stall is 4 s; counts")
+    assert text(plan).startswith("encoder not tested by pulses: the test takes 4.7 s, but limits.stall is 4 s; ")
 
 
 def test_a_bench_whose_inertia_is_not_known_asks_nothing() -> None:
     plan = plan_of(rig=rig_of(WALL, inertia=None))
     assert encoder_probe(plan.axes[0], plan.period) is None
-    assert why_not_asked(plan.axes[0], plan.period) == "the inertia is not known"
+    assert why_not_asked(plan.axes[0], plan.period) == "the inertia is unknown"
 
 
 def test_the_plan_tells_how_the_encoder_is_asked_and_below_which_force_it_is_not() -> None:
@@ -200,13 +200,13 @@ def test_the_plan_tells_how_the_encoder_is_asked_and_below_which_force_it_is_not
     axis, probe = probed(plan)
     asked, against, below = text(plan).splitlines()
     assert asked == (
-        "asked by pulses when its counts stand still for 2 s under 5.03 N or more: pairs of ±0.402 N for "
+        "encoder test by pulses after 2 s without a count under 5.03 N or more: pairs of ±0.402 N for "
         f"{probe.periods} ms, at most 8 % of the force"
     )
     assert against.startswith("a pair moves two counts against 0.251 N of friction and a hand of 1000 N/m; 5 pairs")
-    assert below == "from 2.51 N to 5.03 N counts that stand still for 90 s lower the force to 2.51 N"
+    assert below == "from 2.51 N to 5.03 N without a count for 90 s the force is limited to 2.51 N"
     assert all(line in explain(plan) for line in (asked, against, below))
-    assert why_not_asked(axis, plan.period) == "below 5.03 N a hand would feel them"
+    assert why_not_asked(axis, plan.period) == "pulses could be felt below 5.03 N"
 
 
 def test_without_friction_the_encoder_is_asked_under_all_that_is_no_holding_force() -> None:

@@ -69,19 +69,19 @@ def told(plan: Plan) -> dict[str, Any]:
     ("proved", "source", "drive", "why"),
     [
         (GOOD, "rig.toml", DRIVE, ""),
-        (None, "rig.toml", DRIVE, "the rig file has no proof of it yet"),
-        (None, "", DRIVE, "without a rig file no proof is kept"),
-        (GOOD, "rig.toml", replace(DRIVE, serial=7), "its serial is 0xc17b76a7, that of this one 0x00000007"),
+        (None, "rig.toml", DRIVE, "the rig file has no watchdog proof yet"),
+        (None, "", DRIVE, "without a rig file no proof is saved"),
+        (GOOD, "rig.toml", replace(DRIVE, serial=7), "another drive: serial 0xc17b76a7, this drive has 0x00000007"),
         (GOOD, "rig.toml", replace(DRIVE, vendor=7), "its vendor is 0x000000fb, that of this one 0x00000007"),
         (GOOD, "rig.toml", replace(DRIVE, product=None), "its product is 0x00006050, that of this one unknown"),
-        (GOOD, "rig.toml", replace(DRIVE, revision=8), "its revision is 0x00000007, that of this one 0x00000008"),
-        (GOOD, "rig.toml", replace(DRIVE, serial=None), "the drive tells no serial number"),
+        (GOOD, "rig.toml", replace(DRIVE, revision=8), "another drive: revision 0x00000007, this drive has 0x00000008"),
+        (GOOD, "rig.toml", replace(DRIVE, serial=None), "the drive reports no serial number"),
         (sealed(replace(UNSEALED, serial=None)), "rig.toml", DRIVE, "names no drive"),
         (sealed(replace(UNSEALED, serial=None)), "rig.toml", replace(DRIVE, serial=None), "no serial number"),
         (sealed(replace(UNSEALED, serial=0)), "rig.toml", DRIVE, "names no drive"),
         (sealed(replace(UNSEALED, serial=0xFFFF_FFFF)), "rig.toml", replace(DRIVE, serial=None), "no serial number"),
-        (replace(GOOD, profile="another"), "rig.toml", DRIVE, "made with the profile another"),
-        (replace(GOOD, asked_ms=100.0), "rig.toml", DRIVE, "one of 100 ms"),
+        (replace(GOOD, profile="another"), "rig.toml", DRIVE, "for the profile another"),
+        (replace(GOOD, asked_ms=100.0), "rig.toml", DRIVE, "for 100 ms"),
         (UNSEALED, "rig.toml", DRIVE, "by an earlier version and has no digest; run --prove makes a new one"),
     ],
 )
@@ -114,7 +114,7 @@ def edited(**link_loss: Any) -> CanopenProfile:
     ids=lambda changes: next(iter(changes)),
 )
 def test_a_proof_does_not_outlive_what_was_written_for_it_nor_its_place(changes: dict[str, Any]) -> None:
-    assert "was changed since the proof was kept" in due(planned(GOOD, **changes))["handle"]
+    assert "changed after the proof was saved" in due(planned(GOOD, **changes))["handle"]
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_proof_does_not_outlive_what_was_written_for_it_nor_its_place(changes:
 )
 def test_a_proof_that_was_edited_by_hand_does_not_count(edit: dict[str, Any]) -> None:
     proved = replace(GOOD, **edit)
-    assert "was changed since the proof was kept" in due(planned(proved), proved.drive)["handle"]
+    assert "changed after the proof was saved" in due(planned(proved), proved.drive)["handle"]
 
 
 def test_a_failure_that_was_made_a_proof_by_hand_does_not_count() -> None:
@@ -199,19 +199,23 @@ def test_where_one_guard_is_due_all_others_are_proved_with_it_but_those_that_do_
 def test_a_profile_without_a_guard_has_nothing_to_prove_and_deadlines_without_end() -> None:
     plan = plan_of(rig=rig_of(WALL, emergency_stop="power"), profile=UNGUARDED)
     assert not due(plan)
-    assert "guard      test drive offers no watch on its master" in explain(plan)
-    assert "guard: test drive offers no watch" in explain(plan)
+    assert "watchdog   test drive has no watchdog that" in explain(plan)
+    assert "guard: test drive has no watchdog" in explain(plan)
     assert "master killed: without end, a person who cuts the power" in explain(plan)
-    assert "drive fault or emergency: without end, the drive by itself, nobody knows how soon" in explain(plan)
-    assert told(plan)["capped"].startswith("test drive offers no watch")
+    assert "drive fault or emergency: without end, the drive by itself after an unknown time" in explain(plan)
+    assert told(plan)["capped"].startswith("test drive has no watchdog")
 
 
 @pytest.mark.parametrize(
     ("proved", "real", "text"),
     [
         (GOOD, True, "50 ms; 48.9 ms measured on 2026-11-22T12:00:00+01:00, drive with serial number 0xc17b76a7"),
-        (None, True, "50 ms; is proved at zero torque before force is given: the rig file has no proof of it yet"),
-        (None, False, "50 ms; taken on trust in a simulation, and proved with run --prove"),
+        (
+            None,
+            True,
+            "50 ms (to be tested at zero torque before force is applied: the rig file has no watchdog proof yet)",
+        ),
+        (None, False, "50 ms (not tested; `run --prove` tests it)"),
     ],
 )
 def test_a_plan_says_what_it_knows(proved: Proved | None, real: bool, text: str) -> None:
@@ -223,7 +227,7 @@ def test_a_plan_says_what_it_knows(proved: Proved | None, real: bool, text: str)
         "proved": None
         if proved is None
         else {"guard_ms": 48.9, "date": "2026-11-22T12:00:00+01:00", "serial": 0xC17B76A7},
-        "unproved": None if proved else "the rig file has no proof of it yet",
+        "unproved": None if proved else "the rig file has no watchdog proof yet",
         "capped": None,
         "emergency_stop": None,
     }
@@ -271,13 +275,13 @@ def test_a_cap_of_the_force_is_told_with_its_value_and_its_reason() -> None:
     stopped = rig_of(WALL, emergency_stop="power")
     axis = plan_of(rig=stopped, profile=UNGUARDED).axes[0]
     assert axis.limits.effort == pytest.approx(0.05 * axis.rated_effort)
-    told = "force limited to 2.51 N, 5 % of rated torque: test drive offers no watch on its master that takes the "
-    assert axis.cap == f"{told}torque away (profile)"
+    told = "force limited to 2.51 N (5 % of rated torque): test drive has no watchdog that switches the "
+    assert axis.cap == f"{told}torque off (profile)"
     mute = replace(PROFILE, torque=replace(PROFILE.torque, echo="none"))
-    why = "test drive does not show what it was sent (torque.echo of its profile)"
+    why = "test drive does not return its set-points (torque.echo of its profile)"
     assert plan_of(profile=mute).axes[0].cap.endswith(why)
     unknown = plan_of(rig=rig_of(WALL, inertia=None)).axes[0]
-    assert unknown.cap.endswith("rated torque: inertia and viscous_damping of the axis are not known")
+    assert unknown.cap.endswith("rated torque): inertia and viscous_damping of the axis are unknown")
 
 
 def test_a_limit_of_the_rig_below_the_cap_is_no_cap() -> None:

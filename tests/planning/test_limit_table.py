@@ -62,7 +62,7 @@ def test_a_rig_without_limits_is_told_those_of_the_first_runs(tmp_path: Path) ->
     """As they can be written into its file; the force is a fifth of 50.27 N, the way is the person's to know."""
     (advice,) = [line for line in explain(with_limits(tmp_path, "")).splitlines() if line.startswith("advice")]
     _, _, told = advice.partition("[axis.handle.limits] ")
-    assert told == "effort = 10, speed = 1, position = [lowest, highest], the free way of the handle in m"
+    assert told == "effort = 10, speed = 1, position = [lowest, highest], the travel of the handle in m"
     effort, speed, _ = told.split(", ", 2)
     plan = with_limits(tmp_path, f"{effort}\n{speed}\nposition = [-0.1, 0.1]")
     assert "advice" not in explain(plan)
@@ -71,7 +71,7 @@ def test_a_rig_without_limits_is_told_those_of_the_first_runs(tmp_path: Path) ->
 
 def test_of_limits_that_are_known_nothing_is_recommended(tmp_path: Path) -> None:
     advice = recommended_limits(with_limits(tmp_path, "effort = 8.0\nposition = [-0.1, 0.1]").axes[0])
-    assert advice == "for the first runs [axis.handle.limits] speed = 1"
+    assert advice == "for the first runs write [axis.handle.limits] speed = 1"
 
 
 def test_the_shipped_bench_is_given_no_advice() -> None:

@@ -48,7 +48,7 @@ def test_a_change_is_the_plan_with_the_new_values_and_all_else_kept() -> None:
 def test_a_change_to_what_no_ledger_can_judge_is_refused(tied: tuple[Coupling, ...], force: bool) -> None:
     """A mass that is larger on one side may give any force by itself; the ledger would grant it, and be blind."""
     plan = plan_of(scene_of(Inertia("right", mass=0.1), *tied))
-    with pytest.raises(PlanError, match=r"inertia may then give any force by itself.*: start a new run"):
+    with pytest.raises(PlanError, match=r"inertia could then apply any force by itself.*: start a new run"):
         plan_change(plan, plan, {"inertia.negative_coefficient": 0.5}, force=force)
     assert plan_change(plan, plan, {"inertia.mass": 0.05}, force=force)
 
@@ -229,7 +229,7 @@ def test_a_way_that_is_unstable_between_two_stable_ends_is_refused() -> None:
     check_stable(plan)
     check_stable(plan_of(scene_of(*SOFT)))
     with pytest.raises(
-        UnstableSceneError, match=r"the way to these values .* with [0-9.]+ % of the new and"
+        UnstableSceneError, match=r"the change to these values .* and [0-9.]+ % of the new ones"
     ) as refused:
         plan_change(plan, plan, TO_SOFT)
     share = float(str(refused.value).partition(" % of the new")[0].rpartition(" ")[2]) / 100
@@ -255,7 +255,7 @@ def test_on_a_coupled_axis_the_way_is_judged_with_all_that_hangs_on_it() -> None
     plan = coupled(1.0, *soft)
     check_stable(plan)
     check_stable(plan_change(plan, plan, stiff, force=True).plan)
-    with pytest.raises(UnstableSceneError, match="the way to these values is unstable"):
+    with pytest.raises(UnstableSceneError, match="the change to these values is unstable"):
         plan_change(plan, plan, stiff)
     assert plan_change(plan, plan, {"wall.position": 0.001}).settings == {"wall.position": 0.001}
 

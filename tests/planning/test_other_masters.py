@@ -39,19 +39,19 @@ def test_a_drive_that_shows_nothing_lets_them_act_without_end() -> None:
 def test_a_plan_tells_which_are_not_seen_and_for_how_long() -> None:
     text = explain(planned(TCP, 50.0, drive(TWO)))
     assert (
-        "unseen     set-points of another master on sim-modbus-tcp: those that act for less than 0.7 ms (a period is "
-        "20 ms); those that exceed ours of the last 120 ms in either direction by less than 5 % of rated torque. Fewer "
-        "than 3 within 10 s are no trip\n"
+        "unseen     set-points of another master on sim-modbus-tcp: those that act for less than 0.7 ms (period "
+        "20 ms); those outside the range of ours in the last 120 ms by less than 5 % of rated torque. Fewer "
+        "than 3 within 10 s do not trip\n"
     ) in text
     measured = explain(planned(TCP, 50.0, drive(ONE)))
     assert "by less than 5 % of rated torque and 25 % of their range. Fewer than 3" in measured
-    assert "torque actual shows it, and 3 within 10 s are a trip" in measured
+    assert "torque actual shows them; 3 within 10 s are a trip" in measured
 
 
 def test_units_that_are_looked_at_in_turns_are_told() -> None:
     plan = two_units(RTU, 20.0, drive(ONE, actual=None))
     for axis in plan.axes:
-        assert "(a period is 50 ms), looked for in one of 2 periods; those" in unseen_text(axis, plan.period)
+        assert "(period 50 ms), checked in one of 2 periods; those" in unseen_text(axis, plan.period)
 
 
 def test_on_can_every_node_hears_another_master() -> None:

@@ -13,8 +13,10 @@ from haptic_fieldbus.signals import Signal
 from tests.margins.own_drawn import Remembering, Stated
 
 BOTH = (Signal.POSITION, Signal.VELOCITY)
-MEMORY = "remembering: judged by linearised() alone, 0.05 N·m/rad, as its force depends on memory and elapsed time"
-STEEP = "more than linearised() states, 0.05 N·m/rad"
+MEMORY = (
+    "remembering: checked by linearised() alone (0.05 N·m/rad), because its force depends on memory and elapsed time"
+)
+STEEP = "more than linearised() states (0.05 N·m/rad)"
 
 
 def scene(*elements: Any) -> Scene:
@@ -34,7 +36,7 @@ def test_a_spring_is_told_with_its_steepest_place() -> None:
 
 def test_a_force_that_depends_on_more_is_told() -> None:
     text = told(Stated(lambda x, v: -0.05 * x - 1e-5 * v, 0.05, BOTH), Remembering())
-    assert "; read at rest, as it depends on velocity too" in text
+    assert "; read at rest, because it also depends on velocity" in text
     assert MEMORY in text
 
 
@@ -49,7 +51,9 @@ def test_a_refusal_says_that_a_force_pushes_away_without_end() -> None:
     planned = plan(scene(Stated(lambda x: -0.05 * x + 0.05 * x**3, 0.05), Remembering()))
     with pytest.raises(UnstableSceneError) as caught:
         check_stable(planned)
-    assert "it pushes the handle away without end; limits.position of the rig stops that" in str(caught.value)
+    assert "its force away from rest grows without bound; limits.position of the rig stops the handle" in str(
+        caught.value
+    )
     assert MEMORY not in str(caught.value)
 
 

@@ -96,9 +96,8 @@ def test_a_signal_that_an_element_asks_for_is_mapped() -> None:
 def test_safety_needs_what_set_points_come_back_in(profile: CanopenProfile, shown: str) -> None:
     plan = plan_of(profile=profile)
     assert shown in plan.mapped
-    assert [step for step in plan.steps if "needed by safety" in step] == [
-        f"echo: {shown[9:].removesuffix(' value')} against what was sent, needed by safety; "
-        "trip when they differ for 35 ms"
+    assert [step for step in plan.steps if step.startswith("echo: ")] == [
+        f"echo: compares {shown[9:].removesuffix(' value')} with the sent set-point; trips if they differ for 35 ms"
     ]
     assert plan.axes[0].limits.effort == pytest.approx(plan.axes[0].rated_effort)
 
@@ -157,11 +156,11 @@ def test_an_unknown_rated_torque_is_refused() -> None:
         plan_of(rig=rig_of(WALL, rated_torque=None))
 
 
-@pytest.mark.parametrize(("key", "what"), [("torque_constant", "scaled"), ("rated_torque", "limited")])
+@pytest.mark.parametrize(("key", "what"), [("torque_constant", "scale"), ("rated_torque", "limit")])
 def test_where_torque_is_told_in_current_constant_and_rated_torque_must_be_known(key: str, what: str) -> None:
     target = replace(PROFILE.torque.target, unit="mA")
     rig = rig_of(WALL, **{"torque_constant": 0.05, "rated_torque": 0.4, key: None})
-    with pytest.raises(PlanError, match=f"the rig's {key} of node 1 is unknown: torque cannot be {what} without it"):
+    with pytest.raises(PlanError, match=f"node 1: {key} is missing in the rig; it is needed to {what} the torque"):
         plan_of(rig=rig, profile=replace(PROFILE, torque=replace(PROFILE.torque, target=target)))
 
 
@@ -246,7 +245,7 @@ def test_our_own_node_id_is_one_that_no_drive_has() -> None:
 
 def test_a_bus_of_no_protocol_is_refused_with_what_would_be_one() -> None:
     rig = replace(rig_of(WALL), bus={"bus": BusSection("haptic_sim", "sim")})
-    with pytest.raises(PlanError, match="of no protocol; in Python a CAN bus is a CanSection"):
+    with pytest.raises(PlanError, match="has no protocol; in Python use CanSection for a CAN bus"):
         plan_of(rig=rig)
 
 

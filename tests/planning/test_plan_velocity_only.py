@@ -54,13 +54,13 @@ def test_the_velocity_is_mapped_in_the_place_of_the_position(scene: Scene) -> No
     assert (plan.bus_load, plan.delay) == (plan_of(scene).bus_load, plan_of(scene).delay)
     assert "haptic_fieldbus.cycle.tachometer" in plan.modules
     assert ESTIMATORS not in plan.modules
-    assert reasons(plan)["estimator"] == "the drive reads velocity itself"
+    assert reasons(plan)["estimator"] == "the drive reports velocity itself"
     assert "velocity" not in reasons(plan)
 
 
 def test_the_steps_say_how_the_position_comes_about_and_how_long_it_holds() -> None:
     position = next(step for step in plan_of(profile=VELOCITY_ONLY).steps if step.startswith("position"))
-    assert position == ("position: velocity → m by the trapezoid; drift trip when it may be off by 5 mm, after 120 s")
+    assert position == ("position: velocity → m by the trapezoidal rule; trips when uncertain by 5 mm, after 120 s")
 
 
 def test_a_drive_that_offers_both_has_its_position_mapped_and_is_told_why() -> None:
@@ -70,7 +70,7 @@ def test_a_drive_that_offers_both_has_its_position_mapped_and_is_told_why() -> N
         plan_of(DAMPED).steps,
         plan_of(DAMPED).modules,
     )
-    assert "filter behind it is not known" in reasons(plan)["606Ch:00 velocity actual value"]
+    assert "the filter of the drive is unknown" in reasons(plan)["606Ch:00 velocity actual value"]
     assert reasons(plan).items() >= reasons(plan_of(DAMPED)).items()
 
 
@@ -147,16 +147,16 @@ def test_what_a_scene_asks_for_besides_is_mapped_or_refused_as_ever() -> None:
 def test_the_drift_trip_says_what_happened_and_what_to_do() -> None:
     trip = Trip(TripKind.DRIFT, "handle", 2_000_000_000, 0.00501, 0.005)
     assert str(trip_error(trip, plan_of(profile=in_unit("rpm")), 1_000_000_000)) == (
-        "axis handle: the position may be off by 0.00501 m, the limit is 0.005 m: what is rounded off test drive's "
-        "velocity, its only feedback, in steps of 0.000833 m/s, adds up (to go on, start anew with the handle at its "
-        "zero, or raise axis.handle.limits.drift), 1.000 s after operation enabled. Torque was taken away"
+        "Tripped 1.000 s after enabling: position uncertain by 0.00501 m, above the limit of 0.005 m: test drive reports "
+        "only velocity, rounded to 0.000833 m/s, and the rounding errors add up; torque is off. Restart with the handle "
+        "at its zero, or raise axis.handle.limits.drift."
     )
 
 
 def test_a_coupling_is_refused_because_the_position_drifts_against_the_other() -> None:
     walls = scene_of(Wall("left", 600.0), Wall("right", 600.0))
     scene = replace(walls, elements=(*walls.elements, Coupling(("left", "right"), 200.0)))
-    with pytest.raises(PlanError, match=r"coupling ties axis left .*test drive offers velocity only.*drifts"):
+    with pytest.raises(PlanError, match=r"coupling couples axis left, .*test drive reports velocity only.*drifts"):
         plan_of(scene, profile=VELOCITY_ONLY)
 
 

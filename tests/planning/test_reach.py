@@ -130,4 +130,4 @@ def test_a_change_of_a_running_scene_is_refused_alike() -> None:
     running = plan("wall")
     with pytest.raises(SceneError, match=RANGE) as refused:
         Changes([(0.5, {"wall.position": 20.0})]).check(running, 1.0, force=False)
-    assert refused.value.__notes__ == ["asked for by the change at 0.5 s"]
+    assert refused.value.__notes__ == ["requested by the change at 0.5 s"]

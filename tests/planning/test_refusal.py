@@ -36,7 +36,7 @@ def proposed(element: AnyElement, text: str) -> AnyElement:
     """The element with what is proposed first."""
     first = text.partition("Would be stable: ")[2].partition(" · ")[0]
     found = {key: float(value) for key, value in re.findall(rf"{element.name}\.(\w+)=([-+.e0-9]*[0-9])", first)}
-    share = re.search(rf"{element.name} with ([.0-9]+) times its stiffnesses", first)
+    share = re.search(rf"{element.name} with all stiffnesses multiplied by ([.0-9]*[0-9])", first)
     graded = abilities(element).with_stiffness
     if share is not None and graded is not None:
         softened: AnyElement = graded(float(share[1]) * abilities(element).stiffness)

@@ -203,7 +203,7 @@ def test_a_good_request_gives_the_bus_that_was_named(node: int, rate: float) -> 
         ({"seed": -1}, "seed -1"),
         ({"bus": "simm"}, 'no bus "simm"'),
         ({"record": Path("frames.txt")}, "suffix must be one of .log, .blf, .csv"),
-        ({"record": Path("no such folder/demo.csv")}, "there is no folder"),
+        ({"record": Path("no such folder/demo.csv")}, ": no folder"),
     ],
 )
 def test_each_wrong_value_is_named_alone(wrong: dict[str, object], sentence: str) -> None:

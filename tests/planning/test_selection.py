@@ -61,7 +61,7 @@ def test_a_run_may_begin_where_the_handle_is() -> None:
 
 
 def test_zero_is_here_or_that_of_the_rig() -> None:
-    with pytest.raises(UsageError, match=r'^--zero "there": expected here; an encoder count stands in the rig'):
+    with pytest.raises(UsageError, match=r'^--zero "there": expected here; for an encoder count use'):
         plan("wall", zero="there")
 
 
@@ -111,13 +111,13 @@ def test_real_and_simulated_buses_in_one_run_are_refused() -> None:
 
 def test_one_bus_under_two_names_is_refused() -> None:
     with pytest.raises(
-        UsageError, match=r"names one bus twice: can_left is socketcan:can0.*can_right is socketcan:can0"
+        UsageError, match=r"lists one bus twice: can_left is socketcan:can0.*can_right is socketcan:can0"
     ):
         run(SCENE, replace(rig(), bus=dict.fromkeys(BUSES.values(), CanSection("socketcan", "can0"))))
 
 
 def test_a_real_bus_cannot_stand_for_several() -> None:
-    with pytest.raises(UsageError, match=r"is one bus, but the axes .* are on several: can_left, can_right"):
+    with pytest.raises(UsageError, match=r"is one bus, but the axes .* use several: can_left, can_right"):
         run(SCENE, rig(), bus="socketcan:can0")
 
 

@@ -125,13 +125,13 @@ def test_pulses_grow_by_half_at_most_from_step_to_step(effort: float | None) -> 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({}, "axis.handle.permissions.sign_effort, 5 N now, permits more"),
+        ({}, "raise axis.handle.permissions.sign_effort, now 5 N"),
         (
             {"permissions": Permissions(sign_effort=9.0)},
-            "permissions.sign_pulse, 0.15 of rated torque now, permits more, up to 0.3",
+            "permissions.sign_pulse, now 0.15 of rated torque, to at most 0.3",
         ),
-        ({"permissions": Permissions(0.3, 40.0)}, "30 % of rated torque is the most that can be permitted"),
-        ({"limits": Limits(effort=1.0)}, "the limit of the axis, 1 N, bounds it"),
+        ({"permissions": Permissions(0.3, 40.0)}, "pulses cannot exceed 30 % of rated torque"),
+        ({"limits": Limits(effort=1.0)}, "pulses cannot exceed the limit of the axis, 1 N"),
     ],
 )
 def test_what_would_permit_more_is_named(changes: dict[str, Any], words: str) -> None:
@@ -141,7 +141,7 @@ def test_what_would_permit_more_is_named(changes: dict[str, Any], words: str) ->
 def test_friction_above_the_bound_is_told_before_anything_moves() -> None:
     plan = planned(coulomb_friction=0.1)
     told = sign_text(plan.axes[0], probe_of(plan))
-    assert "the friction in the rig, 12.6 N, is not below the largest pulse" in told
+    assert "friction in the rig (12.6 N) is not below the largest pulse" in told
     assert "sign_effort" in told
     free = planned()
     assert "friction" not in sign_text(free.axes[0], probe_of(free))
@@ -149,7 +149,7 @@ def test_friction_above_the_bound_is_told_before_anything_moves() -> None:
 
 @pytest.mark.parametrize("friction", [0.4, 2.0])
 def test_friction_that_leaves_nothing_of_rated_torque_is_refused(friction: float) -> None:
-    with pytest.raises(PlanError, match=r"coulomb_friction of node 1, .* is not below its rated_torque, 0.4 N·m"):
+    with pytest.raises(PlanError, match=r"node 1: coulomb_friction \(.*\) must be below rated_torque \(0.4 N·m\)"):
         planned(coulomb_friction=friction)
 
 
@@ -165,7 +165,7 @@ def test_a_limit_of_more_steps_than_the_type_of_the_target_has_is_refused() -> N
     amperes = replace(PROFILE.torque.target, unit="mA")
     profile = replace(PROFILE, torque=replace(PROFILE.torque, target=amperes, rated=None))
     words = (
-        r"one step of target torque is 6.28 µN at the handle, and the drive takes 32767 of them: less than the limit"
+        r"one step of target torque is 6.28 µN at the handle, and at most 32767 steps are possible: less than the limit"
     )
     rig = rig_of(WALL, torque_constant=5e-5, rated_current=None, limits=Limits(effort=20.0))
     with pytest.raises(PlanError, match=words):
@@ -209,7 +209,7 @@ def test_an_unknown_inertia_begins_with_the_shortest_pulse_and_tells_no_travel()
     assert (probe.stages[0].periods, probe.travel) == (5, None)
     assert [stage.periods for stage in probe.stages] == [5, 5, 5, 10, 20]
     assert probe.farthest is None
-    assert "how far they move the handle is unknown" in sign_text(planned(inertia=None).axes[0], probe)
+    assert "the travel of the handle is unknown" in sign_text(planned(inertia=None).axes[0], probe)
 
 
 def test_a_drive_with_velocity_only_states_the_speed() -> None:

@@ -39,7 +39,7 @@ def test_in_json_it_is_null() -> None:
 
 
 def test_a_part_of_it_cannot_be_asked_for() -> None:
-    with pytest.raises(UsageError, match="this bench has no stability limit to take a part of"):
+    with pytest.raises(UsageError, match="this bench has no stability limit"):
         haptic_fieldbus.plan("sprung_mass", method=METHOD, settings={"sprung_mass.stiffness": "max/2"})
-    with pytest.raises(UsageError, match="this bench has no stability limit to take a part of"):
+    with pytest.raises(UsageError, match="this bench has no stability limit"):
         haptic_fieldbus.stability("sprung_mass", method=METHOD, mass=10.0, settings={"sprung_mass.stiffness": "max"})

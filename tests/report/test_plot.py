@@ -78,7 +78,7 @@ def test_position_wall_force_and_error_are_on_the_picture() -> None:
         "error [N]", "force [N]",
     ]  # fmt: skip
     assert [panel.get_title("left") for panel in figure.axes[1::2]] == [
-        "force over position [mm]", "a closer look, period by period", "",
+        "force over position [mm]", "detail, period by period", "",
     ]  # fmt: skip
 
 

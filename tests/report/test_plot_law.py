@@ -45,7 +45,7 @@ def test_the_limit_of_the_motor_is_drawn_where_it_matters(effort: float | None, 
     draw_law(panel, trace, [DETENTS, STOP], effort, UNITS[Workspace.ROTARY])
     labels = panel.get_legend_handles_labels()[1]
     assert ("limit of the motor" in labels) == told
-    assert {"law at rest", "well", "wall or stop"} <= set(labels)
+    assert {"force at rest", "well", "wall or stop"} <= set(labels)
 
 
 def test_without_a_law_only_the_paths_are_drawn() -> None:

@@ -55,7 +55,7 @@ def test_an_outcome_names_the_sources_of_error_by_size() -> None:
     assert outcome(RUN) == [
         ("result", "10000 periods, none missed · bus load 27 % · 10 s in 0.5 s"),
         ("", "force error 0.09 N rms, 0.412 N max (sampling and delay 61 %, encoder 17 %)"),
-        ("", "gives the hand 0.3 mJ more than the ideal · no trip"),
+        ("", "the loop added 0.3 mJ · no trip"),
         ("verdict", "Feels like a wall."),
     ]
 
@@ -98,7 +98,7 @@ def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:
 def test_what_other_devices_add_to_the_load_of_the_bus_is_told() -> None:
     compiled = plan("wall")
     crowded = replace(RUN, plan=compiled, bus_load=compiled.bus_load + 0.2)
-    load = f"bus load {percent(compiled.bus_load + 0.2)}, 20 % of it by other devices"
+    load = f"bus load {percent(compiled.bus_load + 0.2)}, 20 % by other devices"
     assert load in outcome(crowded)[0][1]
     assert "other devices" not in outcome(replace(crowded, bus_load=compiled.bus_load))[0][1]
 
@@ -107,7 +107,7 @@ def test_periods_that_began_late_are_told_with_by_how_much() -> None:
     # One in a hundred begins 5 ms late, all others 0.02 ms.
     lateness = Percentiles.of(np.where(np.arange(10_000) % 100 == 0, 5_000_000, 20_000))
     late = replace(RUN, clock="monotonic", timing=Timing(None, None, None, lateness, late=100))
-    told = "10000 periods, none missed, 100 late (99.9 % by at most 5 ms, the latest by 5 ms) · bus load 27 %"
+    told = "10000 periods, none missed, 100 late (p99.9 5 ms, max 5 ms) · bus load 27 %"
     assert outcome(late)[0] == ("result", told)
     assert "late" not in outcome(replace(late, timing=Timing(None, None, None, lateness)))[0][1]
 
@@ -119,7 +119,7 @@ def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> N
     timing = Timing(None, Percentiles.of(np.full(10_000, 200_000)), None, Percentiles.of(late_ns), late=200)
     periods = PeriodTimes(np.zeros(10_000), np.zeros(10_000), np.zeros(10_000))
     rights = (
-        Right("scheduling", "SCHED_FIFO 49", "the ordinary class", False, "write two lines"),
+        Right("scheduling", "SCHED_FIFO 49", "normal scheduling", False, "write two lines"),
         Right("memory", "memory locked", "at most 8 MiB", False, "write two lines"),
         Right("timer_slack", "timer slack 1 ns", "timer slack 1 ns", True),
     )
@@ -131,7 +131,7 @@ def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> N
     )
     assert told[-3:] == [
         ("host", "timer slack 1 ns"),
-        ("", "refused: SCHED_FIFO 49 (got the ordinary class), memory locked (got at most 8 MiB)"),
+        ("", "refused: SCHED_FIFO 49 (got normal scheduling), memory locked (got at most 8 MiB)"),
         ("", "write two lines"),
     ]
 
@@ -162,35 +162,34 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
     [
         (
             FeltError(0.02, 0.02, 0.001, 0.4),
-            "Feels like the ideal wall to the hand push: error 2 % of the force in 0.4 s",
+            'Feels right: force error 2 % (people notice from 8 %), hand "push", 0.4 s of moving contact',
         ),
         (
             FeltError(0.5, 0.02, 0.0007, 0.4, 0.012, by_event=True),
-            "Feels like the ideal wall to the hand push, 0.7 ms late (people notice it from 5.5 ms): error 50 % of "
-            "the force in 0.4 s of moving contact, 2 % beside the delay, below the 8 % a hand can tell; the loop added "
-            "12 mJ.",
+            "Feels right, 0.7 ms late (people notice from 5.5 ms): force error 50 %, 2 % without the delay "
+            '(people notice from 8 %), hand "push", 0.4 s of moving contact; the loop added 12 mJ.',
         ),
         (
             FeltError(0.5, 0.02, 0.0056, 0.4, 0.012, by_event=True),
-            "Feels different from the ideal wall to the hand push: error 50 % of the force in 0.4 s of moving contact, "
-            "2 % of it beside the delay of 5.6 ms, above the 8 % a hand can tell; the loop added 12 mJ.",
+            "Feels different: force error 50 %, 2 % without the delay of 5.6 ms (people notice from 8 %), "
+            'hand "push", 0.4 s of moving contact; the loop added 12 mJ.',
         ),
         (
             FeltError(0.12, 0.022, 0.0107, 0.4, 0.049),
-            "Feels different from the ideal wall to the hand push: error 12 % of the force in 0.4 s of moving contact, "
-            "2.2 % of it beside the delay of 10.7 ms, above the 8 % a hand can tell; the loop added 49 mJ.",
+            "Feels different: force error 12 %, 2.2 % without the delay of 10.7 ms (people notice from 8 %), "
+            'hand "push", 0.4 s of moving contact; the loop added 49 mJ.',
         ),
         (
             FeltError(0.12, 0.022, 0.0007, 0.4, 0.049),
-            "Feels different from the ideal wall to the hand push: error 12 % of the force",
+            "Feels different: force error 12 %",
         ),
         (
             FeltError(0.5, 0.2, 0.0007, 0.4, -0.003, by_event=True),
-            "Feels different from the ideal wall to the hand push: error 50 % of the force in 0.4 s of moving contact, "
-            "above the 8 % a hand can tell; the loop took 3 mJ.",
+            'Feels different: force error 50 % (people notice from 8 %), hand "push", 0.4 s of moving contact; '
+            "the loop absorbed 3 mJ.",
         ),
-        (FeltError(None, 0.0, 0.0, 0.0), "Not judged: the handle rested whenever the wall acted with the hand push."),
-        (None, "The handle met nothing: no contact in this run with the hand push."),
+        (FeltError(None, 0.0, 0.0, 0.0), 'Not judged: the handle did not move while the wall acted (hand "push").'),
+        (None, 'No contact in this run: the handle touched nothing (hand "push").'),
     ],
 )
 def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, told: str) -> None:
@@ -201,19 +200,23 @@ def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, 
 @pytest.mark.parametrize(
     ("cut", "behind", "told"),
     [
-        (0.0, None, "98 % of the periods began in time; the torque was never cut."),
-        (0.5, 0.03, "the torque was cut in 50 % of them; the drive's own torque differs from its target by 3 %."),
+        (0.0, None, "98 % of the periods started on time; the torque was never limited."),
+        (
+            0.5,
+            0.03,
+            "the torque was limited in 50 % of the periods; the torque in the drive differs from its target by 3 %.",
+        ),
     ],
 )
 def test_a_real_run_is_judged_by_what_loop_and_drive_tell(cut: float, behind: float | None, told: str) -> None:
     said = real_verdict(effort="torque", in_time=0.98, cut=cut, behind=behind)
-    assert said.startswith("Rendered on a real drive: its true error is not known here; ")
+    assert said.startswith("Rendered on a real drive: the true torque error is unknown; ")
     assert said.endswith(told)
 
 
 def test_a_rehearsal_is_not_called_a_run_on_a_real_drive() -> None:
     said = real_verdict(effort="force", in_time=0.98, cut=0.0, behind=None, rehearsed=True)
-    told = "Rehearsed on a simulated drive; 98 % of the periods began in time; the force was never cut."
+    told = "Rehearsed on a simulated drive; 98 % of the periods started on time; the force was never limited."
     assert said == told
 
 
@@ -279,6 +282,6 @@ def test_a_capped_force_stands_in_the_first_lines_of_a_run() -> None:
     capped = announcement(plan("wall", drive="iris_orca", bus="sim-modbus-rtu", settings={"wall.stiffness": 15.0}))
     assert [key for key, _ in capped[:4]] == ["scene", "bench", "limit", "plan"]
     assert capped[2][1].startswith(
-        "handle: force limited to 2.51 N, 5 % of rated torque: Iris Dynamics ORCA offers no watch"
+        "handle: force limited to 2.51 N (5 % of rated torque): Iris Dynamics ORCA has no watchdog"
     )
     assert "limit" not in dict(announcement(plan("wall")))

@@ -92,7 +92,7 @@ def test_a_schedule_with_an_impossible_change_is_refused_and_says_which() -> Non
     changes = Changes([(1.0, {"wall.stiffness": 700.0}), (2.0, {"wall.stiffness": 90_000.0})])
     with pytest.raises(UnstableSceneError, match="90000 N/m is unstable") as refused:
         changes.check(PLAN, 10.0, force=False)
-    assert refused.value.__notes__ == ["asked for by the change at 2 s"]
+    assert refused.value.__notes__ == ["requested by the change at 2 s"]
 
 
 def test_force_lets_both_schedule_and_requests_pass() -> None:
@@ -117,12 +117,12 @@ def test_times_that_no_run_has_are_refused_all_at_once() -> None:
 
 def test_requests_are_for_the_time_of_a_run() -> None:
     changes = Changes()
-    with pytest.raises(UsageError, match="no run has these changes yet"):
+    with pytest.raises(UsageError, match="these changes belong to no run yet"):
         _ = changes.scene
-    with pytest.raises(UsageError, match="nothing runs with these changes"):
+    with pytest.raises(UsageError, match="no run uses these changes"):
         changes.request({"wall.stiffness": 800.0})
     begun(changes).close()
-    with pytest.raises(UsageError, match="nothing runs with these changes"):
+    with pytest.raises(UsageError, match="no run uses these changes"):
         changes.request({"wall.stiffness": 800.0})
     with pytest.raises(UsageError, match="those of another run"):
         begun(changes)
@@ -130,7 +130,7 @@ def test_requests_are_for_the_time_of_a_run() -> None:
 
 def test_while_scheduled_changes_are_to_come_nobody_else_changes_what_they_were_judged_on() -> None:
     changes = begun(Changes([(1.0, {"wall.stiffness": 700.0})]))
-    with pytest.raises(UsageError, match="scheduled changes are still to come, up to 1 s"):
+    with pytest.raises(UsageError, match="scheduled changes are pending, up to 1 s"):
         changes.request({"wall.stiffness": 800.0})
     run_to(changes, 1, 1001)
     assert changes.request({"wall.stiffness": 800.0}).settings == {"wall.stiffness": 800.0}

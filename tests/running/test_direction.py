@@ -104,7 +104,7 @@ def test_a_handle_that_goes_down_is_refused_with_the_key_to_change(tmp_path: Pat
 def test_a_handle_that_nobody_moves_is_not_enabled(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(RIG, encoding="utf-8")
-    with pytest.raises(UsageError, match="nobody moved the handle of axis handle within 60 s"):
+    with pytest.raises(UsageError, match="the handle of axis handle did not move within 60 s"):
         shown(planned(str(path), rate=50.0), 0.0)
 
 
@@ -126,7 +126,7 @@ def test_a_direction_that_was_confirmed_is_not_asked_for_again(tmp_path: Path) -
 def test_a_rig_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     told, _ = shown(planned(str(tmp_path / "gone.toml")), 0.05)
     (warning,) = told
-    assert "was not kept in" in warning
+    assert "was not saved in" in warning
 
 
 def test_without_a_person_the_direction_is_told_to_be_unconfirmed() -> None:
@@ -134,4 +134,4 @@ def test_without_a_person_the_direction_is_told_to_be_unconfirmed() -> None:
     bus = CanopenBus(SimulatedBus(world=World(clock, can_traffic(plan).bitrate)), clock, owned=True)
     (warning,) = confirm_direction(plan, bus, clock, None, EndSignals())
     bus.close()
-    assert warning.startswith("axis handle: direction not confirmed by a person")
+    assert warning.startswith("axis handle: positive direction not confirmed by a person")

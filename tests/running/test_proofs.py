@@ -35,8 +35,8 @@ def proved(rig: Path) -> Proved | None:
 def assert_of_the_sign(warnings: Sequence[str]) -> None:
     """A short run on a new bench says that nobody has shown its direction, and that it was too short; nothing else."""
     direction, seen = warnings
-    assert "direction not confirmed by a person" in direction
-    assert "the sign from torque to motion was not seen" in seen
+    assert "positive direction not confirmed by a person" in direction
+    assert "motor direction not confirmed" in seen
     assert "the run was too short" in seen
 
 
@@ -72,7 +72,9 @@ def test_a_read_only_rig_is_told_with_what_it_would_hold_and_the_run_goes_on(rig
     result = GuardBench(rig).put().run()
     told, *others = result.warnings
     assert_of_the_sign(others)
-    assert told.startswith(f"the proof of axis handle was not kept in {rig}: it is read-only. It would be:")
+    assert told.startswith(
+        f"the watchdog proof of axis handle was not saved in {rig}: it is read-only. To add it by hand:"
+    )
     assert "[axis.handle.proved], serial = 0x" in told
     assert (result.cycles, rig.read_bytes()) == (50, before)
 
@@ -80,7 +82,7 @@ def test_a_read_only_rig_is_told_with_what_it_would_hold_and_the_run_goes_on(rig
 @pytest.mark.thorough("one more run")
 def test_a_failure_that_cannot_be_kept_is_told_with_it(rig: Path) -> None:
     rig.chmod(0o444)
-    with pytest.raises(UnprovedGuardError, match=r'was not kept.*read-only.*guard = "none"'):
+    with pytest.raises(UnprovedGuardError, match=r'was not saved.*read-only.*guard = "none"'):
         GuardBench(rig).put([DEAD]).run()
 
 
@@ -147,7 +149,7 @@ class TestADriveWithoutASerialNumber:
         )
         bench = GuardBench(rig).put(but=with_serial(serial))
         assert bench.run().proofs[0].holds
-        assert "the drive tells no serial number" in bench.asked
+        assert "the drive reports no serial number" in bench.asked
 
 
 class TestAProofIsMadeAgain:
@@ -186,7 +188,7 @@ class TestAProofIsMadeAgain:
         text = proved_rig.read_text()
         assert old in text
         proved_rig.write_text(text.replace(old, new))
-        assert "was changed since the proof was kept" in self.again(proved_rig)
+        assert "changed after the proof was saved" in self.again(proved_rig)
 
     @pytest.mark.thorough("four runs each")
     @pytest.mark.parametrize(
@@ -201,7 +203,7 @@ class TestAProofIsMadeAgain:
         text = own.read_text(encoding="utf-8")
         assert edit[0] in text
         own.write_text(text.replace(*edit), encoding="utf-8")
-        assert "was changed since the proof was kept" in self.again(rig)
+        assert "changed after the proof was saved" in self.again(rig)
 
 
 def test_a_proof_that_somebody_wrote_by_hand_is_refused_where_no_proof_could_say_so(rig: Path) -> None:
@@ -219,7 +221,7 @@ def test_on_a_full_disk_the_rig_stays_as_it_was_and_the_run_goes_on(rig: Path, m
 
     monkeypatch.setattr(os, "fsync", full)
     result = GuardBench(rig).put().run()
-    assert any(f"was not kept in {rig}: No space left on device" in each for each in result.warnings)
+    assert any(f"was not saved in {rig}: No space left on device" in each for each in result.warnings)
     assert (result.cycles, rig.read_bytes(), os.listdir(rig.parent)) == (50, before, [rig.name])
 
 

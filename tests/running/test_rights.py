@@ -81,9 +81,7 @@ def test_a_user_without_rights_is_refused_with_advice_and_goes_on() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     *objects, scheduler = done.stdout.rsplit(maxsplit=1)
     assert scheduler == str(os.SCHED_OTHER)
-    assert (
-        '"name": "scheduling", "wished": "SCHED_FIFO 49", "got": "the ordinary class", "granted": false' in objects[0]
-    )
+    assert '"name": "scheduling", "wished": "SCHED_FIFO 49", "got": "normal scheduling", "granted": false' in objects[0]
     assert objects[0].count("rtprio") == 2
     assert "setcap cap_sys_nice,cap_ipc_lock+ep" in objects[0]
 

@@ -87,7 +87,7 @@ class TestUsedLikeOurs:
         assert judged.margin == pytest.approx(2.0)
         result = haptic_fieldbus.run(path, hand="guide", duration=2.0, changes=[(1.5, {"clay.stiffness": "0.6 N/mm"})])
         assert result.verdict is not None
-        assert result.verdict.startswith("Feels like the ideal mine")
+        assert result.verdict.startswith("Feels right: ")
         answer = haptic_fieldbus.response(path, input="ramp", amplitude=0.1)
         assert answer.force.min() == pytest.approx(-3.0)
 
@@ -307,7 +307,7 @@ class TestBroken:
         with pytest.raises(SafetyTripError) as caught:
             haptic_fieldbus.run(scene, duration=1.0)
         place = f"({broken.folder / broken.package}.py, line {law.count(chr(10))})"
-        told = f"axis handle: the scene failed: element mine: helper raised ValueError: table {place}, "
+        told = f"the scene failed: element mine: helper raised ValueError: table {place}, "
         assert str(caught.value).startswith(told)
         assert isinstance(caught.value.__cause__, ValueError)
         status, out, err = outcome(capsys, "run", scene, "--duration", 1, "--json")

@@ -66,7 +66,7 @@ def test_a_run_on_a_renamed_axis_is_the_run_on_its_own() -> None:
 
 
 def test_a_rig_without_the_axis_says_how_to_rename() -> None:
-    with pytest.raises(PlanError, match=r"rig\.toml has: knob\. --axis handle=NAME renders it on another one$"):
+    with pytest.raises(PlanError, match=r"rig\.toml has: knob\. Use --axis handle=NAME for another one$"):
         haptic_fieldbus.plan("wall", knob())
 
 
@@ -80,8 +80,8 @@ def test_the_command_renames_too(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (["handle"], "--axis \"handle\": expected the scene's axis=the rig's axis, for example knob=handle"),
-        (["=knob"], "--axis \"=knob\": expected the scene's axis=the rig's axis, for example knob=handle"),
+        (["handle"], '--axis "handle": expected SCENE_AXIS=RIG_AXIS, for example knob=handle'),
+        (["=knob"], '--axis "=knob": expected SCENE_AXIS=RIG_AXIS, for example knob=handle'),
         (["handle=a", "handle=b"], "--axis handle: given twice, as a and b"),
     ],
 )

@@ -126,7 +126,7 @@ def test_a_line_a_scene_says_what_it_leaves_out() -> None:
     assert "|virtual_shaft|integrator, virtual states|6.47 (6.47 to 6.47)" in text
     assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(cost.scenes_finding(plans, costs))
     reasons = cost.reasons(plans)
-    assert "no element asks for it" in reasons
+    assert "no element needs it" in reasons
     assert "<td>12</td>" in reasons, "8 octets in and 4 out for each axis"
     assert "<td>24</td>" in reasons
     assert set(FEW_SCENES) <= set(scene_names())

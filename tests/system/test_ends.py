@@ -235,7 +235,7 @@ def test_a_full_disk_ends_the_recording_and_the_exit_status_tells(suffix: str, t
     status, out, err = ended(process)
     assert status == 1
     assert json.loads(out)["cycles"] == 2000
-    assert "the recording is not complete: No space left on device" in err
+    assert "the recording is incomplete: No space left on device" in err
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")

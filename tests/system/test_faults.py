@@ -66,7 +66,7 @@ def test_a_fault_in_contact_ends_torque_free_with_cause_and_time(
     code, err, result = run_with(fault, tmp_path, capsys)
     assert code == status, err
     assert cause in err
-    assert " s after operation enabled" in err
+    assert " s after enabling: " in err
     targets = set_points(tmp_path / "frames.log")
     assert min(targets) < -50, "the wall was being rendered"
     if name != "bus off":
@@ -134,4 +134,4 @@ def test_every_error_of_a_run_carries_what_was_known() -> None:
 def test_a_drive_that_vanishes_at_the_very_end_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, err, result = run_with('kind = "silence"\nat = 2.9992', tmp_path, capsys)
     assert (code, result["verdict"]) == (1, None)
-    assert "did not confirm that their motors are off: switch the power off" in err
+    assert "did not confirm that their motors are off. Switch the power off" in err

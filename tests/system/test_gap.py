@@ -63,9 +63,9 @@ def test_a_force_that_a_gap_took_is_told() -> None:
     depth = found.traces[0].position[-1] - 0.02
     assert depth > 0.03, "a wall of 600 N/m would have held 6 N at 0.01"
     (told,) = [text for text in found.warnings if "gap" in text]
-    assert "after a long gap in the feedback the force stayed capped at what it was before" in told
-    assert "comes back when the handle leaves contact" in told
-    assert not [text for text in found.warnings if "asked for more" in text]
+    assert "after a long feedback gap the force stayed limited to its value before the gap" in told
+    assert "the limit ends when the handle leaves contact" in told
+    assert not [text for text in found.warnings if "requested more" in text]
 
 
 @pytest.mark.thorough("two runs of a second and a half", quick=1)
@@ -75,7 +75,7 @@ def test_a_wall_that_a_short_gap_hides_stands_where_the_handle_is_seen_again(mis
     found = run("wall", endless_rig("wall"), duration=2.5, faults=[MissingTpdos("missing_tpdos", 0.721, missing)])
     whole = run("wall", endless_rig("wall"), duration=2.5)
     (told,) = [text for text in found.warnings if "gap" in text]
-    beside = re.search(r"after a short gap in the feedback the scene stood up to ([\d.]+) mm beside its place", told)
+    beside = re.search(r"after a short feedback gap the scene was displaced by up to ([\d.]+) mm", told)
     assert beside is not None
     hidden = (0.721 + missing * 1e-3 - ENTERED) * SPEED
     assert 1e-3 * float(beside.group(1)) == pytest.approx(hidden, abs=1e-3 * SPEED), "to a sample"
@@ -94,6 +94,6 @@ def test_many_short_gaps_leave_a_wall_that_holds() -> None:
 def test_feedback_that_breaks_off_the_proof_of_the_sign_is_named_as_the_reason() -> None:
     gaps = [MissingTpdos("missing_tpdos", 0.02 + 0.04 * number, 2) for number in range(25)]
     found = run("wall", unseen_rig(Task("wall")), duration=1.0, faults=gaps)
-    (told,) = [text for text in found.warnings if "sign" in text]
-    assert "gaps in the feedback broke the proof off" in told
+    (told,) = [text for text in found.warnings if "motor direction" in text]
+    assert "feedback gaps interrupted the check" in told
     assert "too short" not in told

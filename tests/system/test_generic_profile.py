@@ -116,7 +116,7 @@ def test_the_generic_profile_as_it_stands_runs_the_wall(file: str) -> None:
 @pytest.mark.parametrize("file", both(WITHOUT_GUARD[:1], WITHOUT_GUARD[1:]))
 def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut(file: str) -> None:
     profile = asked(eds_of(file))
-    with pytest.raises(PlanError, match=r"offers no watch on its master.*emergency_stop"):
+    with pytest.raises(PlanError, match=r"has no watchdog that.*emergency_stop"):
         compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: profile}, 1000.0)
     rig = rig_of(WALL, profile=GENERIC, emergency_stop="power")
     plan = compile_plan(WALL, rig, {GENERIC: profile}, 1000.0)

@@ -50,9 +50,9 @@ def test_a_guard_is_proved_before_the_first_scene_of_a_rig_and_not_before_the_se
     with hosted() as port:
         status, out, err = run(port, rig)
         assert status == 0, err
-        assert "about to prove the guard of axis handle (the rig file has no proof of it yet)" in err
-        assert "axis handle let go " in out
-        assert "asked for were 100 ms" in out
+        assert "about to test the drive watchdog of axis handle (the rig file has no watchdog proof yet)" in err
+        assert "axis handle: drive watchdog fired after " in out
+        assert "(set to 100 ms)" in out
         assert rig.read_text().startswith(f"{RIG}\n[axis.handle.proved]\nserial = 0x")
         before = rig.read_bytes()
         status, out, err = run(port, rig, "--json")
@@ -84,7 +84,7 @@ def test_ctrl_c_while_the_drive_is_left_alone_frees_it(rig: Path, tmp_path: Path
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=STARTS_WITHIN)
         assert process.returncode == 130, out
-        assert "stopped by you before operation enabled: no torque was given" in err
+        assert "stopped by you before enabling: no torque was applied" in err
         assert Drive(bus).read(0x6041) & 0x6F != 0x27
         assert rig.read_text() == RIG
 
@@ -96,15 +96,15 @@ def test_a_drive_that_never_lets_go_is_refused_with_what_was_measured(rig: Path,
     with hosted("--faults", str(faults)) as port:
         status, out, err = run(port, rig, "--json")
         assert status == 4, err
-        assert "did not act in time" in err
-        assert "was never seen off; asked for were 100 ms" in err
+        assert "did not fire in time" in err
+        assert "and did not switch off (watchdog 100 ms" in err
         told = json.loads(out)
         assert told["cycles"] == 0
         assert told["guards"] == [{"axis": "handle", "guard_ms": 100.0, "measured_ms": None}]
         # From now on the plan says so, before any bus is opened.
         status, out, err = run(port, rig)
         assert status == 4
-        assert "did not act when it was tried on" in err
+        assert "did not fire in the test on" in err
         assert 'axis.handle.emergency_stop = "power"' in err
         rig.write_text(rig.read_text().replace("[axis.handle]\n", '[axis.handle]\nemergency_stop = "power"\n'))
         status, out, err = run(port, rig)

@@ -172,7 +172,7 @@ def test_the_question_tells_what_is_not_seen(tmp_path: Path) -> None:
             api.run("wall", rig=rig, rate=50.0, settings={"wall.stiffness": 60.0}, confirm=refuse)
         assert server.drive.written == []
     (question,) = questions
-    assert f"Not seen: set-points of another master on {server.name}: those that act for less than" in question
+    assert f"Not detected: set-points of another master on {server.name}: those that act for less than" in question
 
 
 RIG = """

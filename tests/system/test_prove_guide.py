@@ -35,7 +35,7 @@ def test_its_slow_drive_is_refused(
     monkeypatch.chdir(tmp_path)
     status, _, err = outcome(BAD, capsys)
     assert status == 4
-    assert "did not act in time" in err
+    assert "did not fire in time" in err
 
 
 def test_the_question_the_keys_and_the_emergency_stop_are_those_of_a_run(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def test_the_scene_that_is_shown_is_stable_on_the_simulated_bench(tmp_path: Path
     path.write_text(SHOWN, encoding="utf-8")
     result = haptic_fieldbus.run(load_scene(path), duration=1.5)
     assert result.trips == ()
-    assert (result.verdict or "").startswith("Feels like the ideal box")
+    assert (result.verdict or "").startswith("Feels right: ")
 
 
 def test_every_key_of_a_scene_file_has_its_line() -> None:

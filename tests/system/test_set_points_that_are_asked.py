@@ -153,7 +153,9 @@ ABORT = b"\x80\x71\x60\x00" + (0x0800_0022).to_bytes(4, "little")
 
 def test_a_drive_that_refuses_from_some_time_on_is_told_and_takes_the_torque_away() -> None:
     rack = Slow(1000.0, lambda number, octets: octets if number < 100 else ABORT)
-    with pytest.raises(DriveFaultError, match=r"set-points are not proved to act: node 1 has not answered for 6\d ms"):
+    with pytest.raises(
+        DriveFaultError, match=r"set-points not confirmed: node 1 has not returned its target torque for 6\d ms"
+    ):
         rack.run(4.0)
     assert 0.4 < rack.ended < 1.0
 

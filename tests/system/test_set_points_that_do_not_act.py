@@ -172,7 +172,7 @@ def test_rpdos_lost_under_constant_torque_take_it_away_by_the_next_pulses_that_a
     Counts that stand still are asked by pulses after 2 s, which the drive does not hear: five pairs end the run.
     """
     fault = faults.MissingRpdos("missing_rpdos", lost_at)
-    with watched() as found, pytest.raises(HapticFieldbusError, match="Torque was taken away") as ended:
+    with watched() as found, pytest.raises(HapticFieldbusError, match="torque is off") as ended:
         run("wall", endless_rig("wall"), hand="push", duration=lost_at + 10.0, faults=[fault])
     assert isinstance(ended.value.result, Result)
     (trip,) = ended.value.result.trips

@@ -47,7 +47,7 @@ def test_its_commands_do_what_they_say(command: str, folder: Path, capsys: pytes
 def test_its_fault_takes_the_torque_of_both_axes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, _, err = outcome(f"{COMMANDS[-1]} --record {folder / 'faulty.log'}", capsys)
     assert status == 1
-    assert "axis right: no feedback from node 1" in err
+    assert "axis right: feedback lost: the last from node 1" in err
     last = dict(re.findall(r" (can_\w+) 201#([0-9A-F]{8})", (folder / "faulty.log").read_text()))
     assert last == {"can_left": "00000000", "can_right": "00000000"}
 

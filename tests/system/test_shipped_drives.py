@@ -54,7 +54,7 @@ def test_a_wall_is_felt_and_nothing_is_stored(name: str, tmp_path: Path) -> None
     result = haptic_fieldbus.run("wall", drive=name, node=NODE, duration=1.5, seed=1, record=log)
     assert result.trips == ()
     assert result.verdict is not None
-    assert result.verdict.startswith("Feels like the ideal wall")
+    assert result.verdict.startswith("Feels right: ")
     written = downloads(log)
     assert written, "the drive was configured"
     assert {index for index, _, _ in written}.isdisjoint({0x1010, 0x1011}), "nothing is stored or restored"

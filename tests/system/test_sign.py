@@ -75,8 +75,8 @@ def test_a_sign_that_friction_hides_is_told_with_what_to_do() -> None:
     sticky = Mechanics(stribeck=Stribeck(torque=0.1, velocity=1.0))
     result = run("wall", rig=unseen_rig(Task("wall"), simulation=sticky), hand="none", duration=1.0)
     (warning,) = result.warnings
-    assert "sign from torque to motion was not seen" in warning
-    assert "let go of the handle" in warning
+    assert "motor direction not confirmed" in warning
+    assert "release it; friction may be larger" in warning
     assert "2.51 N" in warning
 
 
@@ -248,8 +248,8 @@ def test_a_drive_with_velocity_only_shows_its_sign_too(wrong: str | None) -> Non
 def test_a_trip_names_both_possibilities_and_what_is_no_remedy() -> None:
     with pytest.raises(SafetyTripError) as raised:
         run("wall", rig=unseen_rig(Task("wall")), faults=[REVERSED["torque"]], duration=1.0)
-    assert "Either the encoder counts backwards, or the motor turns backwards" in str(raised.value)
-    assert "The sign of the mechanism in the rig turns both" in str(raised.value)
+    assert "motor direction wrong: test pulses of" in str(raised.value)
+    assert "Do not change `sign` of the mechanism in the rig" in str(raised.value)
 
 
 def test_the_probe_brings_the_handle_back_to_where_it_was() -> None:
@@ -273,7 +273,7 @@ def test_a_coarse_encoder_makes_the_pulses_longer_and_the_travel_is_told() -> No
     assert free is not None
     assert free * (1.0 - probe.friction / probe.stages[0].effort) == pytest.approx(4 * 0.05 / 24, rel=0.05)
     (step,) = [step for step in plan.steps if step.startswith("sign: ")]
-    assert "by up to 0.0101 m, the largest ones a handle that comes loose by up to 0.0788 m" in step
+    assert "by up to 0.0101 m; the largest pulses move a handle that breaks loose by up to 0.0788 m" in step
     # At four counts a pair may show less than three, and the next stage is needed.
     assert rendered(plan, None, seconds=5.0).seen_at <= 2.5 * probe.time
 

@@ -37,9 +37,9 @@ def test_a_hand_that_goes_on_pushing_gets_further_in_and_is_told_why() -> None:
     result = ended.value.result
     assert isinstance(result, Result)
     (told,) = result.warnings
-    assert told.startswith("axis handle: the position stood still under force for 1 s, once, as when a hand leans")
-    assert "pulses did not ask the encoder (that takes 4.7 s, and limits.stall is 1 s)" in told
-    assert "at most 2.51 N was given" in told
+    assert told.startswith("axis handle: the position did not change under force for 1 s, once. A leaning hand")
+    assert "no test pulses were possible (the test takes 4.7 s, but limits.stall is 1 s)" in told
+    assert "limited to 2.51 N until contact ended" in told
     assert told.endswith("axis.handle.limits.stall in the rig")
     assert haptic_fieldbus.run("wall", standing_still_for(5.0), duration=4.0, hand="push").trips == ()
 

@@ -283,10 +283,10 @@ FAULT_ON_ONE = '[[fault]]\nkind = "silence"\nat = 0.2\nnode = 1\nbus = "can_righ
 def test_a_file_of_faults_names_the_bus_where_node_ids_repeat(tmp_path: Path) -> None:
     file = tmp_path / "faults.toml"
     file.write_text(FAULT_ON_ONE, encoding="utf-8")
-    with pytest.raises(BusError, match="axis right: no feedback"):
+    with pytest.raises(BusError, match="axis right: feedback lost"):
         run(SCENE, rig(node=1), duration=1.0, faults=file)
     everywhere = faults.Silence("silence", 0.2, node=1)
-    with pytest.raises(BusError, match="axis left: no feedback"):
+    with pytest.raises(BusError, match="axis left: feedback lost"):
         run(SCENE, rig(node=1), duration=1.0, faults=[everywhere])
 
 

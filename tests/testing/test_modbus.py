@@ -84,7 +84,7 @@ def test_a_line_may_be_a_pseudo_terminal(
 
 
 def test_what_cannot_be_there_is_refused() -> None:
-    with pytest.raises(UsageError, match='fault "bus_off" is none that a Modbus line can have'):
+    with pytest.raises(UsageError, match='a Modbus line does not support the fault "bus_off"'):
         VirtualModbusLine(faults=FaultPlan((BusOff("bus_off", 0.1),)))
     with pytest.raises(PlanError, match="speaks Modbus RTU"):
         VirtualModbusLine([DriveRequest("simplex_motion")])

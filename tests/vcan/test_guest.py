@@ -144,7 +144,7 @@ def test_a_full_disk_is_told(runner: Runner) -> None:
 def test_a_command_whose_time_is_up_is_ended(runner: Runner) -> None:
     done = runner.run("sleep", "1000", options=["--time-limit", "0.5"])
     assert done.returncode == 124
-    assert "the command was ended after 0.5 s, its time limit" in done.stderr
+    assert "the command was ended at its time limit of 0.5 s" in done.stderr
 
 
 ORDERLY = "trap 'echo orderly; exit 5' INT TERM HUP; echo begun; while :; do sleep 0.1; done"

@@ -98,7 +98,7 @@ def test_torque_is_gone_in_time_and_the_reason_is_named(name: str, vcan: Link, r
 
 
 FAULTS = {
-    "missing_tpdos": ("count = 100000", "feedback lost", "no feedback from node 5"),
+    "missing_tpdos": ("count = 100000", "feedback lost", "feedback lost: the last from node 5"),
     "node_reset": ("", "node reset", "node 5 restarted"),
     "heartbeat_lost": ("", "heartbeat lost", "the heartbeat of node 5 stayed away"),
     "missing_rpdos": ("count = 100000", "set-points do not act", "set-points do not act"),
@@ -123,8 +123,8 @@ def test_a_drive_that_stands_still_is_told_and_is_free_when_it_goes_on(vcan: Lin
     def body(run: Rendering) -> None:
         os.kill(run.drive.pid, signal.SIGSTOP)
         told, _ = run.ended("feedback lost")
-        assert f"no feedback from node {NODE}" in told
-        assert "switch the power off" in told, "it did not confirm"
+        assert f"feedback lost: the last from node {NODE}" in told
+        assert "Switch the power off" in told, "it did not confirm"
         os.kill(run.drive.pid, signal.SIGCONT)
         assert run.watcher.is_free()
 
@@ -136,7 +136,7 @@ def test_a_drive_that_is_gone_is_told_and_gets_no_torque_any_more(vcan: Link, ri
         run.drive.kill()
         killed = time.time()
         told, result = run.ended("feedback lost")
-        assert f"no feedback from node {NODE}" in told
+        assert f"feedback lost: the last from node {NODE}" in told
         while run.watcher.receive(0.0) is not None:
             """All that was on the bus."""
         sent = [frame for frame in run.watcher.heard if frame.arbitration_id == RPDO and frame.timestamp > killed]
@@ -160,7 +160,7 @@ def test_an_interface_that_goes_down_is_named_and_the_drive_is_free(vcan: Link, 
         told, _ = run.ended("bus failed")
         assert vcan.name in told
         assert "the interface is down or gone" in told
-        assert soon or "switch the power off" in told
+        assert soon or "Switch the power off" in told
         assert run.master.returncode == 1
         assert run.watcher.is_free()
 

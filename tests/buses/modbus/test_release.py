@@ -298,8 +298,8 @@ def falls_asleep(server: Server) -> None:
 
 
 BREAKS: dict[str, tuple[Break, type[HapticFieldbusError], str]] = {
-    "silent": (goes_silent, BusTimeoutError, "no feedback from node 1: the last is"),
-    "slow": (falls_asleep, BusTimeoutError, "no feedback from node 1|was lost within a second"),
+    "silent": (goes_silent, BusTimeoutError, "feedback lost: the last from node 1 is"),
+    "slow": (falls_asleep, BusTimeoutError, "the last from node 1 is|feedback lost too often"),
     "reset": (resets, BusError, "connection|gone"),
     "exception": (refuses, BusError, r"refused a request with exception 4 \(server device failure\)"),
     "fault": (faults, DriveFaultError, "2310h"),

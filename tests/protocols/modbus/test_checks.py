@@ -131,7 +131,7 @@ def test_a_motor_that_goes_straight_needs_a_linear_mechanism() -> None:
 def test_a_drive_of_canopen_is_told_where_it_belongs() -> None:
     with pytest.raises(PlanError, match=r"maxon EPOS4 speaks canopen, but the bus .* is one of modbus.*--bus sim"):
         on("sim-modbus-tcp", drive="maxon_epos4")
-    with pytest.raises(PlanError, match="simulated it is on --bus sim-modbus-tcp"):
+    with pytest.raises(PlanError, match="simulate it with --bus sim-modbus-tcp"):
         on("sim", drive="generic_cia402_modbus")
     with pytest.raises(PlanError, match=r"Simplex Motion .* speaks Modbus RTU, but sim-modbus-tcp is TCP"):
         on("sim-modbus-tcp", drive="simplex_motion")

@@ -129,5 +129,5 @@ def test_a_position_in_micrometres_needs_a_motor_that_goes_straight() -> None:
     assert GENERIC.position is not None
     micrometres = replace(GENERIC.position, actual=Register(0x102, GENERIC.position.actual.type, "µm"))
     axis = default_axis(Workspace.ROTARY, bus="line", node=1, profile="drive")
-    with pytest.raises(PlanError, match="tells its position in µm; it needs a linear mechanism in the rig"):
+    with pytest.raises(PlanError, match="reports its position in µm; the rig needs a linear mechanism"):
         position_steps(replace(GENERIC, position=micrometres), axis)

@@ -236,7 +236,7 @@ class TestGuard:
 
     def test_that_does_not_exist_caps_the_torque_and_needs_an_emergency_stop(self) -> None:
         alone = replace(GENERIC, watchdog=None)
-        with pytest.raises(PlanError, match=r'offers no watch on its master.*emergency_stop = "power"'):
+        with pytest.raises(PlanError, match=r'has no watchdog that.*emergency_stop = "power"'):
             planned(TCP, 500.0, alone)
         (axis,) = planned(TCP, 500.0, alone, emergency_stop="power").axes
         assert axis.limits.holding == pytest.approx(0.05 * axis.rated_effort)
