@@ -44,9 +44,9 @@ LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)|position|accel
 bench that nothing else disturbs, a handle that leaves it went through a wall that was not there."""
 CAPPED = re.compile(r"stayed limited to its value\s+before\s+the\s+gap, in (\d+) %")
 """Words by which a run tells that gaps took the force of the wall until contact is left, and for how long."""
-BESIDE = re.compile(r"the scene was displaced by up\s+to ([\d.]+) mm")
+BESIDE = re.compile(r"the scene was displaced by up\s+to\s+([\d.]+) mm")
 """Words by which a run tells how far short gaps moved the wall until contact is left."""
-STRETCHED = re.compile(r"divides the stiffness limit by ([\d.]*\d)")
+STRETCHED = re.compile(r"divides\s+the\s+stiffness\s+limit\s+by\s+([\d.]*\d)")
 """Words by which a run tells that it ended on many gaps within a second, each of them short."""
 ALIKE = 0.95
 """Share of what ended the run that the timer must show to excuse it."""

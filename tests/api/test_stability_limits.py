@@ -83,7 +83,8 @@ def test_an_estimator_that_is_not_linear_is_replaced_and_named(
         (Device(delay=0.0), "mass 0: expected a number above 0, from 1e-12 to 1e9"),
         (
             Device(damping=1.5),
-            "mass 0: expected a number above 0, from 1e-12 to 1e9; for a mass towards 0 the limit of a spring goes to 3000",
+            "mass 0: expected a number above 0, from 1e-12 to 1e9; for a mass towards 0 the limit of a spring goes to "
+            "3000",
         ),
         (
             Device(mass=-1.0, damping=-2.0),

@@ -125,7 +125,7 @@ def walked(walk: Walk) -> None:
     for command in (RUN, re.sub(r"--duration \d+", "--duration 3", WALL)):
         status, seen = walk.answered(command)
         # The page's hand keeps the page's limits: only a computer without time for both may end the run.
-        assert status == 0 or (TOO_SLOW.search(seen) and "the limit is" not in seen), seen
+        assert status == 0 or (TOO_SLOW.search(seen) and "the limit of" not in seen), seen
         assert "at most 2 % of rated torque, 0.5 m/s" in seen, "1 N of 50.3 N"
         if "drive watchdog fired" in seen:
             assert "[axis.handle.proved]" in rig.read_text(encoding="utf-8")

@@ -41,7 +41,7 @@ def test_what_diverges_is_flagged_and_told(command: Command) -> None:
     assert finished.status == 0
     assert found["diverged"] is True
     assert all(map(math.isfinite, found["force"]))
-    assert "no longer finite" in finished.err
+    assert "not finite after" in finished.err
     assert "diverged: " in command("response", "sprung_mass", *options).out
 
 

@@ -124,7 +124,7 @@ def test_the_failure_of_an_own_element_is_told_with_its_axis_name_file_and_line(
     found = failed_in(FAILED, raised(lambda: law(0.0)), scene)
     line = Own.begin.__code__.co_firstlineno + 2
     words = "element own: Own.begin.<locals>.law raised ValueError: no such force"
-    assert found == replace(FAILED, axis="other", detail=f"{words} ({__file__}, line {line})")
+    assert found == replace(FAILED, axis="other", detail=f"{words} ({__file__} line {line})")
 
 
 def test_a_law_that_does_not_fit_its_call_is_told_with_the_file_of_its_class() -> None:

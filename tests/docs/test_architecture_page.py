@@ -177,7 +177,7 @@ def test_no_room_calls_a_higher_one_but_through_what_it_was_handed() -> None:
     with traced() as calls:
         result = haptic_fieldbus.run("wall", settings={"wall.stiffness": 800.0}, duration=1.0)
     assert result.verdict is not None
-    assert result.verdict.startswith("Feels like")
+    assert result.verdict.startswith("Feels right")
     assert calls.stiffnesses == {800.0}
     found = climbs(calls)
     assert set(found) == set(HANDED_IN), [f"{caller} → {called}" for caller, called in found.values()]

@@ -21,7 +21,7 @@ def test_the_rig_that_is_shown_renders_a_wall(tmp_path: Path) -> None:
     path.write_text(SHOWN, encoding="utf-8")
     result = haptic_fieldbus.run("wall", rig=path, bus="sim", duration=1.5)
     assert result.trips == ()
-    assert (result.verdict or "").startswith("Feels like")
+    assert (result.verdict or "").startswith("Feels right")
 
 
 def test_the_knowledge_that_is_shown_lets_values_pass_that_are_refused_without_it(tmp_path: Path) -> None:

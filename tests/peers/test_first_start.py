@@ -48,7 +48,7 @@ def first_start(rig: Path, speed: float) -> tuple[int, str]:
         finally:
             drive.kill()
             drive.communicate()
-        if "no feedback" not in seen:
+        if "feedback lost" not in seen:
             break
     return status, seen
 

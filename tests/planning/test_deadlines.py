@@ -25,7 +25,7 @@ LAG = -math.log(0.01) / (2.0 * math.pi * 1000.0)
         # 0.6 of a guard of 50 ms, a period until it is noticed, and as above.
         (ALONE, "sim", 0.030 + 0.002 + 0.0004, "axes without a coupling to it: trip when feedback is older than 30 ms"),
         # A guard of 50 ms after the period in which it was fed.
-        (TIED, "sim-modbus-tcp", 0.050 + 0.001, "behind a gateway the guard of the drive, 50 ms"),
+        (TIED, "sim-modbus-tcp", 0.050 + 0.001, "behind a gateway: drive watchdog 50 ms"),
         # 70 Hz, the guard is five periods in whole milliseconds; function 23 is a period late.
         (
             TIED,

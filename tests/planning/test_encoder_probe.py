@@ -160,8 +160,8 @@ def test_a_drive_with_velocity_only_keeps_the_rule_and_says_so() -> None:
     plan = plan_of(profile=VELOCITY_ONLY)
     assert encoder_probe(plan.axes[0], plan.period) is None
     assert text(plan) == (
-        "encoder not tested by pulses: test drive offers velocity only; without a count for 90 s the force is limited to "
-        "2.51 N"
+        "encoder not tested by pulses: test drive offers velocity only; without a count for 90 s the force is "
+        "limited to 2.51 N"
     )
 
 

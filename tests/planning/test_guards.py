@@ -72,8 +72,8 @@ def told(plan: Plan) -> dict[str, Any]:
         (None, "rig.toml", DRIVE, "the rig file has no watchdog proof yet"),
         (None, "", DRIVE, "without a rig file no proof is saved"),
         (GOOD, "rig.toml", replace(DRIVE, serial=7), "another drive: serial 0xc17b76a7, this drive has 0x00000007"),
-        (GOOD, "rig.toml", replace(DRIVE, vendor=7), "its vendor is 0x000000fb, that of this one 0x00000007"),
-        (GOOD, "rig.toml", replace(DRIVE, product=None), "its product is 0x00006050, that of this one unknown"),
+        (GOOD, "rig.toml", replace(DRIVE, vendor=7), "another drive: vendor 0x000000fb, this drive has 0x00000007"),
+        (GOOD, "rig.toml", replace(DRIVE, product=None), "another drive: product 0x00006050, this drive has unknown"),
         (GOOD, "rig.toml", replace(DRIVE, revision=8), "another drive: revision 0x00000007, this drive has 0x00000008"),
         (GOOD, "rig.toml", replace(DRIVE, serial=None), "the drive reports no serial number"),
         (sealed(replace(UNSEALED, serial=None)), "rig.toml", DRIVE, "names no drive"),
@@ -132,7 +132,7 @@ def test_a_failure_that_was_made_a_proof_by_hand_does_not_count() -> None:
 def test_a_proof_counts_at_each_rate_with_the_same_guard_and_what_is_written_for_it() -> None:
     for rate in (1000.0, 500.0, 100.0):
         assert not due(planned(GOOD, rate=rate))
-    assert "one of 50 ms" in due(planned(GOOD, rate=50.0))["handle"]
+    assert "is for 50 ms" in due(planned(GOOD, rate=50.0))["handle"]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,9 @@ def test_a_measured_time_counts_where_a_proof_at_this_rate_would_have_passed(
     for measured in (low + 0.1, high - 0.1):
         assert not due(planned(sealed(replace(UNSEALED, guard_ms=measured)), rate=rate))
     for beyond in (low - 0.1, high + 0.1):
-        assert "pass at this rate" in due(planned(sealed(replace(UNSEALED, guard_ms=beyond)), rate=rate))["handle"]
+        assert (
+            "are accepted at this rate" in due(planned(sealed(replace(UNSEALED, guard_ms=beyond)), rate=rate))["handle"]
+        )
     assert "has no time" in due(planned(sealed(replace(UNSEALED, guard_ms=None)), rate=rate))["handle"]
 
 
@@ -220,7 +222,7 @@ def test_a_profile_without_a_guard_has_nothing_to_prove_and_deadlines_without_en
 )
 def test_a_plan_says_what_it_knows(proved: Proved | None, real: bool, text: str) -> None:
     plan = planned(proved, real=real)
-    assert f"\nguard      {text}\n" in explain(plan)
+    assert f"\nwatchdog   {text}\n" in explain(plan)
     assert told(plan) == {
         "axis": "handle",
         "guard_ms": 50.0,

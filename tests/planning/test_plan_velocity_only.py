@@ -147,9 +147,9 @@ def test_what_a_scene_asks_for_besides_is_mapped_or_refused_as_ever() -> None:
 def test_the_drift_trip_says_what_happened_and_what_to_do() -> None:
     trip = Trip(TripKind.DRIFT, "handle", 2_000_000_000, 0.00501, 0.005)
     assert str(trip_error(trip, plan_of(profile=in_unit("rpm")), 1_000_000_000)) == (
-        "Tripped 1.000 s after enabling: position uncertain by 0.00501 m, above the limit of 0.005 m: test drive reports "
-        "only velocity, rounded to 0.000833 m/s, and the rounding errors add up; torque is off. Restart with the handle "
-        "at its zero, or raise axis.handle.limits.drift."
+        "Tripped 1.000 s after enabling: position uncertain by 0.00501 m, above the limit of 0.005 m: test drive "
+        "reports only velocity, rounded to 0.000833 m/s, and the rounding errors add up; torque is off. Restart with "
+        "the handle at its zero, or raise axis.handle.limits.drift."
     )
 
 

@@ -143,7 +143,7 @@ def test_of_a_real_bus_without_a_rig_the_bench_is_unknown() -> None:
         (5, None, LinearMechanism("linear", 0.05).ratio),
         (6, None, LinearMechanism("linear", 0.05).ratio),
     ]
-    with pytest.raises(PlanError, match=r"must give: axis\.left\.rated_torque, axis\.left\.inertia, .*axis\.right\."):
+    with pytest.raises(PlanError, match=r"lacks axis\.left\.rated_torque, axis\.left\.inertia, .*axis\.right\."):
         select(task)
 
 

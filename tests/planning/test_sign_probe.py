@@ -154,7 +154,7 @@ def test_friction_that_leaves_nothing_of_rated_torque_is_refused(friction: float
 
 
 def test_a_step_of_torque_above_the_bound_is_refused() -> None:
-    with pytest.raises(PlanError, match=r"one step of target torque is 5.65 N at the handle, more than is permitted"):
+    with pytest.raises(PlanError, match=r"one step of target torque is 5.65 N at the handle, above the torque allowed"):
         planned(mechanism=LinearMechanism("linear", 0.05 / 112.5))
     known = planned(mechanism=LinearMechanism("linear", 0.05 / 112.5), seen=Seen(sign="seen"))
     assert known.axes[0].limits.before_sign == 0.0, "of a doubt while a scene runs"

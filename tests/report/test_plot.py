@@ -71,7 +71,7 @@ def test_position_wall_force_and_error_are_on_the_picture() -> None:
     assert len(figure.axes) == 6
     assert labels(figure, 0) == {"encoder, held for a period", "handle", "wall"}
     assert labels(figure, 2) == {"rendered", "ideal: continuous, exact"}
-    assert labels(figure, 4) == {"rendered − ideal", "±8 %: a hand cannot tell"}
+    assert labels(figure, 4) == {"rendered − ideal", "±8 %: not noticeable"}
     assert [panel.get_ylabel() for panel in figure.axes] == [
         "position [mm]", "force [N]",
         "force on the handle [N]", "position [mm]",
@@ -113,7 +113,7 @@ def test_a_rotary_axis_is_drawn_in_degrees_and_newton_metres() -> None:
 def test_without_an_ideal_there_is_no_error_to_draw() -> None:
     figure = panels_of(push(simulated=False))
     assert labels(figure, 4) == set()
-    assert figure.axes[4].texts[0].get_text() == "the error is not known"
+    assert figure.axes[4].texts[0].get_text() == "error unknown"
 
 
 def test_of_a_run_on_real_drives_the_last_panel_shows_the_times_of_its_periods() -> None:
@@ -124,10 +124,10 @@ def test_of_a_run_on_real_drives_the_last_panel_shows_the_times_of_its_periods()
     figure = Figure()
     draw_axis(figure, trace, [], periods=PeriodTimes(times, late, np.full(10_000, 3e-4)))
     panel = figure.axes[2]
-    assert labels(figure, 2) == {"age of the feedback", "began late by"}
+    assert labels(figure, 2) == {"feedback age", "late by"}
     by_name = {line.get_label(): np.asarray(line.get_ydata()) for line in panel.get_lines()}
-    assert by_name["began late by"].max() == pytest.approx(7.0)
-    assert by_name["age of the feedback"].max() == pytest.approx(0.3)
+    assert by_name["late by"].max() == pytest.approx(7.0)
+    assert by_name["feedback age"].max() == pytest.approx(0.3)
     assert panel.get_ylabel() == "time [ms]"
 
 
@@ -142,7 +142,7 @@ def test_the_time_before_the_full_force_is_marked() -> None:
     whole = push()
     late = cut(whole, 0.5, 2.0)
     faded = replace(late, sample_times=whole.sample_times, samples=whole.samples)
-    assert "limit fades in" in [text.get_text() for text in panels_of(faded).axes[2].texts]
+    assert "fade-in of the limit" in [text.get_text() for text in panels_of(faded).axes[2].texts]
     assert not panels_of(whole).axes[2].texts
 
 

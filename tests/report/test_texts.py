@@ -126,8 +126,8 @@ def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> N
     told = outcome(replace(RUN, clock="monotonic", timing=timing, periods=periods, host=rights))
     assert told[1] == (
         "",
-        "began late by 0.1 ms (median), 1 ms (99 %), 5 ms (99.9 %), 5 ms (at most); "
-        "age of the feedback 0.2 ms (median), 0.2 ms (99 %), 0.2 ms (99.9 %), 0.2 ms (at most)",
+        "late by 0.1 ms (median), 1 ms (p99), 5 ms (p99.9), 5 ms (max); "
+        "feedback age 0.2 ms (median), 0.2 ms (p99), 0.2 ms (p99.9), 0.2 ms (max)",
     )
     assert told[-3:] == [
         ("host", "timer slack 1 ns"),
@@ -154,7 +154,7 @@ def test_of_several_elements_each_is_named() -> None:
 def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> None:
     felt = FeltError(share, share, 0.001, 0.4)
     told = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
-    assert f"error {shown} of the force in 0.4 s of moving contact" in told
+    assert f"force error {shown} (people notice from 8 %)" in told
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_stability_is_told_with_its_limits_and_margin() -> None:
 def test_places_and_energies_are_written_for_people() -> None:
     assert (length(0.02, Workspace.LINEAR), length(0.5, Workspace.ROTARY)) == ("20 mm", "0.5 rad")
     assert energy_text(None) == ""
-    assert energy_text(-2e-3).startswith("takes from the hand 2 mJ more")
+    assert energy_text(-2e-3).startswith("the loop absorbed 2 mJ")
 
 
 def test_a_picture_has_one_line_of_figures() -> None:

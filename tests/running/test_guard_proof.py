@@ -277,7 +277,7 @@ class TestWhileADriveIsLeftAlone:
                 drive.sto(False, t_ns)
 
         bench.world.tap(tapped)
-        with pytest.raises(UnprovedGuardError, match=r"(?s)axis right: the guard.*axis left: .*is not known"):
+        with pytest.raises(UnprovedGuardError, match=r"(?s)axis right: the watchdog.*axis left: .*is not tested"):
             bench.run()
         text = rig.read_text()
         assert "[axis.right.proved]" in text

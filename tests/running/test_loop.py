@@ -296,6 +296,6 @@ def test_a_run_whose_end_a_drive_did_not_confirm_is_no_success(interrupted: bool
         if interrupted:
             raise KeyboardInterrupt
 
-    with pytest.raises(BusError, match=r"did not confirm.*switch the power off.*node 1 \(axis handle\)"):
+    with pytest.raises(BusError, match=r"did not confirm.*Switch the power off.*node 1 \(axis handle\)"):
         run_loop(bench.plan, Cycle(bench.plan), bench.bus, bench.clock, cycles=150, report=report, progress=stay)
     assert (report.released, report.interrupted) == (False, interrupted)

@@ -120,7 +120,7 @@ def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut(file: st
         compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: profile}, 1000.0)
     rig = rig_of(WALL, profile=GENERIC, emergency_stop="power")
     plan = compile_plan(WALL, rig, {GENERIC: profile}, 1000.0)
-    assert "within 5 % of rated" in next(left.why for left in plan.left_out if left.what == "guard")
+    assert "limited to 5 % of rated" in next(left.why for left in plan.left_out if left.what == "guard")
 
 
 @pytest.mark.thorough("a run on every drive", quick=("profile_torque.eds",))

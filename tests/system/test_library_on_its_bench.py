@@ -61,7 +61,7 @@ def test_a_wall_that_is_leant_on_for_longer_scores_the_same() -> None:
 @pytest.mark.thorough("a run of 3 s")
 def test_a_knob_that_is_pushed_says_what_its_motor_cannot_give() -> None:
     result = run("knob_menu", hand="push", duration=3.0)
-    (told,) = (re.search(r"the motor gives ([\d.]+) of the ([\d.]+) N·m asked", each) for each in result.warnings)
+    (told,) = (re.search(r"the motor applied ([\d.]+) of the ([\d.]+) N·m requested", each) for each in result.warnings)
     assert result.plan is not None
     (axis,), (trace,) = result.plan.axes, result.traces
     assert told is not None

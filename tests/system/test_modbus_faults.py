@@ -51,9 +51,9 @@ ENDING: tuple[Ends, ...] = (
     (faults.DriveFault("drive_fault", AT), DriveFaultError, "fault 2310h"),
     (faults.SafeTorqueOff("safe_torque_off", AT), DriveFaultError, "switch on disabled by itself"),
     (faults.MissingNode("missing_node"), BusTimeoutError, "unit 1 .* does not answer"),
-    (faults.EncoderJump("encoder_jump", AT, 100_000), SafetyTripError, "handle"),
+    (faults.EncoderJump("encoder_jump", AT, 100_000), SafetyTripError, "speed|position"),
     # A jump as that of a torn value is doubted for a period.
-    (faults.EncoderJump("encoder_jump", AT, 65_536), SafetyTripError, "speed .* the limit is"),
+    (faults.EncoderJump("encoder_jump", AT, 65_536), SafetyTripError, "speed .* the limit of"),
 )
 PASSED = (
     faults.AnswerLost("answer_lost", AT),

@@ -297,7 +297,7 @@ TURNED: tuple[faults.Fault, ...] = (
 @pytest.mark.parametrize("fault", TURNED, ids=lambda fault: fault.kind)
 def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
     """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
-    with pytest.raises(SafetyTripError, match=r"pulses of .* moved the handle .* to the other side"):
+    with pytest.raises(SafetyTripError, match=r"pulses of .* moved the handle .* the wrong way"):
         run("constant", endless_rig("constant"), duration=8.0, faults=[fault])
 
 

@@ -54,7 +54,7 @@ def test_a_drive_on_vcan_is_found_watched_examined_and_felt(vcan: Link, tmp_path
         # System calls of a guest kernel are slow, so the loop is.
         run = ("run", "wall", "--rig", rig, "--set", "wall.stiffness=50", "--duration", "2", "--rate", "100", "--yes")
         status, out, err = done(*run)
-        assert status == 0 or (TOO_SLOW.search(err) and "the limit is" not in err), err
+        assert status == 0 or (TOO_SLOW.search(err) and "the limit of" not in err), err
         assert "about to enable torque on maxon EPOS4, node 5" in err
     finally:
         hosting.kill()
