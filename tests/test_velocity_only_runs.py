@@ -148,8 +148,10 @@ def test_readings_that_stay_away_make_the_position_uncertain_and_no_more_wrong_t
 def test_the_run_ends_in_a_drift_trip_when_half_steps_have_added_up(tmp_path: Path) -> None:
     path = velocity_only(tmp_path)
     position = next(step for step in plan("wall", drive=str(path)).steps if step.startswith("position"))
-    assert position.endswith("off by 5 mm, after 12 s")
-    with pytest.raises(SafetyTripError, match=r"may be off by 0\.005.*limits\.drift.* 12\.0\d\d s after") as caught:
+    assert position.endswith("trips when uncertain by 5 mm, after 12 s")
+    with pytest.raises(
+        SafetyTripError, match=r"12\.0\d\d s after enabling: position uncertain by 0\.005.*limits\.drift"
+    ) as caught:
         run("wall", drive=str(path), duration=13.0)
     assert isinstance(caught.value.result, Result)
     assert [trip.name for trip in caught.value.result.trips] == [TripKind.DRIFT.value]

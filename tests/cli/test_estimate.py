@@ -47,7 +47,7 @@ def test_the_drift_of_a_tachometer_is_told(command: Command) -> None:
 
 
 def test_an_estimator_that_is_not_linear_has_no_figures(command: Command) -> None:
-    assert command("estimate", SINE, "--estimator", "levant").out.count("no figure") == 2
+    assert command("estimate", SINE, "--estimator", "levant").out.count("no value") == 2
 
 
 def test_uneven_times_are_told(command: Command, tmp_path: Path) -> None:

@@ -128,7 +128,7 @@ def test_a_hand_that_is_fast_at_the_readings_gains_from_any_spring() -> None:
 def test_what_a_tachometer_cannot_tell_is_refused() -> None:
     with pytest.raises(UsageError, match="no velocity for a tachometer"):
         Plant(mass=0.0, damping=1.0, tachometer=True)
-    with pytest.raises(UsageError, match="where the bodies are"):
+    with pytest.raises(UsageError, match="the position of bodies"):
         sample_with(SEEN, [HAND], PERIOD, 0.0)
 
 

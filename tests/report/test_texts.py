@@ -53,7 +53,7 @@ RUN = Result(
 
 def test_an_outcome_names_the_sources_of_error_by_size() -> None:
     assert outcome(RUN) == [
-        ("result", "10000 periods, none missed · bus load 27 % · 10 s in 0.5 s"),
+        ("result", "10000 periods, none missed · bus load 27 % · 10 s simulated in 0.5 s"),
         ("", "force error 0.09 N rms, 0.412 N max (sampling and delay 61 %, encoder 17 %)"),
         ("", "the loop added 0.3 mJ · no trip"),
         ("verdict", "Feels like a wall."),

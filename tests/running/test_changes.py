@@ -124,7 +124,7 @@ def test_requests_are_for_the_time_of_a_run() -> None:
     begun(changes).close()
     with pytest.raises(UsageError, match="no run uses these changes"):
         changes.request({"wall.stiffness": 800.0})
-    with pytest.raises(UsageError, match="those of another run"):
+    with pytest.raises(UsageError, match="belong to another run"):
         begun(changes)
 
 

@@ -155,9 +155,13 @@ def _jump(bench: Bench) -> None:
 
 
 TRIPS: dict[str, tuple[Callable[[Bench], None], type[HapticFieldbusError], str]] = {
-    "emergency": (_emergency, DriveFaultError, r"emergency 3210h \(DC link over-voltage\), 0\.\d+ s after"),
-    "fault": (_fault, DriveFaultError, r"went to fault by itself \(statusword 0008h\)"),
-    "disabled": (_disable, DriveFaultError, "went to switch on disabled by itself"),
+    "emergency": (
+        _emergency,
+        DriveFaultError,
+        r"Tripped 0\.\d+ s after enabling: .*emergency 3210h \(DC link over-voltage\); torque is off",
+    ),
+    "fault": (_fault, DriveFaultError, r"changed to fault by itself \(statusword 0008h\)"),
+    "disabled": (_disable, DriveFaultError, "changed to switch on disabled by itself"),
     "node reset": (_restart, DriveFaultError, "node 1 restarted"),
     "not operational": (_not_operational, DriveFaultError, "not operational, says its heartbeat"),
     "feedback lost": (_lose_feedback, BusTimeoutError, r"feedback lost: the last from node 1 is 3\d\.\d ms old"),
