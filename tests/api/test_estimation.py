@@ -128,7 +128,7 @@ class TestTimes:
     def test_a_missing_row_is_a_fault_with_its_line(self, noise: Array, tmp_path: Path) -> None:
         gap: Array = np.delete(TIMES, 10)
         sentence = (
-            r"line 12: time: 0\.02 s after the row before; expected about 0\.01 s each time, .* 1 such rows in total"
+            r"line 12: time: 0\.02 s after the row before; expected about 0\.01 s, because .* 1 such rows in total"
         )
         with pytest.raises(DocumentError, match=sentence):
             estimated(tmp_path, "position", noise[:-1], times=gap)

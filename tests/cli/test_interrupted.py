@@ -153,7 +153,7 @@ def test_a_drive_that_does_not_confirm_makes_it_a_failure(command: Command, at_w
     at_wait(IN_CONTACT, three_times(signal.SIGINT))
     finished = command("run", "wall", "--duration", "60", "--json", "--faults", faults)
     assert finished.status == 1
-    assert "switch the power off" in finished.err
+    assert "Switch the power off" in finished.err
     assert json.loads(finished.out)["stopped"]["signal"] == "SIGINT"
 
 

@@ -63,11 +63,11 @@ def test_a_bus_that_cannot_be_opened_says_what_to_do(command: Command, words: tu
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("watch", "--duration", "0"), "more than 0"),
-        (("watch", "--duration", "nan"), "more than 0"),
+        (("watch", "--duration", "0"), "seconds above 0"),
+        (("watch", "--duration", "nan"), "seconds above 0"),
         (("doctor", "--node", "128"), "node-ID is a whole number"),
         (("doctor", "--rate", "0"), "rate 0"),
-        (("watch", "--rig", "rig.toml", "--node", "3"), "leave out --node"),
+        (("watch", "--rig", "rig.toml", "--node", "3"), "omit --node"),
         (("scan", "--bus", "can0"), "socketcan:can0"),
         (("watch", "--drive", "maxon_epos5"), "maxon_epos4"),
     ],

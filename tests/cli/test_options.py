@@ -45,7 +45,7 @@ def test_what_is_given_reaches_the_api() -> None:
 
 
 def test_a_rig_leaves_no_choice_of_drives() -> None:
-    with pytest.raises(UsageError, match="leave out --node"):
+    with pytest.raises(UsageError, match="omit --node"):
         SceneOptions(scene="wall", rig="rig.toml", node=3).task()  # type: ignore[arg-type]
 
 

@@ -107,7 +107,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("sprung_mass", "--method", "exact-fo"), 2, "exact-foh"),
         (("damped_wall", "--estimator", "backwards"), 2, "backward-difference"),
         (("wall", "--rig", "no.toml"), 2, "no such file"),
-        (("wall", "--rig", "no.toml", "--drive", "maxon_epos4", "--node", "3"), 2, "leave out --drive and --node"),
+        (("wall", "--rig", "no.toml", "--drive", "maxon_epos4", "--node", "3"), 2, "omit --drive and --node"),
         (("wall", "--faults", "no.toml"), 2, "no such file"),
         (("wall", "--plot", "picture.txt"), 2, "suffix must be one of .png"),
         (("wall", "--plot", "no folder/picture.png"), 2, 'picture.png": no folder no folder'),

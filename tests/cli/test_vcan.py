@@ -42,7 +42,7 @@ def kernel(programs: Path, script: str) -> None:
         (("--interface", "a b", "--", "true"), 2, 'interface "a b": expected 1 to 15 letters'),
         (("--interface", "sixteen_letters_", "--", "true"), 2, "expected 1 to 15 letters"),
         (("--interface", "a", "--interface", "a", "--", "true"), 2, "interfaces a, a: each can be named once"),
-        (("--interface", "lo", "--", "true"), 2, 'interface "lo" exists and is no vcan'),
+        (("--interface", "lo", "--", "true"), 2, 'interface "lo" exists and is not a vcan'),
         (("--time-limit", "0", "--", "true"), 2, "--time-limit 0: expected more than 0 s"),
         (("--guest", "--", "true"), 125, "no guest kernel without linux.uml, insmod, ip. Either, as root: modprobe"),
         (("--guest", "--", "true"), 125, PACKAGES),

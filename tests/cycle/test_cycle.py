@@ -175,7 +175,7 @@ def test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do(insi
     assert cycle.trip is not None
     assert cycle.trip.kind is TripKind.START_FORCE
     words = str(trip_error(cycle.trip, plan, 0))
-    place = float(words.split("start with the handle ")[1].split()[0])
+    place = float(words.split("Start with the handle ")[1].split()[0])
     assert place == pytest.approx(inside + 250 * UNIT / 600.0, abs=0.5 / 2000)
     assert abs(600.0 * (place - inside)) <= 250 * UNIT
 

@@ -185,7 +185,7 @@ class TestAges:
         assert found.ages["right"] == pytest.approx({"left": right + 165e-6, "right": right})
         late = {"left": (left, left - 165e-6), "right": (right + 165e-6, right)}
         parts = [
-            f"on {on} {rounded(1e3 * a)} ms behind left and {rounded(1e3 * b)} ms behind right"
+            f"on {on} {rounded(1e3 * a)} ms after left and {rounded(1e3 * b)} ms after right"
             for on, (a, b) in late.items()
         ]
         assert str(found) == f"shaft: force {', '.join(parts)}"

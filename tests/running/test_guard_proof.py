@@ -174,7 +174,7 @@ class TestAGuardThatDoesNot:
 
     def test_caps_torque_where_a_person_can_cut_the_power_and_is_not_tried_again(self, rig: Path) -> None:
         rig.write_text(rig_text(more=EMERGENCY_STOP), encoding="utf-8")
-        with pytest.raises(UnprovedGuardError, match="from the next run on torque stays within 5 % of rated"):
+        with pytest.raises(UnprovedGuardError, match="from the next run on torque is limited to 5 % of rated"):
             GuardBench(rig).put([DEAD]).run()
         bench = GuardBench(rig).put([DEAD])
         axis = bench.plan.axes[0]

@@ -218,7 +218,7 @@ def test_a_dead_interface_is_the_buses_error_with_a_warning_about_the_motor() ->
     bench.can.later(FAULT_AT * PERIOD_NS, unplug)
     with pytest.raises(BusError, match="down or gone") as caught:
         _run(bench)
-    assert any("switch the power off" in note for note in caught.value.__notes__)
+    assert any("Switch the power off" in note for note in caught.value.__notes__)
 
 
 def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:

@@ -125,7 +125,10 @@ def test_drives_that_are_stopped_end_the_run_and_are_free_when_they_go_on(bus: s
             assert (status & 0x6F != ENABLED, demand) == (True, 0)
 
 
-GONE = {TCP: "closed the connection|reset the connection|nobody listens", RTU: "adapter is gone|no feedback|not answer"}
+GONE = {
+    TCP: "closed the connection|reset the connection|nobody listens",
+    RTU: "adapter is gone|feedback lost|not answer",
+}
 
 
 @pytest.mark.thorough("seconds of real time")

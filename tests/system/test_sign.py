@@ -124,8 +124,8 @@ def stuck(permissions: Permissions) -> Plan:
 @pytest.mark.parametrize(
     ("permissions", "largest", "key"),
     [
-        (Permissions(), PULSES, "axis.handle.permissions.sign_effort, 5 N now"),
-        (Permissions(sign_effort=30.0), 0.15, "axis.handle.permissions.sign_pulse, 0.15 of rated torque now"),
+        (Permissions(), PULSES, "axis.handle.permissions.sign_effort, now 5 N"),
+        (Permissions(sign_effort=30.0), 0.15, "axis.handle.permissions.sign_pulse, now 0.15 of rated torque"),
     ],
 )
 def test_what_friction_holds_is_refused_at_the_bound_with_the_key_that_permits_more(
