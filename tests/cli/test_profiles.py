@@ -285,7 +285,10 @@ class TestDrafted:
         [
             (("--name", "a/b"), "expected a name such as generic_cia_402"),
             (("--name", ""), "expected a name such as generic_cia_402"),
-            (("--name", "a", "--output", "b.toml"), "expected a name such as generic_cia_402, and that of --output"),
+            (
+                ("--name", "a", "--output", "b.toml"),
+                "expected a name such as generic_cia_402, equal to that of --output",
+            ),
             (("--output", "push1.eds"), "expected the path of a .toml file"),
             (("--output", "none/push1.toml"), "cannot be written: No such file or directory"),
         ],
