@@ -137,7 +137,7 @@ def _plant_of(period: float, *, mass: float, **others: float) -> Plant:
     ]
     masses = RANGES[Quantity.MASS]
     if not masses.smallest <= mass <= masses.largest:
-        expected = f"expected a number above 0, from {exactly(masses.smallest)} to {exactly(masses.largest)}"
+        expected = f"expected a number from {exactly(masses.smallest)} to {exactly(masses.largest)}"
         if not (faults or mass) and others["damping"]:  # then a spring has a limit all the same
             massless = Plant(0.0, others["damping"])
             limit = stiffness_limit(massless, period, others["delay"], lambda stiffness: gain([[-stiffness]]))

@@ -60,7 +60,7 @@ def poll(drive: PolledDrive, timeout: float, reached: Callable[[], bool], compla
 def other_fault(label: str, code: str) -> DriveFaultError:
     """Return the error for a drive whose fault does not come from the loss of its master."""
     return DriveFaultError(
-        f"{label} went to fault while it was left alone, and not because it lost its master: error code {code}. "
+        f"{label} went to fault during the watchdog test, but not because it lost its master: error code {code}. "
         "Nothing was cleared"
     )
 
@@ -69,7 +69,7 @@ def check_cleared(drive: PolledDrive, cleared: Callable[[], bool], how: str = ""
     """Wait until a drive has left *fault*; raises DriveFaultError when it stays in it."""
     if not reached_within(drive, CLEARED_WITHIN, cleared):
         raise DriveFaultError(
-            f"{drive.label} stays in fault {exactly(CLEARED_WITHIN)} s after its lost master was acknowledged{how}: "
+            f"{drive.label} is still in fault {exactly(CLEARED_WITHIN)} s after its lost-master fault was reset{how}: "
             "switch it off and on, and check its link"
         )
 
@@ -136,7 +136,7 @@ class BusRelease(Generic[P]):
                     self._warn(f"{parting.label} did not confirm that its motor is off")
                 elif parting.kept:
                     kept = ", ".join(parting.kept)
-                    self._warn(f"{parting.label} was left with {kept} as the run had written it{self.hint}")
+                    self._warn(f"{parting.label} keeps {kept} as the run wrote it{self.hint}")
             return all(parting.free for parting in self._partings)
         return True
 

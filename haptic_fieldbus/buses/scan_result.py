@@ -85,7 +85,7 @@ class DriveReading:
 
 def another_master(sentence: str) -> tuple[Check, Check]:
     """Return the checks of a bus on which somebody else commands, so that nothing is measured."""
-    advice = "end the other master; while it is there nothing is asked, and the round trip is not measured"
+    advice = "end the other master; until then nothing is requested, and the round trip is not measured"
     return Check("other_masters", False, sentence, advice), Check("round_trip", None, "not measured")
 
 
@@ -111,19 +111,21 @@ def timing_checks(
         )
     cuts = quantiles(times, n=100, method="inclusive")
     usual, late = cuts[49], cuts[98]
-    lost = f", {asked - len(times)} of {asked} without an answer" if len(times) < asked else ""
+    lost = f", {asked - len(times)} of {asked} without answer" if len(times) < asked else ""
     quick = usual <= LONGEST_ROUND_TRIP and not lost
     jitter = late - usual
     steady = jitter <= JITTER_SHARE / rate
     fitting_rate = JITTER_SHARE / max(jitter, 1e-9)
     unsteady = (
-        f"at {rounded(rate)} Hz feedback would come too late in some periods: give this program real-time rights "
-        f"(scheduling, memory), take the load from this computer, or use --rate {rounded(fitting_rate, 2)}"
+        f"at {rounded(rate)} Hz feedback would be late in some periods: give this program real-time rights "
+        f"(scheduling, memory), reduce the load of this computer, or use --rate {rounded(fitting_rate, 2)}"
     )
-    told = f"{_ms(min(times))} ms at least, {_ms(usual)} usual, {_ms(max(times))} at most ({subject}){lost}"
+    told = f"{_ms(min(times))} ms (min), {_ms(usual)} ms (median), {_ms(max(times))} ms (max), {subject}{lost}"
     return (
         Check("round_trip", quick, told, "" if quick else slow),
-        Check("round_trip_jitter", steady, f"1 of 100 takes {_ms(jitter)} ms longer", "" if steady else unsteady),
+        Check(
+            "round_trip_jitter", steady, f"p99 is {_ms(jitter)} ms longer than the median", "" if steady else unsteady
+        ),
     )
 
 

@@ -51,8 +51,8 @@ def check_rating(
         in_thousandths = abs(1e3 * rated - expected) <= RATED_TOLERANCE * expected
         hint = f". Is the value in the rig in m{unit}?" if in_thousandths else ""
         raise BusConfigurationError(
-            f"{label}: its rated {what} is {exactly(rated)} {unit} ({name}), the rig says {exactly(expected)} "
-            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that{hint}"
+            f"{label}: its rated {what} is {exactly(rated)} {unit} ({name}), the rig has {exactly(expected)} {unit} "
+            f"(axis.{axis.name}.rated_{what}); every set-point would be scaled wrong{hint}"
         )
 
 
@@ -137,13 +137,15 @@ class TorqueLimits(Generic[Entry]):
                 raise self._too_low(entry, original)
             if self.wanted > entry.type.limits[1]:
                 raise BusConfigurationError(
-                    f"{self.node.label}: {entry} holds no more than {entry.type.limits[1]}, and the limit of the axis "
-                    f"is {self.wanted} of its steps. Check what scales the torque in the rig"
+                    f"{self.node.label}: {entry} cannot exceed {entry.type.limits[1]}, but the limit of the axis is "
+                    f"{self.wanted} steps. Check the torque scaling in the rig"
                 )
             self.before[entry] = original
             self.sentences.append(self._words(entry, original))
         if self.before and self.noted and self.notes is None:
-            self.warn(f"{self.node.label} has no serial number: a run that is killed leaves its torque limit in it")
+            self.warn(
+                f"{self.node.label} has no serial number: if a run is killed, its torque limit stays in the drive"
+            )
 
     def _read_notes(self) -> "Changes":
         """Return what is noted of the drive; warn, and return nothing, where that is not as a run has written it."""
@@ -159,7 +161,7 @@ class TorqueLimits(Generic[Entry]):
         except (OSError, ValueError, TypeError) as error:
             self.warn(
                 f"{self.notes.path} is not used ({getattr(error, 'strerror', None) or error}): if a run was killed, "
-                f"the torque limit that it left in {self.node.label} is not put back. Compare it with the drive's tool"
+                f"its torque limit in {self.node.label} is not restored. Check the limit with the drive's tool"
             )
             return {}
         return noted
@@ -179,7 +181,7 @@ class TorqueLimits(Generic[Entry]):
                     raise
                 if self.node.read(entry) == original:
                     del self.before[entry]
-                self.warn(f"{error}: the drive keeps its own limit, and only the loop holds that of the axis")
+                self.warn(f"{error}: the drive keeps its own limit; only the loop applies the limit of the axis")
 
     def _note(self, notes: "RestoreFile") -> None:
         """Write down both what is there and what comes, as this run may be killed before it writes to the drive."""
@@ -189,7 +191,8 @@ class TorqueLimits(Generic[Entry]):
             )
         except OSError as error:
             self.warn(
-                f"{notes.path} cannot be written ({error.strerror}): a run that is killed leaves its torque limit"
+                f"{notes.path} cannot be written ({error.strerror}): if a run is killed, its torque limit stays in "
+                "the drive"
             )
 
     @property
@@ -204,25 +207,27 @@ class TorqueLimits(Generic[Entry]):
         try:
             remove_file(self.notes.path)
         except OSError as error:
-            self.warn(f"{self.notes.path} cannot be removed ({error.strerror}), and says what is undone; remove it")
+            self.warn(
+                f"{self.notes.path} cannot be removed ({error.strerror}), but its changes are already undone: remove it"
+            )
 
     def _words(self, entry: Entry, original: int) -> str:
         """Return the sentence about a change."""
-        change = "lowered" if original >= self.wanted else "raised, as the rig says,"
+        change = "lowered" if original >= self.wanted else "raised, as the rig permits,"
         between = f"from {self._percent(original)} to {self._percent(self.wanted)}"
         words = f"{entry} is {change} {between} of rated torque until the end"
         left = self.left.get(entry)
-        return words if left is None else f"{words}; a run that did not end in order left it at {self._percent(left)}"
+        return words if left is None else f"{words}; a run that did not end properly left it at {self._percent(left)}"
 
     def _too_low(self, entry: Entry, held: int) -> BusConfigurationError:
         unit, limit = self.axis.workspace.effort_unit, self.axis.limits.effort
         left = self.left.get(entry)
-        told = "" if left is None else f", after a run that did not end in order left it at {self._permille(left)}"
+        told = "" if left is None else f", after a run that did not end properly left it at {self._permille(left)}"
         return BusConfigurationError(
             f"{self.node.label}: {entry} is {self._permille(held)} of rated torque "
-            f"({in_unit(held * self.step, unit)}){told}, the axis may ask for {self._permille(self.wanted)} "
-            f"({in_unit(limit, unit)}): force would be cut without a word. Say "
-            f"axis.{self.axis.name}.raise_max_torque = true in the rig, which raises it for each run, or set "
+            f"({in_unit(held * self.step, unit)}){told}, but the axis may use {self._permille(self.wanted)} "
+            f"({in_unit(limit, unit)}): the drive would reduce the force without a message. Write "
+            f"axis.{self.axis.name}.raise_max_torque = true into the rig to raise it for each run, or set "
             f"axis.{self.axis.name}.limits.effort"
         )
 
@@ -263,7 +268,7 @@ class RestoreFile:
             held = None
         changes, digest = (held.get("changes"), held.get("digest")) if isinstance(held, dict) else (None, None)
         if not isinstance(changes, dict) or digest != self._digest(changes):
-            raise ValueError("it is damaged, was changed by hand, or an earlier version wrote it")
+            raise ValueError("it is damaged, was edited, or is from an earlier version")
         return {entry: (ours, original) for entry, (ours, original) in changes.items()}
 
     def write(self, changes: "Changes") -> None:

@@ -13,7 +13,7 @@ from haptic_fieldbus.buses.scan_result import Check
 SYS = Path("/sys")
 LONGEST_LATENCY = 1
 """[ms]; it is 16 after plugging in."""
-NO_SERIAL_LINE = "it is no serial line; expected the device of an adapter, such as /dev/ttyUSB0"
+NO_SERIAL_LINE = "it is no serial device; expected the device of an adapter, such as /dev/ttyUSB0"
 
 
 def leads_elsewhere(port: str, error: BaseException | None) -> bool:

@@ -116,7 +116,7 @@ class WritingProcess:
         try:
             _, told = self._process.communicate(timeout=max(1.0, end - monotonic()))
         except subprocess.TimeoutExpired:
-            raise OSError(f"the disk did not take the last rows within {PARTING:g} s") from None
+            raise OSError(f"the disk did not accept the last rows within {PARTING:g} s") from None
         if self._process.returncode or self._rest:
             raise OSError(told.decode(errors="replace").strip() or "its writing process was killed")
 

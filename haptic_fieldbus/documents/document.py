@@ -93,7 +93,7 @@ class Document:
             faults = [self._fault(path, message) for path, messages in self.faults.items() for message in messages]
             faults.sort(key=lambda fault: fault.line or math.inf)
             if len(self.faults) >= _MOST_FAULTS:
-                faults.append(Fault("", f"these are the first {_MOST_FAULTS} faults; there may be more"))
+                faults.append(Fault("", f"the first {_MOST_FAULTS} errors; there may be more"))
             raise self.error(self.source, faults) from self.cause
         return value
 
@@ -215,7 +215,7 @@ class Document:
         """Return a fault for each key that is given twice, else the place at which the parser stopped."""
         if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
             return [
-                Fault(key_text(twice.path), f"given twice; first in line {twice.first}", twice.line)
+                Fault(key_text(twice.path), f"set twice; first in line {twice.first}", twice.line)
                 for twice in self._positions.duplicates
             ]
         at_line = _AT_LINE.search(message)
@@ -304,9 +304,9 @@ def _expectation(schema: Hashable) -> Expectation:
 # What was made in Python is checked as the file that would give it (`table_of`).
 
 KINDS = {
-    "drive": ("a drive profile", "give it as --drive FILE, or check it by: haptic-fieldbus profiles check FILE"),
-    "bus": ("a rig", "give it as --rig FILE; it is checked by: haptic-fieldbus plan wall --rig FILE"),
-    "element": ("a scene", "give it as SCENE, or check it by: haptic-fieldbus scenes check FILE"),
+    "drive": ("a drive profile", "use it as --drive FILE; to check it: haptic-fieldbus profiles check FILE"),
+    "bus": ("a rig", "use it as --rig FILE; to check it: haptic-fieldbus plan wall --rig FILE"),
+    "element": ("a scene", "use it as SCENE; to check it: haptic-fieldbus scenes check FILE"),
 }
 """Table → the kind of a file that has it, and what to do with such a file."""
 
@@ -317,7 +317,7 @@ def check_kind(document: Document, table: str) -> None:
         return
     for other, (kind, advice) in KINDS.items():
         if other in document.data:
-            message = f"this is {kind}, and not {KINDS[table][0]}; {advice.replace('FILE', document.source)}"
+            message = f"this is {kind}, not {KINDS[table][0]}; {advice.replace('FILE', document.source)}"
             raise document.error(document.source, [Fault("", message)])
 
 

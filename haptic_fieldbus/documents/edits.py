@@ -41,7 +41,7 @@ def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZ
         edited = edit(read_octets(target, most).decode("utf-8")).encode("utf-8")
         if _replaced(target, edited, before):
             return
-    raise OSError(errno.EAGAIN, "somebody else writes it at the same time")
+    raise OSError(errno.EAGAIN, "another program writes it at the same time")
 
 
 def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
@@ -136,13 +136,13 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
     for key in path[:-1]:
         parent = parent.get(key) if isinstance(parent, dict) else None
     if not isinstance(parent, dict):
-        raise ValueError(f"there is no [{table_name(path[:-1])}] any more")
+        raise ValueError(f"[{table_name(path[:-1])}] no longer exists")
     expected = _with(before, path, dict(values))
     for changed in _candidates(text, f"[{table_name(path)}]", values):
         with suppress(tomllib.TOMLDecodeError):
             if tomllib.loads(changed) == expected:
                 return changed
-    raise ValueError(f"[{table_name(path)}] cannot be written by lines into a file of this form")
+    raise ValueError(f"[{table_name(path)}] cannot be added to a file of this form")
 
 
 def table_text(path: Sequence[str], values: Mapping[str, Value]) -> str:

@@ -10,7 +10,7 @@ from haptic_fieldbus.numerals import exactly
 Schema = dict[str, Any]
 KeyPath = tuple[str | int, ...]
 
-_PLAIN = {"string": "text", "boolean": "true or false", "object": "a table", "null": "nothing"}
+_PLAIN = {"string": "a string", "boolean": "true or false", "object": "a table", "null": "nothing"}
 
 
 class Expectation:
@@ -88,13 +88,13 @@ def _describe(node: Schema, hexadecimal: bool) -> str:
         case "number":
             return "a number" + _bounds(node, False)
         case "string" if node.get("minLength"):
-            return "text that is not empty"
+            return "a non-empty string"
         case "array":
             return _describe_list(node, hexadecimal)
         case "object" if "properties" in node:
             return f"a table with {listed(list(node['properties']), 'and')}"
         case "object" if node.get("minProperties"):
-            return "a table that is not empty"
+            return "a non-empty table"
         case kind:
             return _PLAIN.get(kind or "", "a value")
 
@@ -103,9 +103,9 @@ def _describe_list(node: Schema, hexadecimal: bool) -> str:
     fixed = node.get("prefixItems", [])
     if fixed:
         # The members of the tuples in use are described alike.
-        return f"a list of {len(fixed)}, each {_describe(fixed[0], hexadecimal)}"
+        return f"a list of {len(fixed)} values, each {_describe(fixed[0], hexadecimal)}"
     least, most = node.get("minItems"), node.get("maxItems")
-    count = f" of {most}" if least == most and most else f" of at least {least}" if least else ""
+    count = f" of {most} values" if least == most and most else f" of at least {least}" if least else ""
     item = node.get("items", {})
     return f"a list{count}, each {_describe(item, hexadecimal)}" if "type" in item else f"a list{count}"
 
@@ -117,16 +117,16 @@ def _bounds(node: Schema, hexadecimal: bool) -> str:
         return exactly(bound) if node.get("type") == "number" else str(int(bound))
 
     low, high = node.get("minimum"), node.get("maximum")
+    if low is None and node.get("type") == "integer" and "exclusiveMinimum" in node:
+        low = node["exclusiveMinimum"] + 1
     if low is not None and high is not None:
-        # Above 0 is said besides: of a mass it is the rule, and the range only what can be computed.
-        above = f" above {shown(node['exclusiveMinimum'])}," if "exclusiveMinimum" in node else ""
-        return f"{above} from {shown(low)} to {shown(high)}"
+        return f" from {shown(low)} to {shown(high)}"
     parts = [
         f"{words} {shown(node[key])}"
         for key, words in (
-            ("minimum", "not below"),
+            ("minimum", "of at least"),
             ("exclusiveMinimum", "above"),
-            ("maximum", "not above"),
+            ("maximum", "at most" if "exclusiveMinimum" in node else "of at most"),
             ("exclusiveMaximum", "below"),
         )
         if key in node

@@ -61,7 +61,7 @@ def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = (
         return Path(name)
     names = file_names(folder)
     if name not in names:
-        listed = f"{kind.capitalize()}s are listed by: haptic-fieldbus {kind}s list"
+        listed = f"To list them: haptic-fieldbus {kind}s list"
         raise UsageError(f'no {kind} "{name}"{suggestion(str(name), {*names, *others})}. {listed}')
     return folder / f"{name}.toml"
 
@@ -78,5 +78,5 @@ def beside(path: Path, name: str, *folders: Path) -> Path:
     except (OSError, ValueError, RuntimeError):  # a circle of links, a NUL
         found = Path(name)
     if Path(name).is_absolute() or not any(found.is_relative_to(folder) for folder in allowed):
-        raise UsageError(f'"{name}" is no file in the folder of this file, or in one below it')
+        raise UsageError(f'no file "{name}" in the folder of this file or below')
     return found

@@ -147,7 +147,7 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
         unit = unit.replace(plain, proper)
     if unit in factors:
         return float(number) * factors[unit]
-    reason = f"as the axis is {workspace.value}" if reason is None else reason
+    reason = f"because the axis is {workspace.value}" if reason is None else reason
     slip = next((known for known in _FACTORS[quantity][rotary] if _typed(known).lower() == unit.lower()), None)
     told = _other(unit, quantity, workspace) if slip is None else f'; write "{number} {slip}"'
     raise ValueError(f"{_in_words(quantity, workspace, reason)}{told}")
@@ -216,8 +216,8 @@ def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
     for found in (quantity, *Quantity):
         for space in (workspace, other):
             if unit in _spelt(found, space is Workspace.ROTARY):
-                return f"; {unit} measures {_named(found, space)} on a {space.value} axis"
-    return f"; the unit is not known{suggestion(unit, _FACTORS[quantity][workspace is Workspace.ROTARY])}"
+                return f"; {unit} is a unit of {_named(found, space)} on a {space.value} axis"
+    return f"; unknown unit{suggestion(unit, _FACTORS[quantity][workspace is Workspace.ROTARY])}"
 
 
 def annotations(hint: Any) -> Iterator[object]:

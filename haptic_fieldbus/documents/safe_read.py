@@ -85,7 +85,7 @@ _KINDS = (
 )
 
 
-IMPOSSIBLE_NAME = "no file can have this name"
+IMPOSSIBLE_NAME = "invalid file name"
 """For a NUL or a character that cannot be encoded; the words of Python differ between its versions."""
 
 

@@ -86,7 +86,7 @@ class _Table:
 
     def told(self) -> list[Fault]:
         """Return the faults, and the number of those that are not told one by one."""
-        return [*self.faults, Fault("", f"and {self._more} faults more")] if self._more else self.faults
+        return [*self.faults, Fault("", f"and {self._more} more errors")] if self._more else self.faults
 
     def read_header(self, quantities: Sequence[str]) -> str:
         """Find the columns, and return the name of that of the values; raises csv.Error as the rows do."""
@@ -97,10 +97,10 @@ class _Table:
         if TIME not in names or not present:
             self.fault("", f'columns "{", ".join(names)[:80]}"; {expected}')
         elif len(present) > 1:
-            self.fault("", f"columns {' and '.join(present)}; {expected}, and one of these alone")
+            self.fault("", f"columns {' and '.join(present)}; {expected}, and only one of these")
         for name in (TIME, *present):
             if names.count(name) > 1:
-                self.fault(name, f"stands {names.count(name)} times; expected one column of this name")
+                self.fault(name, f"appears {names.count(name)} times; expected one column with this name")
         return present[0] if present else quantities[0]
 
     def read_rows(self, quantity: str) -> None:

@@ -55,7 +55,8 @@ class Typical:
 RANGES: dict[Ranged, Typical] = {
     "rated_torque": Typical(
         1e-5, 50.0, "N·m", "motors of 0.11 mN·m to 15.8 N·m, steering wheels up to 30 N·m", TORQUES),
-    "torque_constant": Typical(1e-4, 10.0, "N·m/A", "motors of 0.92 mN·m/A to 0.6 N·m/A, direct drives a few N·m/A", (
+    "torque_constant": Typical(
+        1e-4, 10.0, "N·m/A", "motors of 0.92 mN·m/A to 0.6 N·m/A, direct drives up to a few N·m/A", (
         (1e-3, "mN·m/A"), (1e-6, "µN·m/A"))),
     "rated_current": Typical(0.01, 300.0, "A", "motors of 0.2 A to 28.6 A", AMPERES),
     "peak_current": Typical(0.05, 1000.0, "A", "three to five times the rated current", AMPERES),
@@ -74,8 +75,8 @@ RANGES: dict[Ranged, Typical] = {
 OF_HANDLE: dict[Workspace, dict[Ranged, Typical]] = {
     Workspace.LINEAR: {
         "limits.effort": Typical(1e-3, 2000.0, "N", "four times what a hand pushes in a blow", ((1e-3, "mN"),)),
-        "limits.speed": Typical(1e-3, 200.0, "m/s", "several times as fast as a hand throws", ((1e-3, "mm/s"),)),
-        "limits.position": Typical(-5.0, 5.0, "m", "further than an arm reaches", ((1e-3, "mm"), (1e-2, "cm"))),
+        "limits.speed": Typical(1e-3, 200.0, "m/s", "several times the speed of a throw", ((1e-3, "mm/s"),)),
+        "limits.position": Typical(-5.0, 5.0, "m", "beyond the reach of an arm", ((1e-3, "mm"), (1e-2, "cm"))),
         "limits.acceleration": Typical(0.1, 1e6, "m/s²", "a blow on the lightest handle", ((1e-3, "mm/s²"),)),
         "limits.power": Typical(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
     },
@@ -118,7 +119,7 @@ def _contradictions(known: dict[str, Any], i_know: Any) -> Iterator[tuple[str, s
     rated, friction = known.get("rated_torque"), known.get("coulomb_friction")
     if _is_number(rated) and _is_number(friction) and friction >= rated > 0.0:
         hint = "; is this in mN·m?" if 1e-3 * friction < rated else ""
-        yield "coulomb_friction", f"less than rated_torque, {exactly(rated)} N·m, or nothing moves{hint}"
+        yield "coulomb_friction", f"less than rated_torque, {exactly(rated)} N·m; otherwise nothing moves{hint}"
     current, constant = known.get("rated_current"), known.get("torque_constant")
     if not (_is_number(rated) and _is_number(current) and _is_number(constant)) or "torque_constant" in i_know:
         return
@@ -127,13 +128,13 @@ def _contradictions(known: dict[str, Any], i_know: Any) -> Iterator[tuple[str, s
         hint = "; is this in mN·m/A?" if 1.0 / LARGEST_RATIO <= 1e-3 * (torque / rated) <= LARGEST_RATIO else ""
         yield (
             "torque_constant",
-            f"rated_torque, {exactly(rated)} N·m, divided by rated_current, {exactly(current)} A, within a factor of "
-            f"{LARGEST_RATIO:g}{hint}; {_excused('torque_constant')}",
+            f"within a factor of {LARGEST_RATIO:g} of rated_torque / rated_current, {exactly(rated)} N·m / "
+            f"{exactly(current)} A{hint}; {_excused('torque_constant')}",
         )
 
 
 def _excused(key: str) -> str:
-    return f'if the bench is like that, write i_know = ["{key}"]'
+    return f'if your bench really has this value, write i_know = ["{key}"]'
 
 
 def _is_number(value: object) -> TypeGuard[float]:
@@ -161,6 +162,6 @@ def _check_measured(document: Document, axis: str) -> None:
     if measured is None or (_is_number(measured) and not low <= measured <= high):
         document.refuse(
             (*path, "guard_ms"),
-            f"from {rounded(low)} to {rounded(high)} ms, which a proof of asked_ms = {exactly(asked)} can accept; "
-            f"without [axis.{axis}.proved] the next run proves the guard",
+            f"from {rounded(low)} to {rounded(high)} ms for asked_ms = {exactly(asked)}; without "
+            f"[axis.{axis}.proved] the next run tests the watchdog",
         )

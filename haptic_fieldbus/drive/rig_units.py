@@ -27,10 +27,10 @@ _UNITS = {
     "torque_constant": "N·m/A",
     "rated_current": "A",
     "peak_current": "A",
-    "inertia": "kg·m², motor and handle, at the motor shaft as all here",
+    "inertia": "kg·m², motor and handle together; values are at the motor shaft",
     "viscous_damping": "N·m·s/rad",
     "coulomb_friction": "N·m",
-    "metres_per_revolution": "m of the handle in a turn of the motor",
+    "metres_per_revolution": "m, travel of the handle per turn of the motor",
 }
 _OF_HANDLE = {
     Workspace.LINEAR: {"effort": "N", "speed": "m/s", "position": "m", "drift": "m", "acceleration": "m/s²"},

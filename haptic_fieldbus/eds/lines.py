@@ -36,9 +36,9 @@ def whole_number(text: str) -> int:
     try:
         number = _number(text.strip().lower())
     except ValueError:
-        raise ValueError(f'"{shown}" is no number') from None
+        raise ValueError(f'"{shown}" is not a number') from None
     if number not in WIDEST:
-        raise ValueError(f'"{shown}" is more than 64 bits hold')
+        raise ValueError(f'"{shown}" needs more than 64 bits')
     return number
 
 
@@ -163,7 +163,7 @@ def _real(text: str, type: EdsType) -> float:
     try:
         real = float(text)
     except ValueError:
-        raise ValueError(f'"{text}" is no number') from None
+        raise ValueError(f'"{text}" is not a number') from None
     if not _is_real(real, type):
         raise ValueError(f'"{text}" does not fit into {type.name}')
     return real
@@ -192,7 +192,7 @@ class Faults(list[Fault]):
         if len(self) < MOST_FAULTS:
             super().append(Fault(_shortened(fault.key), _shortened(fault.message), fault.line))
         elif len(self) == MOST_FAULTS:
-            super().append(Fault("", f"there are more than {MOST_FAULTS} faults: the others are left out", fault.line))
+            super().append(Fault("", f"more than {MOST_FAULTS} errors: the others are omitted", fault.line))
 
 
 def _shortened(text: str) -> str:
@@ -256,10 +256,10 @@ def sections_of(text: str, faults: list[Fault]) -> Mapping[str, FileSection]:
             name = head[1].strip()
             present = sections.setdefault(name.lower(), FileSection(name, number))
             if present.line != number:
-                where = f"stands in line {present.line} already: both are taken together"
+                where = f"already in line {present.line}: both are merged"
                 faults.append(Fault(f"[{name}]", where, number))
         elif present is None:
-            faults.append(Fault("", f'"{line}" stands before the first section', number))
+            faults.append(Fault("", f'"{line}" is before the first section', number))
         else:
             _add(present, line, number, faults)
     return sections
@@ -273,8 +273,10 @@ def _add(section: FileSection, line: str, number: int, faults: list[Fault]) -> N
         return
     bare = _COMMENT.sub("", value)
     if bare != value:
-        faults.append(Fault(f"[{section.name}] {key}", "a comment behind a value; expected a line of its own", number))
+        faults.append(
+            Fault(f"[{section.name}] {key}", "a comment after a value; expected it on a separate line", number)
+        )
     before = section.items.get(key.lower())
     if before is not None:
-        faults.append(Fault(f"[{section.name}] {key}", f"stands in line {before.line} already", number))
+        faults.append(Fault(f"[{section.name}] {key}", f"already in line {before.line}", number))
     section.items[key.lower()] = Item(key, bare, number)

@@ -30,12 +30,12 @@ class ObjectReader:
         """Return the object from its own section, None if there is none, and the sections of its sub-indices."""
         if head is None:
             first = next(iter(members.values()))
-            self._fault(first, "", f"[{self._index:04X}], the object itself, is missing: taken as a record")
+            self._fault(first, "", f"[{self._index:04X}], the object itself, is missing: treated as a record")
             return EdsObject(self._index, "", ObjectCode.RECORD, self._members(members), first.line)
         code = self._code(head)
         compact = self._number(head, "CompactSubObj") or 0
         if not 0 <= compact <= HIGHEST_ELEMENT:
-            self._fault(head, "CompactSubObj", f"{compact}, expected 0 to {HIGHEST_ELEMENT}: taken as 0")
+            self._fault(head, "CompactSubObj", f"{compact}, expected 0 to {HIGHEST_ELEMENT}: treated as 0")
             compact = 0
         found = EdsObject(self._index, self._name(head), code, {}, head.line)
         if compact:
@@ -45,10 +45,10 @@ class ObjectReader:
         else:
             entries = self._members(members)
             if found.is_simple:
-                self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
+                self._fault(head, "ObjectType", "a variable with sub-indices: treated as a record")
             elif self._number(head, "SubNumber") != len(members):
                 said = head.text("SubNumber") or "missing"
-                self._fault(head, "SubNumber", f"{said}, but {len(members)} sub-indices are there")
+                self._fault(head, "SubNumber", f"{said}, but the file has {len(members)} sub-indices")
         return EdsObject(found.index, found.name, found.code, dict(sorted(entries.items())), found.line)
 
     def entry(self, section: FileSection, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
@@ -107,7 +107,7 @@ class ObjectReader:
         try:
             return ObjectCode(number)
         except ValueError:
-            self._fault(section, "ObjectType", f"{number} is no object code: taken as a variable")
+            self._fault(section, "ObjectType", f"{number} is not an object code: treated as a variable")
             return ObjectCode.VAR
 
     def _type(self, section: FileSection, code: ObjectCode) -> EdsType | None:
@@ -130,7 +130,7 @@ class ObjectReader:
             return access
         if type is not EdsType.DOMAIN or access:
             found = f'"{access}"' if access else "missing"
-            self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: taken as ro")
+            self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: treated as ro")
         return ACCESS_WHEN_MISSING
 
     def _limit(self, section: FileSection, key: str, type: EdsType | None) -> int | float | None:

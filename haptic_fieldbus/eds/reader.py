@@ -80,7 +80,7 @@ def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[i
         objects[index] = ObjectReader(index, sections, faults).read(heads.get(index), members.get(index, {}))
         count += len(objects[index].entries)
         if count > MOST_ENTRIES:
-            faults.append(Fault(f"[{index:04X}]", f"more than {MOST_ENTRIES} entries: the others are left out"))
+            faults.append(Fault(f"[{index:04X}]", f"more than {MOST_ENTRIES} entries: the others are omitted"))
             break
     return objects
 
@@ -91,7 +91,7 @@ def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsO
     for name in LISTS:
         section = sections.get(name.lower())
         if section is None:
-            faults.append(Fault(f"[{name}]", "this list of objects is missing"))
+            faults.append(Fault(f"[{name}]", "the list of objects is missing"))
             continue
         for item in section.items.values():
             number = _number(section, item.key, faults)
@@ -107,7 +107,7 @@ def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsO
             faults.append(Fault(f"[{section.name}] SupportedObjects", f"{count}, but {entries} are listed", line))
     for index, found in objects.items():
         if index not in listed:
-            faults.append(Fault(f"[{index:04X}]", "is in none of the lists of objects", found.line))
+            faults.append(Fault(f"[{index:04X}]", "is in no list of objects", found.line))
 
 
 def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
@@ -120,7 +120,7 @@ def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
 
     if number("CompactPDO"):
         line = section.line_of("CompactPDO")
-        faults.append(Fault("[DeviceInfo] CompactPDO", "PDO parameters left out are not filled in", line))
+        faults.append(Fault("[DeviceInfo] CompactPDO", "missing PDO parameters are not added", line))
     granularity = number("Granularity")
     return DeviceInfo(
         vendor_name=section.text("VendorName"),

@@ -41,8 +41,8 @@ def check_coefficients(positive: float, negative: float, largest: str) -> None:
     """
     if max(positive, negative) != 1.0:
         raise ValueError(
-            f"positive_coefficient {exactly(positive)}, negative_coefficient {exactly(negative)}: expected one of "
-            f"them to be 1, as {largest} is that of the stronger side"
+            f"positive_coefficient {exactly(positive)}, negative_coefficient {exactly(negative)}: expected 1 for the "
+            f"stronger side, which {largest} describes"
         )
 
 

@@ -95,7 +95,7 @@ def profile_file(name: str | Path, profiles: str | Path | None = None) -> Path:
     if not path.is_file():  # a pipe would be waited for
         raise UsageError(f'profile "{name}": {path} is not a file')
     if shipped.is_file() and not shipped.samefile(path):
-        raise UsageError(f'profile "{name}" is both {path} and the shipped {shipped}; give your own another name')
+        raise UsageError(f'profile "{name}": both {path} and the shipped {shipped} have this name; rename yours')
     return path
 
 
@@ -299,7 +299,7 @@ def _check_sources(document: Document, schema: type[DriveProfile]) -> None:
     keys = {".".join(path) for path in _keys(document.data) if path[0] != "sources"}
     for name in sources:
         if name not in keys and not knows(schema, tuple(name.split("."))):
-            document.fault(("sources", name), f"the source of an unknown key{suggestion(name, keys)}")
+            document.fault(("sources", name), f"source of an unknown key{suggestion(name, keys)}")
 
 
 def _unsourced(path: tuple[str, ...], value: object, sources: dict[str, object]) -> list[tuple[str, ...]]:
@@ -332,7 +332,9 @@ def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object],
     # `type`, not `isinstance`: true is an int too, and has its own fault.
     if type(node) is int and isinstance(bus, str) and nodes.setdefault((bus, node), axis) != axis:
         other = nodes[bus, node]
-        document.fault(("axis", axis, "node"), f"{node} is the node-ID of axis {other} on {bus}; expected another one")
+        document.fault(
+            ("axis", axis, "node"), f"{node} is already the node-ID of axis {other} on {bus}; expected another one"
+        )
 
 
 def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:
@@ -359,7 +361,7 @@ def _check_profile_exists(document: Document, axis: str, known: Collection[str])
         return
     if is_path(name):
         if not (Path(document.source).resolve().parent / name).is_file():
-            document.fault(("axis", axis, "profile"), f'no file "{name}" beside this one')
+            document.fault(("axis", axis, "profile"), f'no file "{name}" in the folder of this file')
     elif name not in known:
         document.fault(("axis", axis, "profile"), f'no profile "{name}"{suggestion(name, known)}')
 
@@ -371,7 +373,7 @@ def _check_position_limits(document: Document, axis: str) -> None:
     if not isinstance(limits, list) or len(limits) != 2:
         return
     if all(isinstance(limit, int | float) for limit in limits) and not limits[0] < limits[1]:
-        document.refuse(path, "the lower limit before the upper one")
+        document.refuse(path, "the lower limit first")
 
 
 def _check_simulation(document: Document, axis: str) -> None:
@@ -379,7 +381,9 @@ def _check_simulation(document: Document, axis: str) -> None:
     simulation: KeyPath = ("axis", axis, "simulation")
     load, inertia = document.value(*simulation, "coupling", "load_inertia"), document.value("axis", axis, "inertia")
     if isinstance(load, int | float) and not (isinstance(inertia, int | float) and load < inertia):
-        document.refuse((*simulation, "coupling", "load_inertia"), "a part of the axis' inertia, which must be given")
+        document.refuse(
+            (*simulation, "coupling", "load_inertia"), "less than the inertia of the axis, which is required"
+        )
     hanging = document.value(*simulation, "gravity", "hanging_at")
     if (
         hanging and document.value("axis", axis, "mechanism", "kind") == "linear"
@@ -391,5 +395,6 @@ def _check_simulation(document: Document, axis: str) -> None:
         if torque * periods > LARGEST_COGGING * shaft > 0.0:
             most = f"at most {LARGEST_COGGING * shaft / periods:.3g}"
             document.refuse(
-                (*simulation, "cogging", "torque"), f"{most}: more lets this shaft swing in its rest above 10 kHz"
+                (*simulation, "cogging", "torque"),
+                f"{most}: with more, the shaft oscillates about its rest above 10 kHz",
             )

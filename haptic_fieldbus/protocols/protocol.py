@@ -144,7 +144,7 @@ def check_usable(document: Document) -> bool:
     """Return whether a profile is for rendering force; one that is not has to say why."""
     usable = document.value("drive", "usable") is not False
     if not usable and "drive.usable" not in document.table("sources"):
-        document.fault(("drive", "usable"), 'false without its reason; expected an entry "drive.usable" in [sources]')
+        document.fault(("drive", "usable"), 'false without a reason; expected an entry "drive.usable" in [sources]')
     return usable
 
 
@@ -152,7 +152,7 @@ def check_motion(document: Document) -> None:
     """Note a profile that has neither a position nor a velocity, so that the motion of the handle is unknown."""
     if "position" not in document.data and "velocity" not in document.data:
         expected = "position.actual, velocity.actual or both"
-        document.fault(("position",), f"missing, and so is [velocity]; expected {expected}")
+        document.fault(("position",), f"missing, like [velocity]; expected {expected}")
 
 
 def check_types(document: Document, types: Mapping[KeyPath, Sequence[str]]) -> None:
@@ -176,4 +176,4 @@ def check_echo(document: Document, ways: Collection[str], kind: str) -> None:
     """Note a way of proving set-points for which the profile names no object or register, the `kind` of protocol."""
     way = document.value("torque", "echo")
     if way in ways and not document.table("torque", str(way)):
-        document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that {kind} too, or "none"')
+        document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected this {kind} too, or "none"')

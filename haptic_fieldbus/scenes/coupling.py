@@ -59,7 +59,7 @@ class Coupling:
         if len(set(self.axes)) < len(self.axes):
             raise ValueError(f"axes {', '.join(self.axes)}: expected two different axes")
         if self.ratio == 0.0:
-            raise ValueError("ratio 0: expected a number other than 0, as the second axis would feel nothing")
+            raise ValueError("ratio 0: expected another number; with 0 the second axis would feel nothing")
 
     @property
     def transmission(self) -> float:

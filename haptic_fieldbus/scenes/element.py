@@ -137,7 +137,7 @@ PairLaw = Callable[..., tuple[float, float]]
 class Mark(Enum):
     """A property of a parameter beyond its quantity and bounds."""
 
-    PLACE = "a place of the handle, refused where the handle cannot reach it"
+    PLACE = "a position that the handle can reach"
 
 
 Place = Annotated[float, RANGES[Quantity.LENGTH].any, Quantity.LENGTH, Mark.PLACE]

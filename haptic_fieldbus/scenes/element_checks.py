@@ -115,7 +115,7 @@ def _with_limit(fault: Fault, element: AnyElement | None, period: float, method:
     elif least:
         limit = f"{name} renders it without growth from {rounded_limit(least)} up, at {rounded(1.0 / period)} Hz"
     else:
-        limit = f"as it goes to 0 {name} stays bounded, and so does the force"
+        limit = f"for a mass towards 0 {name} stays bounded, and so does the force"
     return Fault(fault.key, f"{fault.message}; {limit}", fault.line)
 
 

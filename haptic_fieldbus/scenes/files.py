@@ -144,15 +144,17 @@ def _name_elements(document: Document) -> dict[int, str]:
             document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), kind_names())}")
             continue
         if "name" not in table and given.count(kind) > 1:
-            document.fault(("element", index, "name"), f'missing; expected one, as the kind "{kind}" stands twice')
+            document.fault(
+                ("element", index, "name"), f'missing; expected a name, because the kind "{kind}" is used twice'
+            )
         kinds[index] = kind
         del table["kind"]
         name = str(table.setdefault("name", kind))
         # A setting on the command line is split at its first equals sign, so a name must have none.
         if not name or "=" in name:
-            document.refuse(("element", index, "name"), "text that is not empty, without =")
+            document.refuse(("element", index, "name"), "a non-empty string, without =")
         if name in names:
-            document.fault(("element", index, "name"), f'"{name}" stands twice; expected a name of its own')
+            document.fault(("element", index, "name"), f'"{name}" is used twice; expected a unique name')
         names.add(name)
     return kinds
 
@@ -207,7 +209,7 @@ def check_together(parts: list[ScenePart]) -> dict[str, Workspace]:
                 document.refuse(("axis", name, "workspace"), f'"{axes[name].value}", as in an included scene')
         for element, index in part.names().items():
             if element in names:
-                document.fault(("element", index, "name"), f'"{element}" stands twice; expected a name of its own')
+                document.fault(("element", index, "name"), f'"{element}" is used twice; expected a unique name')
             names.add(element)
         for index in part.kinds:
             _check_axes(document, index, axes if part.frame is not None else None)
@@ -301,7 +303,9 @@ def check_ratio(document: Document, index: int, kind: type[AnyElement], axes: Ma
     spaces = [axes[name] for path in _axis_paths(document, index) if (name := str(document.value(*path))) in axes]
     if len(set(spaces)) > 1 and "ratio" in parameters(kind) and document.value("element", index, "ratio") is None:
         first, second = (space.length_unit for space in spaces[:2])
-        text = f"missing; expected a number, what a {spaces[0].value} axis moves for a {spaces[1].value} one"
+        text = (
+            f"missing; expected a number: motion of the {spaces[0].value} axis per motion of the {spaces[1].value} axis"
+        )
         document.fault(("element", index, "ratio"), f"{text} [{first}/{second}]")
 
 

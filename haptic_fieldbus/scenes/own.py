@@ -54,7 +54,7 @@ def own_type(kind: str) -> type[AnyElement]:
     if not _KIND.fullmatch(kind):
         found, faults = None, ["its name is no kind; expected a letter, then letters, digits, _, - or ."]
     elif len(entries) > 1:
-        found, faults = None, ["several packages add it; uninstall all but one"]
+        found, faults = None, ["several packages provide it; uninstall all but one"]
     else:
         found, faults, cause = _loaded(entries[0])
     if faults:
@@ -76,7 +76,7 @@ def _described(kind: str, taken: Container[str]) -> OwnElement:
     """Describe one kind, and import its class unless its name is taken."""
     entries, fault = own_entry_points()[kind], None
     if kind in taken:
-        fault = f'element "{kind}" of {_places(entries)}: a shipped element has this name, and scenes get that one'
+        fault = f'element "{kind}" of {_places(entries)}: a shipped element has this name and is used instead'
     else:
         try:
             own_type(kind)
@@ -121,12 +121,12 @@ def _faults(found: Any) -> Iterator[str]:
         yield "expected a frozen dataclass"
         return
     if getattr(found, "__pydantic_config__", None) != STRICT:
-        yield "a file could give it anything: write __pydantic_config__: ClassVar = STRICT"
+        yield "files could set it to any value: add __pydantic_config__: ClassVar = STRICT"
     names = {field.name for field in fields(found)}
     if "name" not in names:
         yield 'no field "name"'
     if len(names & {"axis", "axes"}) != 1:
-        yield 'expected one field "axis", or "axes" where it acts on two'
+        yield 'expected one field "axis", or "axes" for two axes'
     yield from (f"no {member}" for member in ("needs", "linearised") if not hasattr(found, member))
     laws = [law for law in LAWS if hasattr(found, law)]
     if len(laws) != 1 or ("axes" in names and laws != ["begin"]):

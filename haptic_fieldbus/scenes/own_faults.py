@@ -58,7 +58,7 @@ def _unplaced(error: BaseException, elements: tuple[AnyElement, ...]) -> tuple[s
         return None
     kind = type(own[0])
     source = getattr(sys.modules.get(kind.__module__), "__file__", None) or kind.__module__
-    return source, Fault(f"element {_name(own[0])}", f"a call of {kind.__qualname__} ended in {told(error)}")
+    return source, Fault(f"element {_name(own[0])}", f"a call of {kind.__qualname__} raised {told(error)}")
 
 
 def _name(owner: object) -> str:
@@ -110,5 +110,5 @@ def shape_fault(element: AnyElement) -> str:
     if unknown:
         return f"needs {unknown[0]!r}; expected {', '.join(map(str, _SIGNALS))}"
     if not isinstance(space, StateSpace) or space.d.shape != (axes, 2 * axes):
-        return f"linearised() must give a StateSpace of {2 * axes} inputs and {axes} output{'s' * (axes > 1)}"
+        return f"linearised() must return a StateSpace with {2 * axes} inputs and {axes} output{'s' * (axes > 1)}"
     return ""

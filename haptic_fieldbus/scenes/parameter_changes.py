@@ -83,7 +83,7 @@ def _unchecked(document: Document, place: int, element: Any, given: Mapping[str,
     numbers = [name for name in given if isinstance(getattr(element, name), int | float)]
     texts = [name for name in numbers if isinstance(given[name], str)]
     for name in texts:
-        units = f"{type(element).__name__} takes units once it has the line __pydantic_config__: ClassVar = STRICT"
+        units = f"{type(element).__name__} accepts units only with the line __pydantic_config__: ClassVar = STRICT"
         fields_too = "and fields annotated with the types of haptic_fieldbus.scenes.element"
         document.refuse(("element", place, name), f"a number; {units} {fields_too}")
     if texts:

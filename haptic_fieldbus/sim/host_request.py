@@ -101,11 +101,11 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
     Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
     """
     faults = [
-        f'fault "{fault.kind}" is one of the bus or of the master\'s computer, which are not simulated here'
+        f'fault "{fault.kind}" is a fault of the bus or of the host, which `simulate` does not simulate'
         for fault in request.faults
         if isinstance(fault, LineFault | HostFault)
     ] + [
-        f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
+        f'fault "{fault.kind}" names the bus "{fault.bus}"; `simulate` has one bus, remove the key'
         for fault in request.faults
         if fault.bus is not None
     ]
@@ -127,7 +127,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
             slot = slot_of(*bench, booted=False, profiles=request.profiles)
             spoken = slot.profile.drive.protocol
             if bus is not None and spoken != bus.section.protocol:
-                wrong = f"{slot.axis.profile} speaks {spoken}, and {bus.text} is a bus of {bus.section.protocol}"
+                wrong = f"{slot.axis.profile} uses {spoken}, but {bus.text} is a {bus.section.protocol} bus"
                 raise UsageError(wrong)
             slots.append(replace(slot, led=hand is not None and spoken in _TELL_EXCHANGE))
     if bus is None or faults:
@@ -169,7 +169,7 @@ def _strange(bus: BusName, faults: Iterable[Fault]) -> list[str]:
     """Return a sentence for each fault that no drive on this bus can have."""
     kinds: frozenset[str] = _hosting(bus).KINDS
     return [
-        f'fault "{fault.kind}" is none that a drive on {bus.section.protocol} can have; leave it out'
+        f'drives on {bus.section.protocol} do not support the fault "{fault.kind}"; remove it'
         for fault in faults
         if fault.kind not in kinds and not isinstance(fault, LineFault | HostFault)
     ]
@@ -208,10 +208,10 @@ def joined_bus(text: str | None) -> BusName:
     """
     example = "socketcan:can0, udp_multicast:239.74.163.2, modbus-tcp:127.0.0.1:0"
     if text is None:
-        raise UsageError(f"--bus says where the drives are hosted, for example {example}")
+        raise UsageError(f"--bus is required: the bus on which the drives are hosted, for example {example}")
     name = parse_bus(text)
     if name.simulated:
-        raise UsageError(f'bus "{text}": no other program can join it; host on {example} or virtual:CHANNEL')
+        raise UsageError(f'bus "{text}": other programs cannot join it; host on {example} or virtual:CHANNEL')
     return name
 
 
@@ -225,7 +225,7 @@ def numbered(texts: Sequence[str], first: int, nodes: range) -> list[NamedDrive]
     taken = [drive_of(text, nodes).node for text, asks in zip(texts, asking, strict=True) if asks]
     twice = sorted({node for node in taken if taken.count(node) > 1})
     if twice:
-        raise UsageError(f"node-ID {', '.join(map(str, twice))} is asked for twice")
+        raise UsageError(f"node-ID {', '.join(map(str, twice))} is used twice")
     if first not in nodes:
         raise UsageError(f"node {first}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}")
     free = (node for node in nodes if node >= first and node not in taken)
@@ -233,6 +233,6 @@ def numbered(texts: Sequence[str], first: int, nodes: range) -> list[NamedDrive]
     for text, asks in zip(texts, asking, strict=True):
         node = drive_of(text, nodes).node if asks else next(free, None)
         if node is None:
-            raise UsageError(f"no node-ID is left for {text}")
+            raise UsageError(f"no free node-ID for {text}")
         drives.append(drive_of(text, nodes) if asks else NamedDrive(text, node))
     return drives

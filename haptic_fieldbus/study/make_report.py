@@ -48,13 +48,13 @@ def assumed(plan: Plan, bench: Bench, machine: Mapping[str, str]) -> str:
     open_ = "; ".join(plan.assumed) or "nothing"
     drive = escape(plan.axes[0].profile.title)
     return (
-        f"<strong>Assumed.</strong> No hardware: {drive}, simulated at {exactly(plan.rate)} Hz in virtual time; its "
-        f"handle has {known}; torque acts {rounded(1e3 * bench.delay)} ms after its sample, and "
-        f"lags by {rounded(1e3 * plant.torque_lag)} ms. Without a source in the drive's data: {escape(open_)}. The "
-        f"hand is {exactly(HAND.mass)} kg on {exactly(HAND.damping)} N·s/m and {exactly(HAND.stiffness)} N/m, and "
-        f"feels a change of force from {percent(FELT)} on (Pang, Tan and Durlach 1991). Costs are those of "
-        f"{escape(machine['python'])} on this machine ({escape(machine['processor'])}); errors and stability are the "
-        "same on any."
+        f"<strong>Assumptions.</strong> No hardware: {drive}, simulated at {exactly(plan.rate)} Hz in virtual time; "
+        f"the handle has {known}; torque acts {rounded(1e3 * bench.delay)} ms after its sample and lags by "
+        f"{rounded(1e3 * plant.torque_lag)} ms. Values of the drive without a source: {escape(open_)}. The hand is "
+        f"{exactly(HAND.mass)} kg on {exactly(HAND.damping)} N·s/m and {exactly(HAND.stiffness)} N/m, and notices a "
+        f"change of force from {percent(FELT)} (Pang, Tan and Durlach 1991). Costs are for "
+        f"{escape(machine['python'])} on this machine ({escape(machine['processor'])}); errors and stability do not "
+        "depend on the machine."
     )
 
 
@@ -74,11 +74,11 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
 KEYS = ("work_precision", "stability_cases", "optional_parts")
 """Keys of rows in `report.json`; `host`, `findings` and `warnings` are there too."""
 TITLE = "Error against run time"
-INTRODUCTION = """How exact the virtual forces of haptic-fieldbus are, what they cost, how their error grows along a
-run, where the sampled loop is stable, and what a scene leaves out."""
+INTRODUCTION = """Accuracy and cost of the virtual forces of haptic-fieldbus: growth of the error in a run,
+stability of the sampled loop, and the parts that a scene omits."""
 
-HOW = """Times are those of this machine; errors, limits and stability are the same on any. Every number on this page
-is also in <code>report.json</code> and <code>details.json</code> beside it, every figure in <code>figures/</code>."""
+HOW = """Times are those of this machine; errors, limits and stability do not depend on it. <code>report.json</code> and
+<code>details.json</code> contain every number on this page, <code>figures/</code> every figure."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ def choose(only: str | None) -> ChosenSections:
     near = get_close_matches(only.lower(), known, 1) or [name for name in sorted(known) if only.lower() in name]
     hint = f"nearest: {near[0]}; " if near else ""
     raise UsageError(
-        f"--only {only}: there is none of that name; {hint}sections are: {', '.join(SECTIONS)}; problems and cases go "
-        "by their names too"
+        f"--only {only}: unknown name; {hint}sections are: {', '.join(SECTIONS)}; names of problems and cases are "
+        "valid too"
     )
 
 

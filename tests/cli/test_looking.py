@@ -22,7 +22,7 @@ def test_scan_finds_the_simulated_drive(command: Command) -> None:
     finished = command("scan")
     assert (finished.status, finished.err) == (0, "")
     bus, heading, row, sure = finished.out.splitlines()
-    assert "nothing sent" in bus
+    assert "without sending" in bus
     assert heading.split()[-1] == "profile"
     assert row.split()[-1] == "maxon_epos4"
     assert sure.startswith("node 1     likely")

@@ -76,7 +76,7 @@ def test_a_number_of_an_option_may_have_its_unit(parse: Callable[[str], float], 
     ("parse", "text", "told"),
     [
         (frequency, "1khz", '"1khz"; expected a frequency in Hz; write "1 kHz"'),
-        (frequency, "5 ms", '"5 ms"; expected a frequency in Hz; ms measures a time on a linear axis'),
+        (frequency, "5 ms", '"5 ms"; expected a frequency in Hz; ms is a unit of a time on a linear axis'),
         (frequency, "fast", '"fast"; expected a number, or one with its unit such as "2 Hz"'),
         (seconds, "1,5", '"1,5"; expected a number without a comma: 1.5'),
         (number, "0,5", '"0,5"; expected a number without a comma: 0.5'),

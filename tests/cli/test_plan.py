@@ -59,7 +59,7 @@ class TestFixedMapping:
     def test_the_plan_shows_the_vendors_pdos_and_their_cost(self, command: Command, tmp_path: Path) -> None:
         path = written(tmp_path)
         told = command("plan", "wall", "--drive", path).out
-        for text in ("TPDO3 381h", "TPDO5 181h", "RPDO5 201h", "fixed mapping", "75 bits a period more than is needed"):
+        for text in ("TPDO3 381h", "TPDO5 181h", "RPDO5 201h", "fixed mapping", "75 unneeded bits per period"):
             assert text in told
         rows = json.loads(command("plan", "wall", "--drive", path, "--json").out)["pdos"]
         assert [(row["name"], row["fixed"], row["not_needed"]) for row in rows] == [
@@ -70,4 +70,4 @@ class TestFixedMapping:
         path = written(tmp_path, {number: maps for number, maps in RPDOS.items() if number != 5})
         done = command("plan", "wall", "--drive", path)
         assert done.status == 4
-        assert "no RPDO that can be switched on carries 6071h target torque" in done.err
+        assert "no active RPDO carries 6071h target torque" in done.err

@@ -43,9 +43,9 @@ def test_a_problem_is_measured_with_every_method_and_step(command: Command, tmp_
     [
         ("growth", "Error along the run", ["growth", "growth-force"]),
         ("sources", "Where the error comes from", ["sources"]),
-        ("integrator", "Does preserving stability matter in the loop?", ["integrator", "integrator-flick"]),
+        ("integrator", "Does the integrator's own stability matter in the loop?", ["integrator", "integrator-flick"]),
         ("region", "Stiffness and damping: the region that is stable", ["friction-plane", "region"]),
-        ("cost", "What each scene leaves out, and what each part costs", ["cost"]),
+        ("cost", "Omitted parts of each scene, and cost of each part", ["cost"]),
     ],
 )
 def test_every_section_is_written(

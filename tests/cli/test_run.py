@@ -92,7 +92,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--duration", "-1"), 2, "duration -1"),
         (("wall", "--seed", "-1"), 2, "seed -1"),
         (("wall", "--bus", "simm"), 2, "nearest: sim"),
-        (("wall", "--bus", "modbus-tcp:10.0.0.1:x"), 2, "a port, 1 to 65535"),
+        (("wall", "--bus", "modbus-tcp:10.0.0.1:x"), 2, "expected a port after the host, 1 to 65535"),
         (("wall", "--hand", "pusk"), 2, "push"),
         (("wall", "--set", "wall.stiffness"), 2, "element.parameter=value"),
         (("wall", "--change", "wall.stiffness=4"), 2, "SECONDS:element.parameter=value"),
@@ -116,7 +116,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--nope"), 2, "No such option"),
         ((), 2, "Missing argument"),
         (("wall", "--set", "wall.stiffness=3000"), 4, "is unstable"),
-        (("wall", "--drive", "generic_cia402", "--rate", "8000"), 4, "Would fit"),
+        (("wall", "--drive", "generic_cia402", "--rate", "8000"), 4, "Fits: --rate"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
 )

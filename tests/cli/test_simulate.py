@@ -21,8 +21,8 @@ pytestmark = pytest.mark.xdist_group("peers")
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "--bus says where the drives are hosted"),
-        (("--bus", "sim"), 'bus "sim": no other program can join it; host on socketcan:can0'),
+        ((), "--bus is required: the bus on which the drives are hosted"),
+        (("--bus", "sim"), 'bus "sim": other programs cannot join it; host on socketcan:can0'),
         (("--bus", "virtual:a", "--drive", "maxon_epos5"), 'no profile "maxon_epos5"'),
         (("--bus", "virtual:a", "--node", "200"), "node 200"),
         (("--bus", "virtual:a", "--hand", "foot"), 'no hand "foot"'),
@@ -44,7 +44,7 @@ def test_faults_of_the_master_s_controller_are_not_hosted(command: Command, tmp_
     path.write_text('[[fault]]\nkind = "bus_off"\nat = 1.0\n')
     finished = command("simulate", "--bus", "virtual:a", "--faults", str(path))
     assert finished.status == 2
-    assert 'fault "bus_off" is one of the bus or of the master\'s computer' in finished.err
+    assert 'fault "bus_off" is a fault of the bus or of the host' in finished.err
 
 
 def test_a_bus_that_does_not_open_is_a_failure(command: Command) -> None:

@@ -130,7 +130,7 @@ def test_the_failure_of_an_own_element_is_told_with_its_axis_name_file_and_line(
 def test_a_law_that_does_not_fit_its_call_is_told_with_the_file_of_its_class() -> None:
     scene = scene_of(Wall("handle", 100.0), Own())
     found = failed_in(FAILED, TypeError("takes 1 positional argument"), scene)
-    assert found.detail == f"element own: a call of Own ended in TypeError: takes 1 positional argument ({__file__})"
+    assert found.detail == f"element own: a call of Own raised TypeError: takes 1 positional argument ({__file__})"
 
 
 def test_an_error_that_no_own_element_raised_stays_as_it_is() -> None:

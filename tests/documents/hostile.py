@@ -118,6 +118,6 @@ TOML = {
     "quotes": ('a = """' + '"" ' * 60_000, "not TOML"),
     "escaped quotes": ('a = "' + '\\"' * 100_000, "not TOML"),
     "escaped long quotes": ('a = """' + '\\"""' * 50_000, "not TOML"),
-    "wrong values": ("".join(f"k{number} = {{ x = 1 }}\n" for number in range(1_000)), "the first 100 faults"),
+    "wrong values": ("".join(f"k{number} = {{ x = 1 }}\n" for number in range(1_000)), "the first 100 errors"),
 }
 """TOML texts of a size that is read, and a part of what is said of them."""

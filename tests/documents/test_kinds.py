@@ -29,7 +29,7 @@ def test_another_kind_of_file_is_told(wanted: str, given: str, tmp_path: Path) -
     with pytest.raises(DocumentError) as caught:
         LOADERS[wanted](path)
     (fault,) = caught.value.faults
-    assert str(fault).startswith(f"this is {given}, and not {wanted}; give it as ")
+    assert str(fault).startswith(f"this is {given}, not {wanted}; use it as ")
     assert str(path) in str(fault)
 
 
@@ -47,7 +47,7 @@ def test_profiles_check_says_that_a_rig_is_one(tmp_path: Path, capsys: pytest.Ca
         main(["profiles", "check", str(path)])
     assert stopped.value.code == 2
     told = " ".join(capsys.readouterr().out.split())
-    assert f"this is a rig, and not a drive profile; give it as --rig {path};" in told
+    assert f"this is a rig, not a drive profile; use it as --rig {path};" in told
 
 
 def test_an_empty_file_has_the_faults_of_what_was_wanted(tmp_path: Path) -> None:

@@ -56,22 +56,32 @@ def test_a_number_with_its_unit_is_the_si_value(
             "600 N/m",
             Quantity.STIFFNESS,
             ROTARY,
-            "a stiffness in N·m/rad, as the axis is rotary; N/m measures a stiffness on a linear axis",
+            "a stiffness in N·m/rad, because the axis is rotary; N/m is a unit of a stiffness on a linear axis",
         ),
-        ("20 mm", Quantity.STIFFNESS, LINEAR, "a stiffness in N/m, as the axis is linear; mm measures a length on a"),
-        ("3 furlong", Quantity.LENGTH, LINEAR, "a length in m, as the axis is linear; the unit is not known"),
+        (
+            "20 mm",
+            Quantity.STIFFNESS,
+            LINEAR,
+            "a stiffness in N/m, because the axis is linear; mm is a unit of a length on a",
+        ),
+        ("3 furlong", Quantity.LENGTH, LINEAR, "a length in m, because the axis is linear; unknown unit"),
         (
             "3 mm",
             Quantity.MASS,
             ROTARY,
-            "a moment of inertia in kg·m², as the axis is rotary; mm measures a length on a",
+            "a moment of inertia in kg·m², because the axis is rotary; mm is a unit of a length on a",
         ),
-        ("3 N", Quantity.EFFORT, ROTARY, "a torque in N·m, as the axis is rotary; N measures a force on a linear axis"),
-        ("3 rpm", Quantity.FREQUENCY, LINEAR, "a frequency in Hz; rpm measures a speed on a rotary axis"),
+        (
+            "3 N",
+            Quantity.EFFORT,
+            ROTARY,
+            "a torque in N·m, because the axis is rotary; N is a unit of a force on a linear axis",
+        ),
+        ("3 rpm", Quantity.FREQUENCY, LINEAR, "a frequency in Hz; rpm is a unit of a speed on a rotary axis"),
         ("3", Quantity.LENGTH, LINEAR, 'a number without quotes, or one with its unit such as "2 m"'),
         ("far", Quantity.LENGTH, LINEAR, 'a number without quotes, or one with its unit such as "2 m"'),
         ("", Quantity.RATIO, LINEAR, "a number without quotes"),
-        ("3 m", Quantity.RATIO, LINEAR, "a number without a unit; m measures a length on a linear axis"),
+        ("3 m", Quantity.RATIO, LINEAR, "a number without a unit; m is a unit of a length on a linear axis"),
     ],
 )
 def test_another_unit_is_told_what_it_measures(text: str, quantity: Quantity, workspace: Workspace, told: str) -> None:
@@ -123,7 +133,7 @@ def test_a_decimal_comma_is_refused_with_the_spelling_to_use(text: str, told: st
         ("1 nm/RAD", Quantity.STIFFNESS, ROTARY, 'as the axis is rotary; write "1 N·m/rad"'),
         ("1khz", Quantity.FREQUENCY, LINEAR, 'a frequency in Hz; write "1 kHz"'),
         ("2 KG", Quantity.MASS, LINEAR, 'as the axis is linear; write "2 kg"'),
-        ("1 sec", Quantity.TIME, LINEAR, "a time in s; the unit is not known; known: min, ms, s, µs"),
+        ("1 sec", Quantity.TIME, LINEAR, "a time in s; unknown unit; known: min, ms, s, µs"),
     ],
 )
 def test_a_unit_in_another_spelling_is_refused_with_the_spelling_to_use(

@@ -68,7 +68,7 @@ def test_somebody_who_never_stops_writing_is_told(path: Path) -> None:
         path.write_text("x" * next(texts), encoding="utf-8")
         return NEW
 
-    with pytest.raises(OSError, match="somebody else writes it"):
+    with pytest.raises(OSError, match="another program writes it"):
         edit_file(path, edit)
     assert os.listdir(path.parent) == [path.name]
 

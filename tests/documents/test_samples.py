@@ -50,10 +50,10 @@ def test_columns_are_found_by_their_names_wherever_they_stand(tmp_path: Path) ->
             "time,position,velocity\n0,1,1\n",
             [
                 "line 1: columns position and velocity; expected the columns time and position or velocity, separated "
-                "by commas, and one of these alone"
+                "by commas, and only one of these"
             ],
         ),
-        ("time,position,time\n0,1,2\n", ["line 1: time: stands 2 times; expected one column of this name"]),
+        ("time,position,time\n0,1,2\n", ["line 1: time: appears 2 times; expected one column with this name"]),
         ("time,position\n0,1\n", ["line 2: 1 rows of numbers; expected two or more"]),
         (
             "time,position\n0,x\n0.1\n,3\n0.2,nan\n0.3,-inf\n0.4,1e101\n0.5,1\n0.5,2\n0.4,3\n0.6,1\n",
@@ -78,7 +78,7 @@ def test_every_fault_is_told_with_its_line_and_column(text: str, faults: list[st
 def test_of_very_many_faults_the_first_are_told_and_the_others_counted(tmp_path: Path) -> None:
     found = faults_of(written(tmp_path, "time,position\n" + "".join(f"{row},x\n" for row in range(1000))))
     assert found[MOST_FAULTS - 1] == f'line {MOST_FAULTS + 1}: position: "x"; expected a number'
-    assert found[MOST_FAULTS:] == [f"and {1000 - MOST_FAULTS} faults more"]
+    assert found[MOST_FAULTS:] == [f"and {1000 - MOST_FAULTS} more errors"]
 
 
 def test_what_is_no_text_or_not_there_is_told(tmp_path: Path) -> None:

@@ -49,8 +49,8 @@ def test_every_part_is_read_as_it_stands(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ("load_inertia = 1.0e-5", "load_inertia = 6.0e-5", "a part of the axis' inertia"),
-        ("inertia = 6.0e-5\n", "", "a part of the axis' inertia, which must be given"),
+        ("load_inertia = 1.0e-5", "load_inertia = 6.0e-5", "less than the inertia of the axis"),
+        ("inertia = 6.0e-5\n", "", "less than the inertia of the axis, which is required"),
         (
             'mechanism = { kind = "rotary" }',
             'mechanism = { kind = "linear", metres_per_revolution = 0.05 }',

@@ -128,7 +128,7 @@ def test_an_unknown_name_is_answered_with_the_nearest_ones() -> None:
     with pytest.raises(UsageError) as caught:
         load_profile("maxon_epos5")
     assert str(caught.value).startswith('no profile "maxon_epos5"; nearest: maxon_epos4')
-    assert str(caught.value).endswith(". Profiles are listed by: haptic-fieldbus profiles list")
+    assert str(caught.value).endswith(". To list them: haptic-fieldbus profiles list")
 
 
 def test_profiles_inside_the_package_come_before_those_beside_it(
@@ -168,7 +168,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         "; nearest: int32, uint32, int8",
         "line 12: pdo.tpdo_types: missing; expected a list of at least 1, each a whole number from 0 to 255",
         "line 13: pdo.tpdo_typs: unknown key; nearest: tpdo_types, rpdo_types, tpdos",
-        "line 18: timing.torque_bandwidth: -5; expected a number above 0, from 0.001 to 1e9",
+        "line 18: timing.torque_bandwidth: -5; expected a number from 0.001 to 1e9",
     ]
 
 
@@ -205,12 +205,12 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         (
             "[position]",
             'actual = { object = 0x6071, type = "int16", unit = "permille_of_rated_torque" }\n[position]',
-            "line 10: torque.actual.object: 0x6071 is torque.target already; expected another object",
+            "line 10: torque.actual.object: 0x6071 is already used by torque.target; expected another object",
         ),
         (
             "[timing]",
             "fault_reaction_option = { object = 0x6007, value = 0 }\n[timing]",
-            "line 17: link_loss.fault_reaction_option.object: 0x6007 is link_loss.abort_connection_option already"
+            "line 17: link_loss.fault_reaction_option.object: 0x6007 is already used by link_loss.abort_connection_option"
             "; expected another object",
         ),
         (
@@ -231,13 +231,13 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         (
             'pdo = "measured"',
             'pdo = "measured"\n"pdo.tpod_types" = "measured"',
-            'line 24: sources."pdo.tpod_types": the source of an unknown key; nearest: pdo.tpdo_types, pdo.rpdo_types',
+            'line 24: sources."pdo.tpod_types": source of an unknown key; nearest: pdo.tpdo_types, pdo.rpdo_types',
         ),
-        ('pdo = "measured"', 'pdo = ""', 'line 23: sources.pdo: ""; expected text that is not empty'),
+        ('pdo = "measured"', 'pdo = ""', 'line 23: sources.pdo: ""; expected a non-empty string'),
         (
             'evidence = "hardware"',
             'evidence = "hardware"\nusable = false',
-            'line 7: drive.usable: false without its reason; expected an entry "drive.usable" in [sources]',
+            'line 7: drive.usable: false without a reason; expected an entry "drive.usable" in [sources]',
         ),
     ],
 )
@@ -262,7 +262,7 @@ def test_a_drive_may_offer_velocity_beside_its_position_or_alone(tmp_path: Path)
 
 def test_a_drive_that_offers_neither_is_refused_in_one_sentence(tmp_path: Path) -> None:
     assert faults_of(tmp_path, (POSITION, ""), (SOURCE, "")) == [
-        "position: missing, and so is [velocity]; expected position.actual, velocity.actual or both"
+        "position: missing, like [velocity]; expected position.actual, velocity.actual or both"
     ]
 
 
@@ -280,7 +280,7 @@ def test_a_drive_that_offers_neither_is_refused_in_one_sentence(tmp_path: Path) 
         (
             "0x606C",
             "0x6071",
-            "line 11: velocity.actual.object: 0x6071 is torque.target already; expected another object",
+            "line 11: velocity.actual.object: 0x6071 is already used by torque.target; expected another object",
         ),
     ],
 )

@@ -141,19 +141,19 @@ def test_a_limit_has_the_unit_of_its_mechanism(tmp_path: Path) -> None:
             "rated_torque = 0.1",
             'rated_torque = "8 N"',
             'line 9: axis.handle.rated_torque: "8 N"; expected a torque in N·m, at the motor shaft; '
-            "N measures a force on a linear axis",
+            "N is a unit of a force on a linear axis",
         ),
         (
             "effort = 8",
             'effort = "94 mN·m"',
-            'line 21: axis.handle.limits.effort: "94 mN·m"; expected a force in N, as the axis is linear; '
-            "mNm measures a torque on a rotary axis",
+            'line 21: axis.handle.limits.effort: "94 mN·m"; expected a force in N, because the axis is linear; '
+            "mNm is a unit of a torque on a rotary axis",
         ),
         (
             "metres_per_revolution = 0.05",
             'metres_per_revolution = "5 deg"',
             'line 17: axis.handle.mechanism.metres_per_revolution: "5 deg"; expected a length in m, at the handle; '
-            "deg measures an angle on a rotary axis",
+            "deg is a unit of an angle on a rotary axis",
         ),
         (
             "bitrate = 500_000",
@@ -169,7 +169,7 @@ def test_a_limit_has_the_unit_of_its_mechanism(tmp_path: Path) -> None:
         (
             "[-0.10, 0.10]",
             '["10 cm", "-10 cm"]',
-            'line 23: axis.handle.limits.position: ["10 cm", "-10 cm"]; expected the lower limit before the upper one',
+            'line 23: axis.handle.limits.position: ["10 cm", "-10 cm"]; expected the lower limit first',
         ),
     ],
 )

@@ -29,17 +29,17 @@ class Peculiarity:
 
 PECULIARITIES = {
     # Form.
-    "a comment behind a value": Peculiarity("6502 DefaultValue=0x03ED ; modes", fault="a comment behind a value"),
-    "CompactPDO": Peculiarity("DeviceInfo CompactPDO=1", fault="PDO parameters left out are not filled in"),
+    "a comment after a value": Peculiarity("6502 DefaultValue=0x03ED ; modes", fault="a comment after a value"),
+    "CompactPDO": Peculiarity("DeviceInfo CompactPDO=1", fault="missing PDO parameters are not added"),
     "a limit beyond its type": Peculiarity("6085 HighLimit=4294967296", fault="does not fit into UNSIGNED32"),
     "a negative number of an unsigned type": Peculiarity(
         "6065 DefaultValue=-1\n6065 LowLimit=-1", fault='"-1" does not fit into UNSIGNED32'
     ),
     "octets of Windows-1252": Peculiarity("Comments Line1=made with “Tool”", fault="octet 93h is no UTF-8"),
-    "fewer sub-indices than SubNumber": Peculiarity("1018 SubNumber=0x9", fault="0x9, but 5 sub-indices are there"),
+    "fewer sub-indices than SubNumber": Peculiarity("1018 SubNumber=0x9", fault="0x9, but the file has 5 sub-indices"),
     "an object in no list": Peculiarity(
         "2FFF ParameterName=Forgotten\n2FFF DataType=0x6\n2FFF AccessType=ro",
-        fault="is in none of the lists",
+        fault="is in no list of objects",
     ),
     "access types in capitals": Peculiarity("6071 AccessType=RWW\n6064 AccessType=RO\n1000 AccessType=CONST"),
     "the node-ID in other capitals": Peculiarity(
@@ -129,7 +129,7 @@ class Sheet:
 NO_TARGET = "there is no 6071h target torque"
 SHEETS = {
     "cyclic_torque.dcf": Sheet(
-        ("a comment behind a value", "CompactPDO", "the node-ID of a DCF", "configured values beside the defaults",
+        ("a comment after a value", "CompactPDO", "the node-ID of a DCF", "configured values beside the defaults",
          "PDOs without an identifier", "no SYNC objects", "wide types and strings"),
         mode=10,
     ),

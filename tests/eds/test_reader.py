@@ -128,35 +128,35 @@ class TestNumbers:
     ("changes", "message"),
     [
         ({"ParameterName": None}, "line 9: [6040] ParameterName: missing"),
-        ({"ObjectType": "0x63"}, "line 11: [6040] ObjectType: 99 is no object code: taken as a variable"),
+        ({"ObjectType": "0x63"}, "line 11: [6040] ObjectType: 99 is not an object code: treated as a variable"),
         ({"DataType": None}, "line 9: [6040] DataType: missing: the length of the value is not known"),
         ({"DataType": "0x40"}, "line 12: [6040] DataType: 0040h is no basic data type: its length is not known"),
-        ({"DataType": "sixteen"}, 'line 12: [6040] DataType: "sixteen" is no number'),
+        ({"DataType": "sixteen"}, 'line 12: [6040] DataType: "sixteen" is not a number'),
         (
             {"AccessType": None},
-            "line 9: [6040] AccessType: missing, expected one of ro, wo, rw, rwr, rww, const: taken as ro",
+            "line 9: [6040] AccessType: missing, expected one of ro, wo, rw, rwr, rww, const: treated as ro",
         ),
         (
             {"AccessType": "always"},
-            'line 13: [6040] AccessType: "always", expected one of ro, wo, rw, rwr, rww, const: taken as ro',
+            'line 13: [6040] AccessType: "always", expected one of ro, wo, rw, rwr, rww, const: treated as ro',
         ),
-        ({"DefaultValue": "0x1G"}, 'line 14: [6040] DefaultValue: "0x1G" is no number'),
+        ({"DefaultValue": "0x1G"}, 'line 14: [6040] DefaultValue: "0x1G" is not a number'),
         ({"DefaultValue": "65536"}, 'line 14: [6040] DefaultValue: "65536" does not fit into UNSIGNED16'),
         ({"DefaultValue": "-1"}, 'line 14: [6040] DefaultValue: "-1" does not fit into UNSIGNED16'),
         (
             {"DefaultValue": "$NODEID*2"},
             'line 14: [6040] DefaultValue: "$NODEID*2" is no sum of $NODEID and a number',
         ),
-        ({"DataType": "0x8", "DefaultValue": "much"}, 'line 14: [6040] DefaultValue: "much" is no number'),
+        ({"DataType": "0x8", "DefaultValue": "much"}, 'line 14: [6040] DefaultValue: "much" is not a number'),
         (
             {"DataType": "0x8", "DefaultValue": "0x4120000000"},
             'line 14: [6040] DefaultValue: "0x4120000000" does not fit into REAL32',
         ),
         ({"DataType": "0xA", "DefaultValue": "xyz"}, 'line 14: [6040] DefaultValue: "xyz" is no row of octets'),
-        ({"PDOMapping": "yes"}, 'line 15: [6040] PDOMapping: "yes" is no number'),
+        ({"PDOMapping": "yes"}, 'line 15: [6040] PDOMapping: "yes" is not a number'),
         (
             {"DefaultValue": "1 ; one"},
-            "line 14: [6040] DefaultValue: a comment behind a value; expected a line of its own",
+            "line 14: [6040] DefaultValue: a comment after a value; expected it on a separate line",
         ),
     ],
 )
@@ -173,25 +173,25 @@ def test_a_fault_of_an_entry_is_told_with_its_line_and_the_entry_is_kept(
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("[6040]\n" + section(), "line 10: [6040]: stands in line 9 already: both are taken together"),
-        (section() + "DataType=0x6\n", "line 16: [6040] DataType: stands in line 12 already"),
+        ("[6040]\n" + section(), "line 10: [6040]: already in line 9: both are merged"),
+        (section() + "DataType=0x6\n", "line 16: [6040] DataType: already in line 12"),
         (section() + "nonsense\n", 'line 16: [6040]: "nonsense" is no key with a value'),
-        (section() + section("6041"), "line 16: [6041]: is in none of the lists of objects"),
+        (section() + section("6041"), "line 16: [6041]: is in no list of objects"),
         (
             section("6040sub1"),
-            "line 9: [6040sub1]: [6040], the object itself, is missing: taken as a record",
+            "line 9: [6040sub1]: [6040], the object itself, is missing: treated as a record",
         ),
         (
             section(ObjectType="9") + section("6040sub0"),
-            "line 9: [6040] SubNumber: missing, but 1 sub-indices are there",
+            "line 9: [6040] SubNumber: missing, but the file has 1 sub-indices",
         ),
         (
             section(ObjectType="9", SubNumber="2") + section("6040sub0"),
-            "line 16: [6040] SubNumber: 2, but 1 sub-indices are there",
+            "line 16: [6040] SubNumber: 2, but the file has 1 sub-indices",
         ),
         (
             section() + section("6040sub1"),
-            "line 11: [6040] ObjectType: a variable with sub-indices: they are read, it is taken as a record",
+            "line 11: [6040] ObjectType: a variable with sub-indices: treated as a record",
         ),
         ("", None),
     ],
@@ -208,7 +208,7 @@ def test_faults_of_lists_are_told() -> None:
     text = file_of(section()).replace("SupportedObjects=1", "SupportedObjects=3") + "[OptionalObjects]\n2=0x6041\n"
     assert faults(text) == [
         "line 5: [OptionalObjects] SupportedObjects: 3, but 2 are listed",
-        "line 16: [OptionalObjects]: stands in line 4 already: both are taken together",
+        "line 16: [OptionalObjects]: already in line 4: both are merged",
         "line 17: [OptionalObjects] 2: [6041] is not in this file",
     ]
 
@@ -217,12 +217,12 @@ def test_missing_sections_are_told_and_not_needed() -> None:
     eds = read("stray\n" + section())
     assert eds.device.vendor_number is None
     assert [str(fault) for fault in eds.faults] == [
-        "[MandatoryObjects]: this list of objects is missing",
-        "[OptionalObjects]: this list of objects is missing",
-        "[ManufacturerObjects]: this list of objects is missing",
+        "[MandatoryObjects]: the list of objects is missing",
+        "[OptionalObjects]: the list of objects is missing",
+        "[ManufacturerObjects]: the list of objects is missing",
         "[DeviceInfo]: this section is missing",
-        'line 1: "stray" stands before the first section',
-        "line 2: [6040]: is in none of the lists of objects",
+        'line 1: "stray" is before the first section',
+        "line 2: [6040]: is in no list of objects",
     ]
 
 
@@ -264,14 +264,14 @@ def test_the_device_is_described() -> None:
     assert (device.bit_rates, device.tpdos, device.rpdos, device.granularity) == ((500, 1000), 4, None, 0)
     assert (device.lss, eds.node, eds.dummies) == (True, 127, (5,))
     assert [str(fault) for fault in eds.faults] == [
-        "line 10: [DeviceInfo] CompactPDO: PDO parameters left out are not filled in"
+        "line 10: [DeviceInfo] CompactPDO: missing PDO parameters are not added"
     ]
 
 
 def test_a_number_of_the_device_that_is_none_is_told() -> None:
     eds = read(file_of(section()).replace("[DeviceInfo]\n", "[DeviceInfo]\nVendorNumber=acme\n"))
     assert eds.device.vendor_number is None
-    assert [str(fault) for fault in eds.faults] == ['line 2: [DeviceInfo] VendorNumber: "acme" is no number']
+    assert [str(fault) for fault in eds.faults] == ['line 2: [DeviceInfo] VendorNumber: "acme" is not a number']
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])

@@ -20,13 +20,13 @@ NODE = 5
 EVERY = both(SHEETS, FILES)
 
 FAULTS = {name: sheet.faults for name, sheet in SHEETS.items()} | {
-    "elmo_gold_drive.dcf": ["CompactPDO", "a comment behind a value"],
+    "elmo_gold_drive.dcf": ["CompactPDO", "a comment after a value"],
     "eyou_yiyouservo_v1_4.eds": ["does not fit into UNSIGNED16"],
     "faulhaber_605_3150_55_d.eds": ["octet 94h is no UTF-8: the file is read as Windows-1252"],
     "igus_dryve_d1.eds": ["CompactPDO"],
     "orientalmotor_blvd_krd_v400.eds": ['"-1" does not fit into UNSIGNED32'],
-    "pilz_prbt_0_1.dcf": ["8, but 1 sub-indices are there", "4, but 3 sub-indices are there"],
-    "schunk_erb415_ros.eds": ["is in none of the lists of objects"],
+    "pilz_prbt_0_1.dcf": ["8, but the file has 1 sub-indices", "4, but the file has 3 sub-indices"],
+    "schunk_erb415_ros.eds": ["is in no list of objects"],
 }
 """Files in which something is wrong, and what; found by looking into each."""
 

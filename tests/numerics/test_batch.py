@@ -177,7 +177,7 @@ def test_more_loops_than_a_block_are_the_same_loops() -> None:
         ({"stiffness": math.nan}, "nan: expected a number as stiffness"),
         ({"delay": -1e-3}, "delay -0.001: expected a number from 0 up"),
         ({"saturation": 0.0}, "saturation 0: expected a force above 0"),
-        ({"coulomb": 0.1, "lag": 1e-4}, "coulomb 0.1: expected no torque loop's lag beside friction"),
+        ({"coulomb": 0.1, "lag": 1e-4}, "coulomb 0.1: expected torque loop lag 0 with friction"),
     ],
 )
 def test_loops_that_cannot_be_are_refused_with_the_limit(wrong: dict[str, Any], sentence: str) -> None:

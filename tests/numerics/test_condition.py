@@ -75,5 +75,7 @@ def test_one_coefficient_of_one_is_enough(positive: float, negative: float) -> N
 
 
 def test_two_smaller_coefficients_are_refused_in_a_sentence() -> None:
-    with pytest.raises(ValueError, match=r"positive_coefficient 0\.5, negative_coefficient 0\.2: expected one of them"):
+    with pytest.raises(
+        ValueError, match=r"positive_coefficient 0\.5, negative_coefficient 0\.2: expected 1 for the stronger side"
+    ):
         check_coefficients(0.5, 0.2, "stiffness")

@@ -218,7 +218,7 @@ def test_a_band_that_is_not_given_is_one_encoder_count() -> None:
         ("moving-average:window=2.5", r"window=2.5: expected a whole number from 1 to 256$"),
         ("moving-average:window=nan", r"window=nan: expected a whole number"),
         ("moving-average:window=x", r"window=x: expected a whole number"),
-        ("moving-average:window=3,window=4", r"moving-average: window stands twice"),
+        ("moving-average:window=3,window=4", r"moving-average: window is set twice"),
         ("low-pass:pole=1", r"low-pass: pole=1: expected a number from 0 to 0.9999$"),
         ("filtered-derivative:tau=-1", r"tau=-1: expected a number from 0 to 10 s$"),
         ("filtered-derivative:mapping=tustin", r"mapping=tustin: expected one of forward, backward, .*, exact"),

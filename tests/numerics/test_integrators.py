@@ -184,7 +184,7 @@ def test_a_puck_on_a_ramp_is_followed_exactly_at_the_samples() -> None:
 def test_an_implicit_method_without_a_solution_is_refused() -> None:
     """1 − T·λ = 0"""
     growing = StateSpace(np.array([[4.0]]), np.array([[1.0]]), np.array([[1.0]]), np.array([[0.0]]))
-    with pytest.raises(UsageError, match=r"backward-euler has no step of 0.25 s .* a shorter period has one"):
+    with pytest.raises(UsageError, match=r"backward-euler has no step of 0.25 s .* use a shorter period"):
         discrete(growing, 0.25, "backward-euler")
 
 

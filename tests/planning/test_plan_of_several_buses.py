@@ -90,7 +90,9 @@ def test_node_ids_may_repeat_and_ours_is_free_on_each_bus() -> None:
 
 @pytest.mark.parametrize(("left", "right", "full"), [(250_000, 1_000_000, "can0"), (1_000_000, 250_000, "can1")])
 def test_the_bus_that_is_too_full_is_named(left: int, right: int, full: str) -> None:
-    with pytest.raises(BusOverloadError, match=rf"^bus {full}: 1000 Hz needs 285 bits a period: 117 % of 250000 bit/s"):
+    with pytest.raises(
+        BusOverloadError, match=rf"^bus {full}: 1000 Hz needs 285 bits per period: 117 % of 250000 bit/s"
+    ):
         two_buses(left, right)
 
 

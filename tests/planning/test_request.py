@@ -77,7 +77,7 @@ def test_what_an_interface_takes_beyond_the_channel_follows_behind_commas(
 
 
 def test_a_bit_rate_that_is_not_given_is_asked_for_before_the_arguments() -> None:
-    assert parse_bus("socketcand:can0,port=29536").assumed.endswith("Give it as socketcand:can0@BITRATE")
+    assert parse_bus("socketcand:can0,port=29536").assumed.endswith("Write it as socketcand:can0@BITRATE")
 
 
 @pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BIT_RATE), ("sim@500000", 500_000)])
@@ -109,21 +109,24 @@ def test_a_rig_may_name_the_simulation_by_its_interface(text: str, channel: str,
         ("socketcna:can0", "nearest: socketcan"),
         ("can0", "nearest: socketcan:can0"),
         ("vcan1@500000", "nearest: socketcan:vcan1@500000"),
-        ("socketcan", "lacks its channel"),
-        ("socketcan:can0,receive_own_messages=true", "receive_own_messages would show the master its own frames"),
-        ("socketcan:", "lacks its channel"),
-        ("socketcan:@500000", "lacks its channel"),
-        ("sim:1", "written sim[@BITRATE]"),
-        ("sim@", "after @ stands the bit rate"),
-        ("sim@fast", "after @ stands the bit rate"),
-        ("sim@-500000", "after @ stands the bit rate"),
-        ("sim@9600", "outside of what CAN can do"),
-        ("pcan:PCAN_USBBUS1@5000000", "outside of what CAN can do"),
-        ("haptic_sim:bench@5000000", "outside of what CAN can do"),
+        ("socketcan", "has no channel"),
+        (
+            "socketcan:can0,receive_own_messages=true",
+            "receive_own_messages would make the master receive its own frames",
+        ),
+        ("socketcan:", "has no channel"),
+        ("socketcan:@500000", "has no channel"),
+        ("sim:1", "write sim[@BITRATE]"),
+        ("sim@", "expected the bit rate in bit/s after @"),
+        ("sim@fast", "expected the bit rate in bit/s after @"),
+        ("sim@-500000", "expected the bit rate in bit/s after @"),
+        ("sim@9600", "for CAN"),
+        ("pcan:PCAN_USBBUS1@5000000", "for CAN"),
+        ("haptic_sim:bench@5000000", "for CAN"),
         ("", 'no bus ""'),
         ("modbus:192.168.0.2:502", "modbus-tcp:HOST[:PORT]"),
-        ("modbus-tcp", "lacks its channel"),
-        ("modbus-tcp:192.168.0.2:port", "a port, 1 to 65535"),
+        ("modbus-tcp", "has no channel"),
+        ("modbus-tcp:192.168.0.2:port", "expected a port after the host, 1 to 65535"),
         ("modbus-rtu:/dev/ttyUSB0@fast", "the bit rate in bit/s"),
         ("sim-modbus-rtu@5", "1200 to 20000000"),
         ("sim-modbus-tcp:bench", "has no channel"),

@@ -197,7 +197,7 @@ class Own:
 
 def test_the_linear_model_of_an_own_element_has_one_form() -> None:
     check_rendering(Task(scene_of(Own(gain([[0.0, 0.0]])))))
-    told = r"scene: element own: linearised\(\) must give a StateSpace of 2 inputs and 1 output"
+    told = r"scene: element own: linearised\(\) must return a StateSpace with 2 inputs and 1 output"
     for wrong in (3, gain([[0.0]])):
         with pytest.raises(UsageError, match=told):
             check_rendering(Task(scene_of(Own(wrong))))

@@ -63,7 +63,9 @@ def test_a_drive_has_one_guard_at_most(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text.replace("[link_loss]\n", "[link_loss]\nlife_guarding = true\n"), encoding="utf-8")
     line = text[: text.index("[link_loss]")].count("\n") + 2
-    words = rf"mine.toml: line {line}: link_loss\.life_guarding: true beside link_loss\.heartbeat_consumer; expected"
+    words = (
+        rf"mine.toml: line {line}: link_loss\.life_guarding: true together with link_loss\.heartbeat_consumer; expected"
+    )
     with pytest.raises(ProfileError, match=words):
         load_profile(path)
 
@@ -86,7 +88,7 @@ def test_an_own_profile_is_a_file_and_has_a_name_of_its_own(tmp_path: Path) -> N
     with pytest.raises(UsageError, match="is not a file"):
         profile_file("folder", tmp_path)
     (tmp_path / "maxon_epos4.toml").write_text("schema = 1\n", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"is both .* and the shipped"):
+    with pytest.raises(UsageError, match=r"both .* and the shipped"):
         profile_file("maxon_epos4", tmp_path)
 
 

@@ -44,9 +44,9 @@ class TestMixedUp:
         return protocol_named("toy")
 
     def test_a_bus_of_another_protocol_is_no_can_bus(self) -> None:
-        with pytest.raises(TypeError, match="toy:toy is no CAN bus"):
+        with pytest.raises(TypeError, match="toy:toy is not a CAN bus"):
             can_section(parse_bus("toy").section)
-        with pytest.raises(UsageError, match='bus "toy" is no CAN bus, the rig\'s socketcan:can0 is one'):
+        with pytest.raises(UsageError, match='bus "toy" is not a CAN bus, but socketcan:can0 of the rig is'):
             PROTOCOL.in_place_of(CanSection("socketcan", "can0"), parse_bus("toy"), None)
 
     def test_a_bus_that_is_named_takes_the_place_of_one_of_a_rig(self) -> None:
@@ -58,7 +58,7 @@ class TestMixedUp:
 
         toy = load_profile(PLUGIN / "toy_drive.toml")
         axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="toy")
-        with pytest.raises(UsageError, match="toy works Mover speaks toy; here a CANopen drive is needed"):
+        with pytest.raises(UsageError, match="toy works Mover uses toy; expected a CANopen drive"):
             PROTOCOL.axis_traffic(axis, CanSection("haptic_sim", "sim"), toy, (), ())
         traffic = self.toy().axis_traffic(axis, parse_bus("toy").section, toy, (), ())
         with pytest.raises(TypeError, match="expected PDOs, not ToyAxis"):
@@ -89,5 +89,5 @@ def test_a_bit_rate_may_have_its_prefix(text: str, rate: int) -> None:
 
 @every("text", ["sim@1m", "sim@1 M", "sim@M", "sim@1G", "sim@0.3k1", "sim@" + "9" * 5000])
 def test_another_spelling_of_a_bit_rate_is_refused_with_one_that_is_understood(text: str) -> None:
-    with pytest.raises(UsageError, match=r"after @ stands the bit rate in bit/s, for example @500000, @500k or @1M$"):
+    with pytest.raises(UsageError, match=r"expected the bit rate in bit/s after @, for example @500000, @500k or @1M$"):
         parse_bus(text)

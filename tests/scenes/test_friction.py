@@ -219,7 +219,10 @@ def test_it_asks_for_velocity_only_for_window_and_damping() -> None:
         ({"damping": -1.0}, "greater than or equal to 0"),
         ({"dead_band": -1e-3}, "greater than or equal to 0"),
         ({"positive_coefficient": 1.1}, "less than or equal to 1"),
-        ({"positive_coefficient": 0.5, "negative_coefficient": 0.5}, "expected one of them to be 1, as coulomb is"),
+        (
+            {"positive_coefficient": 0.5, "negative_coefficient": 0.5},
+            "expected 1 for the stronger side, which coulomb describes",
+        ),
     ],
 )
 def test_parameters_without_a_meaning_are_refused(wrong: dict[str, object], message: str) -> None:

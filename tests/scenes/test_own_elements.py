@@ -74,9 +74,9 @@ class TestUsedLikeOurs:
         with pytest.raises(SceneError) as caught:
             load_scene(write(tmp_path, text))
         assert [str(fault) for fault in caught.value.faults] == [
-            "line 7: element[0].limit: -3.0; expected a number above 0, from 1e-9 to 1e9",
-            'line 8: element[0].position: "10 N"; expected a length in m, as the axis is linear; '
-            "N measures a force on a linear axis",
+            "line 7: element[0].limit: -3.0; expected a number from 1e-9 to 1e9",
+            'line 8: element[0].position: "10 N"; expected a length in m, because the axis is linear; '
+            "N is a unit of a force on a linear axis",
             "line 9: element[0].colour: unknown key; known: axis, limit, name, position, stiffness",
         ]
 
@@ -199,11 +199,11 @@ class TestBroken:
             (
                 "    __pydantic_config__: ClassVar = STRICT\n",
                 "",
-                "a file could give it anything: write __pydantic_config",
+                "files could set it to any value: add __pydantic_config",
             ),
-            ("= STRICT", "= {}", "a file could give it anything: write __pydantic_config__: ClassVar = STRICT"),
+            ("= STRICT", "= {}", "files could set it to any value: add __pydantic_config__: ClassVar = STRICT"),
             ('    name: str = "own"\n', "", 'no field "name"'),
-            ("    axis: str\n", "", 'expected one field "axis", or "axes" where it acts on two'),
+            ("    axis: str\n", "", 'expected one field "axis", or "axes" for two axes'),
             ("axis: str", "axes: tuple[str, str]", "expected begin, not ['force']"),
             ("def needs", "def wants", "no needs"),
             ("def linearised", "def straight", "no linearised"),
@@ -249,9 +249,13 @@ class TestBroken:
             (
                 "[[-self.stiffness, 0.0]]",
                 "[[-self.stiffness]]",
-                "linearised() must give a StateSpace of 2 inputs and 1 ou",
+                "linearised() must return a StateSpace with 2 inputs and 1 ou",
             ),
-            ("gain([[-self.stiffness, 0.0]])", "None", "linearised() must give a StateSpace of 2 inputs and 1 output"),
+            (
+                "gain([[-self.stiffness, 0.0]])",
+                "None",
+                "linearised() must return a StateSpace with 2 inputs and 1 output",
+            ),
         ],
     )
     def test_as_an_element(self, broken: Broken, old: str, new: str, told: str) -> None:
@@ -344,7 +348,7 @@ def test_two_packages_with_one_name_are_both_named(tmp_path: Path, monkeypatch: 
         element_type("twin")
     for package in ("twin_one", "twin_two"):
         assert f"{package} 1.0 (entry point {package}:Own)" in str(caught.value)
-    assert str(caught.value).endswith("several packages add it; uninstall all but one")
+    assert str(caught.value).endswith("several packages provide it; uninstall all but one")
     assert not {"twin_one", "twin_two"} & set(sys.modules)
 
 
@@ -355,8 +359,7 @@ def test_a_shipped_element_keeps_its_name(tmp_path: Path, monkeypatch: pytest.Mo
     assert type(wall).__module__ == "haptic_fieldbus.scenes.wall"
     (listed,) = own_elements()
     assert listed.fault == (
-        'element "wall" of walled 1.0 (entry point walled:Own): '
-        "a shipped element has this name, and scenes get that one"
+        'element "wall" of walled 1.0 (entry point walled:Own): a shipped element has this name and is used instead'
     )
     assert kind_names() == list(ELEMENTS)
     assert "walled" not in sys.modules
@@ -389,7 +392,7 @@ class Own:
 MADE = {
     "begin": ("Own.begin raised KeyError: 'table'", 'raise KeyError("table")', KeyError),
     "law": ("Own.begin.<locals>.law raised OSError: no disk", 'raise OSError("no disk")', OSError),
-    "call": ("a call of Own ended in TypeError: ", "", TypeError),
+    "call": ("a call of Own raised TypeError: ", "", TypeError),
     "linearised": ("Own.linearised raised RuntimeError: no model", 'raise RuntimeError("no model")', RuntimeError),
 }
 """Words, the text of the line, and the class of each error."""

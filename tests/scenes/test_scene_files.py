@@ -117,7 +117,7 @@ def test_an_unknown_name_is_answered_with_the_nearest_ones() -> None:
     with pytest.raises(UsageError) as caught:
         load_scene("damped_wal")
     assert str(caught.value).startswith('no scene "damped_wal"; nearest: damped_wall')
-    assert str(caught.value).endswith(". Scenes are listed by: haptic-fieldbus scenes list")
+    assert str(caught.value).endswith(". To list them: haptic-fieldbus scenes list")
 
 
 def test_settings_replace_and_add_parameters_of_named_elements(tmp_path: Path) -> None:
@@ -155,8 +155,8 @@ def test_an_unknown_element_or_parameter_is_wrong_usage(setting: str, message: s
 @pytest.mark.parametrize(
     ("setting", "value", "message"),
     [
-        ("wall.stiffness", -3.0, "--set wall.stiffness: -3.0; expected a number above 0, from 1e-12 to 1e12"),
-        ("wall.stiffness", float("nan"), "--set wall.stiffness: nan; expected a number above 0, from 1e-12 to 1e12"),
+        ("wall.stiffness", -3.0, "--set wall.stiffness: -3.0; expected a number from 1e-12 to 1e12"),
+        ("wall.stiffness", float("nan"), "--set wall.stiffness: nan; expected a number from 1e-12 to 1e12"),
         (
             "wall.stiffness",
             "800",
@@ -185,7 +185,7 @@ def test_a_faulty_file_is_told_before_a_setting_that_it_may_have_caused(tmp_path
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('description = "Between two walls"', "description = 1", "line 1: description: 1; expected text"),
+        ('description = "Between two walls"', "description = 1", "line 1: description: 1; expected a string"),
         (
             '"linear"',
             '"liner"',
@@ -209,25 +209,25 @@ def test_a_faulty_file_is_told_before_a_setting_that_it_may_have_caused(tmp_path
         (
             'name = "left"',
             "",
-            'line 10: element[1].name: missing; expected one, as the kind "wall" stands twice',
+            'line 10: element[1].name: missing; expected a name, because the kind "wall" is used twice',
         ),
-        ('"left"', '"right"', 'line 12: element[1].name: "right" stands twice; expected a name of its own'),
-        ('"left"', "3", "line 12: element[1].name: 3; expected text"),
+        ('"left"', '"right"', 'line 12: element[1].name: "right" is used twice; expected a unique name'),
+        ('"left"', "3", "line 12: element[1].name: 3; expected a string"),
         (
             'axis = "handle"',
             'axis = "handel"',
             "line 7: element[0].axis: no [axis.handel] in this file; nearest: handle",
         ),
-        ('axis = "handle"', "", "line 4: element[0].axis: missing; expected text"),
+        ('axis = "handle"', "", "line 4: element[0].axis: missing; expected a string"),
         (
             "stiffness = 500",
             "stiffness = -500",
-            "line 8: element[0].stiffness: -500; expected a number above 0, from 1e-12 to 1e12",
+            "line 8: element[0].stiffness: -500; expected a number from 1e-12 to 1e12",
         ),
         (
             "stiffness = 500",
             "stiffness = nan",
-            "line 8: element[0].stiffness: nan; expected a number above 0, from 1e-12 to 1e12",
+            "line 8: element[0].stiffness: nan; expected a number from 1e-12 to 1e12",
         ),
         ("position = 0.02", "posishun = 0.02", "line 9: element[0].posishun: unknown key; nearest: position"),
         (

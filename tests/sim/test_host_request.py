@@ -33,10 +33,10 @@ class TestRequest:
     @pytest.mark.parametrize(
         ("texts", "first", "said"),
         [
-            (["a@5", "b@5"], 1, "node-ID 5 is asked for twice"),
+            (["a@5", "b@5"], 1, "node-ID 5 is used twice"),
             (["a"], 0, "node 0: a node-ID is a whole number from 1 to 127"),
             (["a@200"], 1, "expected profile@node-ID"),
-            (["a", "b"], 127, "no node-ID is left for b"),
+            (["a", "b"], 127, "no free node-ID for b"),
         ],
     )
     def test_impossible_node_ids_are_refused(self, texts: list[str], first: int, said: str) -> None:
@@ -49,7 +49,7 @@ class TestRequest:
             joined_bus(bus)
 
     def test_a_drive_of_another_protocol_than_its_bus_is_refused(self) -> None:
-        with pytest.raises(UsageError, match="generic_cia402_modbus speaks modbus, and virtual:x is a bus of canopen"):
+        with pytest.raises(UsageError, match="generic_cia402_modbus uses modbus, but virtual:x is a canopen"):
             resolve(HostRequest(["generic_cia402_modbus"], "virtual:x"))
 
     def test_all_that_is_wrong_is_told_at_once(self) -> None:
@@ -66,12 +66,17 @@ class TestRequest:
     @pytest.mark.parametrize(
         ("bus", "drive", "fault", "said"),
         [
-            ("virtual:x", "generic_cia402", AnswerLost("answer_lost", 1.0), "answer_lost.*none .* on canopen"),
+            (
+                "virtual:x",
+                "generic_cia402",
+                AnswerLost("answer_lost", 1.0),
+                'drives on canopen do not support the fault "answer_lost"',
+            ),
             (
                 "modbus-tcp:127.0.0.1:0",
                 "generic_cia402_modbus",
                 SyncIgnored("sync_ignored", 1.0),
-                "sync_ignored.*modbus",
+                "modbus.*sync_ignored",
             ),
         ],
     )

@@ -30,10 +30,10 @@ from tests.number_style import strange_numbers
 TOOLS = Tools(api.run, api.plan)
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 QUESTIONS = (
-    "What does exactness cost?",
+    "What does accuracy cost?",
     "How does the error grow along a run?",
-    "Is it stable on stiff and extreme cases?",
-    "What does each scene leave out?",
+    "Is the loop stable in stiff and extreme cases?",
+    "What does a scene omit?",
 )
 MEASURE = """<script>addEventListener("load", () => {
   const data = document.body.dataset, first = document.getElementById("first").getBoundingClientRect();
@@ -113,7 +113,7 @@ def test_one_figure_shows_every_method_on_all_problems_and_in_the_loop() -> None
     assert len([line for line in drawn.axes[0].lines if line.get_alpha()]) == 2 * len(METHODS), "each problem, faint"
     assert len(drawn.axes[1].lines) == len(loops) + 1
     told = work_precision.problems_finding([*alone, *loops])
-    assert "off by 10 % of the largest force" in told
+    assert "has an error of 10 % of the largest force" in told
     assert "1.00 times the computing" in told
     assert work_precision.problems_finding(alone) == ""
 
@@ -124,7 +124,9 @@ def test_a_line_a_scene_says_what_it_leaves_out() -> None:
     text = plain_text(cost.lines(plans, costs).replace("<td", "|<td"))
     assert "|wall|velocity, estimator, integrator, virtual states|1.79 (1.78 to 1.85)" in text
     assert "|virtual_shaft|integrator, virtual states|6.47 (6.47 to 6.47)" in text
-    assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(cost.scenes_finding(plans, costs))
+    assert "of wall takes 1.8 µs of computing, one of virtual_shaft (2 axes) 6.5 µs" in plain_text(
+        cost.scenes_finding(plans, costs)
+    )
     reasons = cost.reasons(plans)
     assert "no element needs it" in reasons
     assert "<td>12</td>" in reasons, "8 octets in and 4 out for each axis"

@@ -38,5 +38,5 @@ def test_the_border_ends_where_damping_takes_what_the_hold_gives() -> None:
 def test_the_page_tells_how_many_ended_as_predicted() -> None:
     text, document = part([plane(20.0, 6, 500)])
     assert "Friction and encoder" in text
-    assert "of the plane away from it end so" in text
+    assert "of the plane away from it agree" in text
     assert document.startswith("<")

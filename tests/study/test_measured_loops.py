@@ -208,8 +208,8 @@ def test_quick_and_full_report_tell_the_same_of_the_passivity_controller() -> No
         ]
         quick, full = (page.limit_texts(each) for each in found)
         assert quick == full
-    assert quick == ("at 1.05 times its limit of stability, and not at 0.95 times",
-                     "at no stiffness up to 3 times its limit of stability")  # fmt: skip
+    assert quick == ("at 1.05 times the limit of stability, and not at 0.95 times",
+                     "at no stiffness up to 3 times the limit of stability")  # fmt: skip
 
 
 @pytest.mark.thorough("runs each of the shares")
@@ -218,4 +218,4 @@ def test_what_is_measured_of_the_controller_is_the_same_quickly_and_in_full() ->
         page.limit_texts(list(passivity.decays(TOOLS, shares, page.DURATION))) for shares in (page.QUICK, page.FULL)
     ]
     assert told[0] == told[1]
-    assert told[0][0] == "at 1.05 times its limit of stability, and not at 0.95 times"
+    assert told[0][0] == "at 1.05 times the limit of stability, and not at 0.95 times"

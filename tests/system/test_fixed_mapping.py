@@ -117,7 +117,7 @@ def test_the_generic_profile_uses_the_fixed_mapping_of_the_drive_that_it_meets()
 def test_an_object_that_no_fixed_mapping_carries_is_named() -> None:
     profile = fixed_profile()
     kept = tuple(each for each in profile.pdo.tpdo_fixed if each.number == 3)
-    with pytest.raises(ImageTooLargeError, match="carries 6077h:00 torque actual value, and their mapping is fixed"):
+    with pytest.raises(ImageTooLargeError, match="carries 6077h:00 torque actual value, and the mapping is fixed"):
         force_on(replace(profile, pdo=replace(profile.pdo, tpdo_fixed=kept)), profile, 0.0)
 
 
@@ -125,4 +125,4 @@ def test_a_drive_that_maps_otherwise_than_its_profile_says_is_not_enabled() -> N
     other = fixed_profile({**RPDOS, 5: (TARGET_TORQUE, CONTROLWORD)})
     with pytest.raises(BusConfigurationError) as refused:
         force_on(fixed_profile(), other, 0.1)
-    assert "1604h maps 60710010h, 60400010h into RPDO5; the profile says 60400010h, 60710010h" in str(refused.value)
+    assert "1604h maps 60710010h, 60400010h into RPDO5, but the profile says 60400010h, 60710010h" in str(refused.value)

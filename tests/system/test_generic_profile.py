@@ -180,6 +180,6 @@ def test_beside_the_drive_of_a_file_a_run_says_what_the_drive_lacks(file: str, t
         hosting.kill()
         hosting.communicate()
     assert run.returncode == 0 or TOO_SLOW.search(err), err
-    assert "of no particular drive, and this one has no" in err
+    assert "is a generic profile, and this drive lacks" in err
     assert "6007h:00 abort connection option code" in err
     assert ("at most 5 % of rated torque" in err) is (file in WITHOUT_GUARD)

@@ -65,4 +65,4 @@ def test_a_request_of_somebody_else_takes_the_torque_away() -> None:
         bench.event = lambda: bench.other.send(request)
         assert bench.run() < 0.01
         assert isinstance(bench.error, SafetyTripError)
-        assert "node guarding request to node 1 (701h) came, and not from us" in str(bench.error)
+        assert "received node guarding request to node 1 (701h), which we did not send" in str(bench.error)

@@ -110,7 +110,7 @@ def test_a_line_that_is_slower_than_the_plan_counts_is_named() -> None:
         rendered(TCP, faults.AnswerDelayed("answer_delayed", AT, 0.0002, MANY))
     assert isinstance(ended.value.result, Result)
     (told,) = (each for each in ended.value.result.warnings if "too late for their period" in each)
-    assert "State its round_trip in the rig" in told
+    assert "Measure round_trip with haptic-fieldbus doctor" in told
 
 
 @pytest.mark.thorough("proofs of guards")

@@ -201,7 +201,7 @@ def test_another_process_gives_the_same_frames(tmp_path: Path) -> None:
 
 
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_numbers() -> None:
-    with pytest.raises(BusOverloadError, match=r"5000 Hz needs 285 bits a period: 1\d\d %"):
+    with pytest.raises(BusOverloadError, match=r"5000 Hz needs 285 bits per period: 1\d\d %"):
         run("wall", drive="generic_cia402", rate=5000.0)
 
 

@@ -116,7 +116,8 @@ def test_a_forged_command_in_contact_takes_the_torque_away(bench: Bench, name: s
             bench.forge(*COMMANDS[name])
 
     bus.open(bench.plans[1])
-    with pytest.raises(SafetyTripError, match=rf"\({COMMANDS[name][0]:03X}h\) came, and not from us.*torque is off"):
+    sentence = rf"\({COMMANDS[name][0]:03X}h\), which we did not send.*torque is off"
+    with pytest.raises(SafetyTripError, match=sentence):
         run_loop(bench.plans[1], cycle, bus, bench.clock, cycles=1000, progress=progress)
     assert cycle.trip is not None
     assert (cycle.trip.kind, int(cycle.trip.value)) == (TripKind.FOREIGN_MASTER, COMMANDS[name][0])
@@ -143,7 +144,7 @@ class TestTwoOfUs:
         first = Loop(bench, 1)
         first.bus.open(first.plan)
         second = CanopenBus(TakingTurns(first), bench.clock, owned=True)
-        with pytest.raises(ForeignMasterError, match=r"within 1 s came SYNC \(080h\) .*Nothing was sent"):
+        with pytest.raises(ForeignMasterError, match=r"received SYNC \(080h\) .*within 1 s\..*Nothing was sent"):
             second.open(bench.plans[2])
         assert 0x602 not in {can_id for _, can_id, _ in bench.frames}
         assert {data[1] for _, can_id, data in bench.frames if can_id == 0x000} == {1}, (
@@ -335,8 +336,8 @@ class TestProcesses:
             hosted.send(0x77F, b"\x05")
             _, err = running.communicate(timeout=STARTS_WITHIN)
             assert running.returncode == 3, err
-            assert "listened for 1 s, nothing sent; heard " in err
-            assert "heartbeat of node 127 (77Fh) came, and not from us" in err
+            assert "listened for 1 s without sending; received " in err
+            assert "heartbeat of node 127 (77Fh), which we did not send" in err
             late = hosted.run(1)
             while late.poll() is None:
                 hosted.send(0x77F, b"\x05")

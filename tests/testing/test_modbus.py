@@ -86,7 +86,7 @@ def test_a_line_may_be_a_pseudo_terminal(
 def test_what_cannot_be_there_is_refused() -> None:
     with pytest.raises(UsageError, match='a Modbus line does not support the fault "bus_off"'):
         VirtualModbusLine(faults=FaultPlan((BusOff("bus_off", 0.1),)))
-    with pytest.raises(PlanError, match="speaks Modbus RTU"):
+    with pytest.raises(PlanError, match="supports Modbus RTU"):
         VirtualModbusLine([DriveRequest("simplex_motion")])
     with pytest.raises(UsageError, match=r"kinds of faults bus_off: expected some of .*answer_lost"):
         plan_faults("random@1", kinds=["bus_off"], possible=("answer_lost", "silence"))

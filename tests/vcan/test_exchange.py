@@ -94,7 +94,7 @@ class TestFilter:
         assert heard.woken == 2
         assert heard.handled == [b"\x01"]
         assert heard.wire.sentences == [
-            f"{heard.wire.name}: the CAN controller reported: error passive by transmit errors 1×. Check wiring, "
+            f"{heard.wire.name}: CAN controller error: error passive by transmit errors 1×. Check wiring, "
             "terminators and bit rate"
         ]
 

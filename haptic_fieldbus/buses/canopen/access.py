@@ -86,7 +86,7 @@ class BusObserver:
         return f"another master on {self._wire.name}: {', '.join(map(frame_words, can_ids))}"
 
     def _yield_to(self, words: str) -> None:
-        self.masters = self.masters or f"{words}; nothing is asked any more, only heard"
+        self.masters = self.masters or f"{words}; requests stopped, listening only"
 
     def _look_at(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> DriveReading:
         now_ns = self._wire.clock.now_ns
@@ -147,8 +147,8 @@ def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:
 QUESTIONS = 200
 ANSWER_NS = 100_000_000
 SLOW = (
-    "the adapter holds frames back, or the drive answers late: use a SocketCAN adapter in the place of a serial one, "
-    "and see usb_latency_timer"
+    "the adapter delays frames, or the drive answers late: use a SocketCAN adapter instead of a serial one, and see "
+    "usb_latency_timer"
 )
 
 
@@ -172,7 +172,7 @@ def round_trips(wire: Wire, node: int, questions: int = QUESTIONS) -> list[float
 
 def round_trip_checks(node: int, times: list[float], asked: int, rate: float) -> tuple[Check, Check]:
     """Return the checks of the usual round trip and of its jitter, for a loop of this rate [Hz]."""
-    silent = f"{NO_ANSWER_ADVICE}; `haptic-fieldbus scan` lists the nodes that are there"
+    silent = f"{NO_ANSWER_ADVICE}; `haptic-fieldbus scan` lists the nodes"
     return timing_checks(f"node {node}", times, asked, rate, silent=silent, slow=SLOW)
 
 

@@ -68,7 +68,7 @@ class ErrorFrames:
         if not self._heard:
             return None
         told = ", ".join(f"{words} {number}×" for words, number in self._heard.items())
-        return f"{bus}: the CAN controller reported: {told}. Check wiring, terminators and bit rate"
+        return f"{bus}: CAN controller error: {told}. Check wiring, terminators and bit rate"
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ def _said(error: Exception) -> str:
 def _bus(error: Exception) -> str:
     if is_queue_full(error):
         return (
-            "the transmit queue is full (ENOBUFS): is another node there to acknowledge? "
-            "A longer queue: ip link set CHANNEL txqueuelen 1000"
+            "the transmit queue is full (ENOBUFS): is another node on the bus to acknowledge? To lengthen the queue: "
+            "ip link set CHANNEL txqueuelen 1000"
         )
     if _number(error) in (errno.ENETDOWN, errno.ENODEV, errno.ENXIO):
         return f"the interface is down or gone: {_said(error)}. See: ip -details link show"
@@ -103,7 +103,7 @@ def _bus(error: Exception) -> str:
 
 TABLE = (
     Translation(canopen.SdoAbortedError, BusConfigurationError, _abort),
-    Translation(canopen.SdoCommunicationError, BusConfigurationError, lambda error: f"answered wrongly: {error}"),
+    Translation(canopen.SdoCommunicationError, BusConfigurationError, lambda error: f"wrong answer: {error}"),
     Translation(SdoError, BusConfigurationError, _said),
     Translation(NmtError, BusConfigurationError, _said),
     Translation(LssError, BusConfigurationError, _said),

@@ -83,8 +83,8 @@ class Guard:
             self.node.write(PRODUCER_HEARTBEAT, 0)
         except BusConfigurationError as error:
             raise BusConfigurationError(
-                f"{self.node.label} sends a heartbeat every {held} ms and cannot be told not to ({error}); such a node "
-                "answers no node guarding. Give its profile another guard than link_loss.life_guarding"
+                f"{self.node.label} sends a heartbeat every {held} ms and refuses to stop it ({error}); such a node "
+                "answers no node guarding. Use another watchdog than link_loss.life_guarding in its profile"
             ) from error
 
 

@@ -127,8 +127,8 @@ NMT_COMMANDS = {NmtState.OPERATIONAL: 0x01, NmtState.STOPPED: 0x02, NmtState.PRE
 HEARTBEAT_STATE, TOGGLE = 0x7F, 0x80
 """Masks of the state in a heartbeat, and of the toggle bit in an answer to node guarding."""
 REPEATED = (
-    "{0.label} answered node guarding {0.repeated} times with the toggle bit of the answer before, and such an answer "
-    "does not count: answers were lost, or the node repeats itself"
+    "{0.label} repeated the toggle bit in {0.repeated} node guarding answers; these do not count: answers were lost, "
+    "or the node repeats itself"
 )
 GUARDING_NS = 10_000_000
 """Time between two requests of node guarding, while an NMT state is waited for."""
@@ -199,7 +199,7 @@ class Node:
         data = self._upload(entry, timeout)
         if len(data) < entry.type.size:
             raise BusConfigurationError(
-                f"{self.label}, reading {entry}: {len(data)} octets came, {entry.type.value} was expected"
+                f"{self.label}, reading {entry}: received {len(data)} octets, expected {entry.type.value}"
             )
         return entry.type.unpack(data[: entry.type.size])
 
@@ -259,7 +259,7 @@ class Node:
         held = self.read(entry)
         if held != value:
             raise BusConfigurationError(
-                f"{self.label} did not keep {entry}: {_shown(value)} was written, {_shown(held)} is read back"
+                f"{self.label} did not keep {entry}: wrote {_shown(value)}, read back {_shown(held)}"
             )
 
     def command(self, state: NmtState) -> None:
@@ -283,11 +283,11 @@ class Node:
             else:
                 self._await(state, deadline_ns)
         if self.state != state:
-            said = "none came" if self.state is None else f"the last says {nmt_state_name(self.state)}"
+            said = "none came" if self.state is None else f"the last one reports {nmt_state_name(self.state)}"
             sign = "answer to node guarding" if self.guarded else "heartbeat"
             raise BusTimeoutError(
-                f"{self.label} was told to go {nmt_state_name(state)}, but no {sign} confirmed it in "
-                f"{exactly(timeout)} s: {said}. A raised error register (1001h) can keep a node from starting"
+                f"{self.label} did not confirm {nmt_state_name(state)} within {exactly(timeout)} s (no {sign}): "
+                f"{said}. A raised error register (1001h) can keep a node from starting"
             )
 
     def _await(self, state: NmtState, deadline_ns: int) -> None:

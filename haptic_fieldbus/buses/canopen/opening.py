@@ -59,13 +59,13 @@ def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_
         yield from (link.driver(), link.state(), link.bit_rate(), link.queue())
     else:
         yield Check("driver", None, f"{section.interface}, by python-can")
-        told = f"{section.bitrate} bit/s asked for; the adapter does not tell what it does"
+        told = f"{section.bitrate} bit/s requested; the adapter does not report its bit rate"
         yield Check("bit_rate", None, told)
-        yield Check("queue", None, f"{section.interface} tells no queue")
+        yield Check("queue", None, f"{section.interface} reports no queue")
     if section.interface in SERIAL:
         yield latency_timer(section.channel.split("@")[0], root)
     else:
-        yield Check("usb_latency_timer", None, "none, the bus is on no serial port")
+        yield Check("usb_latency_timer", None, "none: the bus uses no serial port")
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class SocketCanLink:
         channel = self.section.channel
         folder = self.root / "class" / "net" / channel
         if not folder.exists():
-            advice = f"there is no {channel}: plug the adapter in; its name is shown by: ip -details link show type can"
+            advice = f"no {channel}: plug the adapter in; to list names: ip -details link show type can"
             return Check("driver", False, f"no interface {channel}", advice)
         name = (folder / "device" / "driver").resolve().name if (folder / "device" / "driver").exists() else "virtual"
         return Check("driver", True, name)
@@ -98,27 +98,24 @@ class SocketCanLink:
         """Check that the interface is up, and its controller takes part in the bus."""
         channel, flags = self.section.channel, self.details.get("flags", [])
         if not self.details:
-            return Check(
-                "state", None, "unknown: `ip` tells nothing", "install iproute2, so that the state can be read"
-            )
+            return Check("state", None, "unknown: no output of `ip`", "install iproute2 to read the state")
         if "UP" not in flags:
             return Check("state", False, "down", f"bring it up: {_up(self.section, virtual=self._virtual)}")
         controller = self._can.get("state", "virtual" if self._virtual else "unknown")
         if controller in HEALTHY or self._virtual:
             return Check("state", True, f"up, {controller.lower()}")
         advice = (
-            "frames are lost or not acknowledged: check that a second node has power and the same bit rate, CAN high "
-            "and CAN low, and both 120 Ω terminators (60 Ω between the lines); then: "
-            f"{_up(self.section, virtual=False)}"
+            "frames are lost or not acknowledged: check power and bit rate of a second node, CAN high and CAN low, "
+            f"and both 120 Ω terminators (60 Ω between the lines); then: {_up(self.section, virtual=False)}"
         )
         return Check("state", False, f"up, {controller.lower()} ({channel})", advice)
 
     def bit_rate(self) -> Check:
         asked, found = self.section.bitrate, self._can.get("bittiming", {}).get("bitrate")
         if found is None:
-            return Check("bit_rate", None, "none, a virtual bus has no bits" if self._virtual else "unknown")
+            return Check("bit_rate", None, "none: a virtual bus has no bit rate" if self._virtual else "unknown")
         advice = "" if found == asked else f"set it: {_up(self.section, virtual=False)}"
-        return Check("bit_rate", found == asked, f"{found} bit/s, {asked} asked for", advice)
+        return Check("bit_rate", found == asked, f"{found} bit/s, requested {asked}", advice)
 
     def queue(self) -> Check:
         channel = self.section.channel
@@ -170,7 +167,7 @@ ADVICE: Mapping[str, str] = {
     "serial": f'install "python-can[serial]" by pip, {_PORT} serial:/dev/ttyUSB0',
     "slcan": f'install "python-can[serial]" by pip, {_PORT} slcan:/dev/ttyACM0',
     "socketcan": "type an interface that is up, as `ip -details link show type can` lists them",
-    "socketcand": "install nothing, but give the daemon, for example socketcand:can0,host=192.168.1.20,port=29536",
+    "socketcand": "no driver needed; give the daemon, for example socketcand:can0,host=192.168.1.20,port=29536",
     "systec": f"install the USB-CANmodul driver of SYS TEC, which is for Windows only; {_SOCKETCAN}",
     "udp_multicast": "type a multicast group, for example udp_multicast:239.74.163.2",
     "usb2can": 'install the CANAL driver of 8devices, which is for Windows only, and "pywin32" by pip',
@@ -185,13 +182,13 @@ PACKAGES: Mapping[str, tuple[str, str]] = {
     ),
 }
 """Module that an interface imports, and the advice in place of the one above where it is not installed."""
-OF_A_PACKAGE = "install what the package of this interface asks for"
+OF_A_PACKAGE = "install the driver that the package of this interface requires"
 """Advice for an interface that another package adds to python-can."""
 SILENT = logging.NullHandler()
 """A single one, however often nothing can be opened; it stays until something can."""
 MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
 """Level and number of IP_MULTICAST_ALL and IPV6_MULTICAST_ALL of Linux, which the module `socket` does not name."""
-LEAKING = "hears other groups on its port too: give each bus a port of its own, port=NUMBER"
+LEAKING = "receives other groups on its port too: give each bus its own port, port=NUMBER"
 """Addition to the name of a bus that cannot be kept apart from others."""
 _MOST_DRAINED = 10_000
 _NO_DRIVER = (NameError, AttributeError, ImportError)

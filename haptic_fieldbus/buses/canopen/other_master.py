@@ -101,7 +101,7 @@ class ForeignMaster:
         """Raise ForeignMasterError when a command came since we listened; `done` tells how far we got."""
         if self.cob_id is not None:
             raise ForeignMasterError(
-                f"another master on {bus}: {frame_words(self.cob_id)} came while we prepared. "
+                f"another master on {bus}: received {frame_words(self.cob_id)} during setup. "
                 f"{advice((self.cob_id,), self._one.master_node)}. {done}"
             )
 
@@ -111,7 +111,9 @@ class ForeignMaster:
             self.cob_id = can_id
         elif weight is Severity.QUESTION and can_id not in self._told:
             self._told.add(can_id)
-            self._warn(f"somebody else asks our drives: {frame_words(can_id)}. Torque was not affected")
+            self._warn(
+                f"another program sends SDO requests to our drives: {frame_words(can_id)}. Torque was not affected"
+            )
 
 
 def frame_words(can_id: int) -> str:
@@ -127,7 +129,7 @@ def code_of(can_id: int) -> int:
 def advice(masters: Collection[int], master_node: int) -> str:
     """Return what to do about somebody else, by the frames that were heard."""
     only = set(masters) == {HEARTBEAT_COB_ID + master_node}
-    words = "A bus has one master: end the other, and put axes that share a bus into one rig"
+    words = "A bus has one master: end the other one, and put axes that share a bus into one rig"
     if only:
         words += f"; or, if a device has the node-ID {master_node}, choose another master_node for the bus in the rig"
     return words
@@ -135,7 +137,7 @@ def advice(masters: Collection[int], master_node: int) -> str:
 
 # Listening to a bus before anything is sent on it, and the refusal of a bus that has a master already.
 
-DEAF = "It cannot be heard: a master that sends nothing or more rarely, and a node without heartbeat"
+DEAF = "Not detectable: a master that sends nothing or rarely, and a node without heartbeat"
 MOST_NAMED = 4
 """Kinds of frames that the sentence names; the others are counted."""
 
@@ -155,22 +157,25 @@ class FrameCounts:
     def sentence(self) -> str:
         """Return a line for people: the frames that came, and what could not be heard."""
         if not self.seconds:
-            return f"{self.bus}: not listened to before sending (bus listen = 0)"
-        return f"{self.bus}: listened for {exactly(self.seconds)} s, nothing sent; heard {_named(self.frames)}. {DEAF}"
+            return f"{self.bus}: not checked for another master (bus listen = 0)"
+        return (
+            f"{self.bus}: listened for {exactly(self.seconds)} s without sending; received {_named(self.frames)}. "
+            f"{DEAF}"
+        )
 
     def refuse_noise(self) -> None:
         """Raise BusError when nothing but error frames came: what is sent at a wrong bit rate destroys other frames."""
         if self.frames and all(can_id & ERROR_FLAG for can_id in self.frames):
             raise BusError(
-                f"{self.bus}: within {exactly(self.seconds)} s came nothing but error frames, so nothing was sent: "
-                "is the bit rate that of the other devices? Check CAN high and CAN low, and both 120 Ω terminators"
+                f"{self.bus}: only error frames within {exactly(self.seconds)} s, so nothing was sent: do all devices "
+                "use this bit rate? Check CAN high and CAN low, and both 120 Ω terminators"
             )
 
     def refuse(self, master_node: int) -> None:
         """Raise ForeignMasterError when a master was heard; `master_node` is our own node-ID."""
         if self.masters:
             raise ForeignMasterError(
-                f"another master on {self.bus}: within {exactly(self.seconds)} s came {_named(self.masters)}. "
+                f"another master on {self.bus}: received {_named(self.masters)} within {exactly(self.seconds)} s. "
                 f"{advice(self.masters, master_node)}. Nothing was sent"
             )
 

@@ -106,7 +106,7 @@ class NodeRelease(DriveRelease[Command]):
 class Release(BusRelease[NodeRelease]):
     """The release of all drives of one CAN bus."""
 
-    hint = "; with its guard on it may report an error"
+    hint = "; with its watchdog armed it may report an error"
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class Release(BusRelease[NodeRelease]):
                 if not parting.free:
                     self._to_pre_operational(parting)
         self._looks += 1
-        if not self._try("nothing was heard of the drives", partial(self._listen, deadline_ns)):
+        if not self._try("no answer from the drives", partial(self._listen, deadline_ns)):
             self._clock.sleep_until(deadline_ns)  # a bus that is gone waits for nothing by itself
         return self._over()
 
@@ -169,21 +169,21 @@ class Release(BusRelease[NodeRelease]):
         """Send target torque 0 and controlword *disable voltage*."""
         for cob_id, data in self._torque_free:
             self._try(
-                f"torque-free set-point {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, bytes(data))
+                f"set-point of zero torque {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, bytes(data))
             )
 
     def _listen(self, deadline_ns: int) -> None:
-        self._try("the drives were not asked by SYNC", partial(self._sync, deadline_ns))
+        self._try("SYNC to the drives was not sent", partial(self._sync, deadline_ns))
         while not self._settled and self._clock.now_ns() < deadline_ns:
             self._step(self._clock.now_ns())
             self._wire.pump(deadline_ns)
 
     def _step(self, now_ns: int) -> None:
         for parting in self._partings:
-            self._try(f"{parting.label} was not reached by SDO", partial(parting.step, now_ns))
+            self._try(f"6040h = 0 by SDO was not sent to {parting.label}", partial(parting.step, now_ns))
 
     def _to_pre_operational(self, parting: NodeRelease) -> None:
-        self._try(f"{parting.label} was not told to go pre-operational", parting.to_pre_operational)
+        self._try(f"pre-operational was not sent to {parting.label}", parting.to_pre_operational)
 
     def _try(self, failure: str, action: Callable[[], object]) -> bool:
         """Do something that must not keep anything else from being done; False, and a warning, when it failed."""

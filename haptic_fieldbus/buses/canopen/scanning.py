@@ -61,7 +61,7 @@ def scan_bus(
     heard.refuse_noise()
     if heard.masters:
         words = ", ".join(frame_words(can_id) for can_id in sorted(heard.masters))
-        told = f"another master on {wire.name}: {words}. Nothing was asked, and only what was heard is shown"
+        told = f"another master on {wire.name}: {words}. No requests were sent; the list shows received frames only"
         return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), told)
     others: list[str] = []
     foreign = ForeignMaster(wire, one, others.append)
@@ -131,7 +131,7 @@ def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) ->
         serial,
         name or None,
         profile,
-        sure if drives else "no CiA 402 drive" if device_type is not None else None,
+        sure if drives else "not a CiA 402 drive" if device_type is not None else None,
         None if state is None else nmt_state_name(state),
         None if statusword is None else CIA402.state(statusword).value,
     )
@@ -148,13 +148,13 @@ def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]
     usable = [(profile, sureness) for profile, sureness in whole if profile.drive.usable]
     told = f"; it cannot render force by {', '.join(useless)}" if useless else ""
     if not usable:
-        missing = [f"it lacks {', '.join(map(str, each))} of {name}" for name, each in lacking.items() if each]
-        reasons = "; ".join(missing) or ("none" if useless else "none is of this vendor and product")
-        return None, f"no profile fits: {reasons}{told}{_axes_of(node)}"
+        missing = [f"{', '.join(map(str, each))} of {name} missing" for name, each in lacking.items() if each]
+        reasons = "; ".join(missing) or ("none" if useless else "no profile has this vendor and product")
+        return None, f"no matching profile: {reasons}{told}{_axes_of(node)}"
     best, sureness = usable[0]
     equal = [profile.name for profile, other in usable[1:] if other is sureness]
-    also = f"; {', '.join(equal)} would fit as well" if equal else ""
-    has = "what force needs" if best.drive.evidence == STANDARD else "all objects of the profile"
+    also = f"; {', '.join(equal)} would match too" if equal else ""
+    has = "the objects that force needs" if best.drive.evidence == STANDARD else "all objects of the profile"
     return best.name, f"{sureness.value}; it has {has}{also}{told}"
 
 

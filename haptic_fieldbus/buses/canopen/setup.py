@@ -74,7 +74,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
         if each.needed and not value:
             raise BusConfigurationError(
                 f"{node.label}: {each.name} ({each.entry.object:04X}h:{each.entry.subindex:02X}) is not set, so the "
-                f"drive does not know its motor. Commission it with {section.tool or 'the tool of its vendor'} first"
+                f"drive has no motor data. Commission it with {section.tool or 'the tool of its vendor'} first"
             )
         if value is not None:
             shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
@@ -95,7 +95,7 @@ def _left_out(profile: CanopenProfile) -> Iterator[str]:
     """Yield a sentence with what a profile of no particular drive names and this drive lacks."""
     lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
     if lacking:
-        yield f"{profile.title} is a profile of no particular drive, and this one has no {', no '.join(lacking)}"
+        yield f"{profile.title} is a generic profile, and this drive lacks {', '.join(lacking)}"
 
 
 def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
@@ -109,9 +109,9 @@ def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Itera
     limit, unit = axis.limits.speed, f"{axis.workspace.length_unit}/s"
     if allowed < limit:
         yield (
-            f"{node.label}: its {shown.name} of {value} {shown.unit} (6080h) is {rounded(allowed)} {unit} at "
-            f"the handle, below the {exactly(limit)} {unit} at which the run ends, so the drive may take torque "
-            f"away or fault before that. Raise it with the drive's tool, or lower axis.{axis.name}.limits.speed"
+            f"{node.label}: its {shown.name} of {value} {shown.unit} (6080h) is {rounded(allowed)} {unit} at the "
+            f"handle, below the trip limit of {exactly(limit)} {unit}. The drive may reduce torque or fault before "
+            f"the trip. Raise it with the drive's tool, or lower axis.{axis.name}.limits.speed"
         )
 
 
@@ -129,8 +129,8 @@ def _other_counts(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterat
     if abs(counts - expected) > 0.5:
         hint = ". Are the counts in the rig lines?" if round(counts) == 4 * expected else ""
         yield (
-            f"{node.label}: its encoder has {exactly(counts)} counts in a revolution (608Fh), the rig says {expected} "
-            f"(axis.{axis.name}.encoder_counts_per_revolution): positions, speeds and stiffnesses would be off by a "
+            f"{node.label}: its encoder has {exactly(counts)} counts per revolution (608Fh), the rig {expected} "
+            f"(axis.{axis.name}.encoder_counts_per_revolution). Positions, speeds and stiffnesses would be wrong by a "
             f"factor of {rounded(counts / expected)}, unless the drive scales its position{hint}"
         )
 
@@ -208,7 +208,7 @@ def _check_fixed(node: Node, pdo: Pdo) -> None:
     held, said = [node.read(place) for place in places], [entry.mapping for entry in pdo.entries]
     if held != said:
         raise BusConfigurationError(
-            f"{node.label}: {pdo.mapping_index:04X}h maps {_mappings(held)} into {pdo.name}; the profile says "
+            f"{node.label}: {pdo.mapping_index:04X}h maps {_mappings(held)} into {pdo.name}, but the profile says "
             f"{_mappings(said)}. Correct pdo.{pdo.direction.value.lower()}_fixed in the profile"
         )
 
@@ -236,7 +236,7 @@ SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
 COB_ID_MASK = 0x7FF
 SHAFT_FREE = 2  # abort connection option code (6007h): disable voltage
 SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
-NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
+NO_ANSWER_ADVICE = "check the power and the node-ID of the drive, the bit rate, the wiring and both 120 Ω terminators"
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
 
@@ -315,8 +315,8 @@ class Setup:
             ) from error
         if device_type & 0xFFFF != DRIVE_PROFILE:
             raise BusConfigurationError(
-                f"{self.node.label} is not a CiA 402 drive: its device type 1000h is {device_type:08X}h, "
-                f"a drive's ends in {DRIVE_PROFILE:04X}h"
+                f"{self.node.label} is not a CiA 402 drive: its device type 1000h is {device_type:08X}h; that of a drive "
+                f"ends in {DRIVE_PROFILE:04X}h"
             )
 
     def _check_identity(self) -> tuple[int, int]:
@@ -330,8 +330,8 @@ class Setup:
             if expected.product_codes:
                 wanted += ", product " + " or ".join(f"{code:08X}h" for code in expected.product_codes)
             raise BusConfigurationError(
-                f"{self.node.label} is another drive: 1018h says vendor {vendor:08X}h, product {product:08X}h; "
-                f"the profile {profile.name or profile.title} expects {wanted}. Nothing was written"
+                f"{self.node.label} is another drive: 1018h has vendor {vendor:08X}h, product {product:08X}h; the "
+                f"profile {profile.name or profile.title} expects {wanted}. Nothing was written"
             )
         return vendor, product
 
@@ -342,8 +342,8 @@ class Setup:
         code = self.node.optional(ERROR_CODE)
         cause = "" if code is None else f", error code {code:04X}h (603Fh)"
         raise DriveFaultError(
-            f"{self.node.label} is in the state {CIA402.state(statusword).value}{cause}. Remove the cause, then clear "
-            "it: switch the drive off and on, or write 6040h = 0 and then 80h with the drive's own tool"
+            f"{self.node.label} is in the state {CIA402.state(statusword).value}{cause}. Remove the cause, then reset "
+            "the fault: switch the drive off and on, or write 6040h = 0 and then 80h with the drive's own tool"
         )
 
     def _check_sync(self) -> None:
@@ -352,7 +352,7 @@ class Setup:
             return
         if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
             raise BusConfigurationError(
-                f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is needed"
+                f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is required"
             )
 
     def _disable(self) -> None:
@@ -363,7 +363,7 @@ class Setup:
             self.node,
             DISABLE_TIMEOUT,
             lambda: not self.energised(),
-            lambda: "was found enabled and stays so although it was told to disable voltage",
+            lambda: "is still enabled after the command disable voltage",
         )
 
     def energised(self, timeout: float = SDO_TIMEOUT) -> bool:
@@ -376,8 +376,8 @@ class Setup:
             if self.axis.rig.emergency_stop == "power":
                 return  # the plan permits little torque then
             raise BusConfigurationError(
-                f"{self.member.profile.title} has no watch on its master, or no reaction to its loss (profile: "
-                "link_loss): it could hold the last torque when the cable breaks; refused"
+                f"{self.member.profile.title} has no watchdog, or no reaction to a lost master (profile: link_loss). "
+                "It could hold the last torque when the cable breaks; refused"
             )
         self.guard.arm()
         for option, value in self._reactions:
@@ -397,7 +397,7 @@ class Setup:
             read_only = getattr(error.__cause__, "code", None) == READ_ONLY
             if alone or not read_only or self.member.profile.drive.evidence != STANDARD:
                 raise
-            self.warn(f"{self.node.label}: {entry} can only be read, and stays {self.node.read(entry)}")
+            self.warn(f"{self.node.label}: {entry} is read-only and stays {self.node.read(entry)}")
 
     @property
     def guard(self) -> Guard:
@@ -423,7 +423,7 @@ class Setup:
         option = self.member.profile.link_loss.abort_connection_option
         # Without 6007h a lost link is a fault, after which 605Eh says the same of the shaft.
         reaction = SHAFT_FREE if option is None else self._reactions[0][1]
-        words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
+        words = SHAFT_WORDS.get(reaction, f"reaction of the drive as configured ({reaction})")
         return f"on link loss {words} within {self._deadline_ms} ms"
 
     def _set_mode(self) -> None:
@@ -433,5 +433,5 @@ class Setup:
             self.node,
             self.member.profile.timing.mode_change_timeout,
             lambda: self.node.read(MODE_DISPLAY) == mode,
-            lambda: f"did not take over mode of operation {mode}: {MODE_DISPLAY} says {self.node.read(MODE_DISPLAY)}",
+            lambda: f"did not accept mode of operation {mode}: {MODE_DISPLAY} is {self.node.read(MODE_DISPLAY)}",
         )

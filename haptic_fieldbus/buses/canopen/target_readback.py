@@ -35,7 +35,7 @@ def check_asked(node: Node, entry: ObjectEntry) -> None:
         node.read(entry)
     except BusConfigurationError as error:
         raise BusConfigurationError(
-            f'{error}; its profile says torque.echo = "asked". With "none" torque stays within '
+            f'{error}; its profile has torque.echo = "asked". With "none" torque is limited to '
             f"{percent(HOLDING_SHARE)} of rated"
         ) from error
 
@@ -104,4 +104,4 @@ class TargetReadback:
         elif not self._refused:
             self._refused = True
             code = int.from_bytes(data[4:8], "little") if data[0] >> 5 == ABORTED else 0
-            self._warn(f"{self._node.label} refused to tell {self._entry} (abort {code:08X}h)")
+            self._warn(f"{self._node.label} refused to read {self._entry} (abort {code:08X}h)")

@@ -44,8 +44,8 @@ from haptic_fieldbus.signals import Signal
 QUESTIONS = 200
 ANSWER_NS = 100_000_000
 SLOW = {
-    True: "the adapter holds octets back, or the drive answers late: see usb_latency_timer, and the drive's own delay",
-    False: "the network or the drive answers late: connect the drive to this computer by a cable of its own",
+    True: "the adapter delays octets, or the drive answers late: see usb_latency_timer, and the delay set in the drive",
+    False: "the network or the drive answers late: connect the drive directly to this computer",
 }
 """Whether the line is a serial one → what to do about answers that come late."""
 
@@ -53,7 +53,7 @@ SLOW = {
 def adapter_checks(section: ModbusSection, root: Path = SYS) -> Iterator[Check]:
     """Yield the checks of the adapter, from what the system tells of it."""
     if not section.serial:
-        yield Check("usb_latency_timer", None, "none, the line is a network")
+        yield Check("usb_latency_timer", None, "none: the line is a network")
         return
     yield _access(section.channel)
     yield latency_timer(section.channel, root)
@@ -64,9 +64,9 @@ def _access(device: str) -> Check:
     if not Path(device).exists():
         return Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
     if os.access(device, os.R_OK | os.W_OK):
-        return Check("serial_access", True, f"{device} may be read and written")
-    advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in anew"
-    return Check("serial_access", False, f"{device} may not be opened", advice)
+        return Check("serial_access", True, f"{device} can be read and written")
+    advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in again"
+    return Check("serial_access", False, f"no permission to open {device}", advice)
 
 
 def round_trip_checks(
@@ -119,7 +119,7 @@ class LineObserver:
     def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> DriveReading:
         requester = self._requester
         if requester.transport.serial and requester.unasked and not self.masters:
-            self.masters = f"somebody else uses {requester.name}: octets came that nobody here asked for"
+            self.masters = f"another master on {requester.name}: received octets without a request"
         now_ns = requester.clock.now_ns
         if self.masters:
             return DriveReading(now_ns(), note="not asked")
@@ -152,7 +152,9 @@ def open_line(section: ModbusSection, clock: Clock) -> Transport:
     """Open a real line; raises BusError when it cannot be opened, UsageError for one that is simulated."""
     name = f"{section.interface}:{section.channel}"
     if section.simulated:
-        raise UsageError(f"{section.interface} exists in a simulated run alone; real are modbus-tcp and modbus-rtu")
+        raise UsageError(
+            f"{section.interface} exists only in a simulated run; real interfaces are modbus-tcp and modbus-rtu"
+        )
     if not section.serial:
         return TcpTransport(name, section.address, clock)
     return SerialTransport(name, section.channel, clock)
@@ -171,7 +173,7 @@ THERE_NS = 200_000_000
 """Time that a unit has for its first answer [ns]."""
 GAPS_TRIED = 3
 """Gaps between the registers of a profile of which one register is read."""
-NO_PROFILE = "no profile fits: it lacks registers of each, or is another model"
+NO_PROFILE = "no matching profile: the drive lacks registers of each profile, or is another model"
 
 
 def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[ModbusProfile]) -> Scan:
@@ -179,10 +181,10 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
     try:
         listened = listen(requester)
     except ForeignMasterError as error:
-        return Scan(requester.name, (), str(error), f"{error}; nothing was asked")
+        return Scan(requester.name, (), str(error), f"{error}; no requests were sent")
     asked = sorted(set(units))
     found = [_found(requester, unit, profiles) for unit in asked if _answers(requester, unit)]
-    told = f"Asked: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
+    told = f"Requested: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
     return Scan(requester.name, tuple(found), f"{listened}. {told}")
 
 
@@ -213,7 +215,7 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
         known.get("revision"),
         None if best.serial is None else unit.read(best.serial),
         profile=best.name,
-        sure=_sure(best) + (f"; {also} would fit as well" if also else ""),
+        sure=_sure(best) + (f"; {also} would match too" if also else ""),
         power_state=_power(best).state(unit.read(best.power.status)).value,
     )
 
@@ -222,12 +224,12 @@ def _why_none(fitting: Sequence[ModbusProfile]) -> str:
     """Return why no profile is proposed, with those whose registers the unit has."""
     if not fitting:
         return NO_PROFILE
-    has = f"no profile is proposed: it has the registers of {', '.join(map(_named, fitting))}"
+    has = f"no profile proposed: the drive has the registers of {', '.join(map(_named, fitting))}"
     if not any(profile.drive.usable for profile in fitting):
         return has
     return (
-        f"{has}, but others between them too, as a server of any kind may have. If you know the drive, name its "
-        "profile with --drive"
+        f"{has}, but also other registers between them, as any server may have. If you know the drive, use --drive "
+        "PROFILE"
     )
 
 
@@ -259,8 +261,8 @@ def _tells(profile: ModbusProfile) -> bool:
 
 def _sure(profile: ModbusProfile) -> str:
     if _tells(profile):
-        return "likely: the values that tell its model are those of the profile"
-    return "no more than a guess: it has the registers of the profile, and not those between them"
+        return "likely: the model registers match the profile"
+    return "possible match: it has the registers of the profile, and none between them"
 
 
 def _fits(unit: UnitClient, profile: ModbusProfile) -> bool:
@@ -289,8 +291,8 @@ class ModbusAccess(BusAccess):
         """Return no logs; raises UsageError when `record` is a file of CAN frames."""
         if record is not None and record.suffix in FRAME_SUFFIXES:
             raise UsageError(
-                f"cannot record {', '.join(buses)} to {record}: {record.suffix} is for CAN frames, and a Modbus line "
-                "has none. Record the rows of all periods, as .csv"
+                f"cannot record {', '.join(buses)} to {record}: {record.suffix} is for CAN frames. For Modbus record "
+                "one row per period, as .csv"
             )
         return nullcontext({})
 

@@ -37,21 +37,21 @@ LISTENING = 0.5
 """Time for which a serial line is listened to before anything is sent [s]."""
 EVERYBODY = 0
 """Unit id of a request that all units obey and none answers."""
-ONE_MASTER = "A line has one master: end the other, and put axes that share a line into one rig"
+ONE_MASTER = "A line has one master: end the other one, and put axes that share a line into one rig"
 
 
 def listen(requester: Requester, seconds: float = LISTENING) -> str:
     """Listen before anything is sent, and return a sentence about it; raises ForeignMasterError, BusError."""
     if not requester.transport.serial:
-        return f"{requester.name}: another master cannot be heard on TCP, only the registers of a drive tell of one"
+        return f"{requester.name}: another master cannot be received on TCP; only the registers of a drive show it"
     heard = requester.listen(requester.clock.now_ns() + round(seconds * 1e9))
     if heard:
         raise ForeignMasterError(
-            f"somebody else is on {requester.name}: within {exactly(seconds)} s came {len(heard)} octets although "
-            f"nothing was asked. {ONE_MASTER}. If there is none, the line picks up noise: check terminators and bias. "
+            f"another master on {requester.name}: received {len(heard)} octets within {exactly(seconds)} s without a "
+            f"request. {ONE_MASTER}. If there is no other master, the line is noisy: check terminators and bias. "
             "Nothing was sent"
         )
-    return f"{requester.name}: listened for {exactly(seconds)} s, nothing sent; heard nothing"
+    return f"{requester.name}: listened for {exactly(seconds)} s without sending; received nothing"
 
 
 def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable, done: str) -> PowerState:
@@ -61,21 +61,21 @@ def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable, d
     """
     target = unit.optional(profile.torque.target) or 0
     if target:
-        raise _commanded(unit, f"{profile.torque.target} (target torque) says {target}", done)
+        raise _commanded(unit, f"{profile.torque.target} (target torque) is {target}", done)
     command = unit.optional(profile.power.command) or power.off
     enabling = {power.answer(PowerState.SWITCHED_ON), power.answer(PowerState.OPERATION_ENABLED)} - {power.off}
     if command in enabling:
-        raise _commanded(unit, f"{profile.power.command} (command) says {command:04X}h, which enables it", done)
+        raise _commanded(unit, f"{profile.power.command} (command) is {command:04X}h, which enables it", done)
     state = power.state(unit.read(profile.power.status))
     if state in ENERGISED:
-        raise _commanded(unit, f"{profile.power.status} (status) says that it is in the state {state.value}", done)
+        raise _commanded(unit, f"{profile.power.status} (status) shows the state {state.value}", done)
     return state
 
 
 def _commanded(unit: UnitClient, what: str, done: str) -> ForeignMasterError:
     return ForeignMasterError(
-        f"{unit.label} is commanded by somebody else, or was left so by a master that died: {what}. {ONE_MASTER}. If "
-        f"there is none any more, switch the power of the drive off and on. {done}"
+        f"{unit.label} is commanded by another master, or a master that died left it so: {what}. {ONE_MASTER}. If "
+        f"there is no other master, switch the drive off and on. {done}"
     )
 
 

@@ -43,10 +43,10 @@ REFUSED = (ModbusException, ValueError, IndexError, struct.error)
 class DroppedOctets(Enum):
     """Octets that were dropped, as a part of a sentence."""
 
-    GARBAGE = "were no frame, or had a wrong checksum"
-    UNIT = "came from another unit"
+    GARBAGE = "were no frames, or had a wrong checksum"
+    UNIT = "were from another unit"
     EARLIER = "answered an earlier request"
-    SIZE = "did not fit what was asked for"
+    SIZE = "did not match the request"
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> 
     reset = FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
     if reset is None:
         raise DriveFaultError(
-            f"{unit.label} is in fault since it lost its master, and {profile.title} names no command that clears one "
+            f"{unit.label} is in fault for a lost master, but {profile.title} has no command that resets it "
             "(power.reset of its profile): switch it off and on"
         )
     for each in (power.off, reset, power.off):
@@ -305,16 +305,16 @@ class ModbusBus(InSteps):
             return []
         slowest = in_unit(1e-9 * exchange.slowest_ns, "s")
         return [
-            f"{self._transport.name}: {exchange.late} answers came too late for their period, the slowest within "
-            f"{slowest} of its question: this line takes longer than the plan counts. State its round_trip in the rig, "
-            "which haptic-fieldbus doctor measures, or choose a lower rate"
+            f"{self._transport.name}: {exchange.late} answers came too late for their period, the slowest after "
+            f"{slowest}. The line is slower than the plan assumes. Measure round_trip with haptic-fieldbus doctor and "
+            "write it into the rig, or use a lower rate"
         ]
 
     def _torn(self) -> list[str]:
         """Return a sentence for each unit that tore positions."""
         return [
-            f"unit {link.unit} gave {link.torn} positions that jumped by about 65536 counts, as they do when their two "
-            "registers are of different instants; these samples were dropped"
+            f"unit {link.unit} sent {link.torn} positions with jumps of about 65536 counts (their two registers are "
+            "of different instants); these samples were dropped"
             for link in self._links
             if link.torn
         ]

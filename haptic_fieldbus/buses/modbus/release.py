@@ -135,7 +135,7 @@ class UnitRelease(DriveRelease[Undone]):
         if from_words(register, answer.registers, self._order) == before:
             self._undoing.pop(0)
         else:
-            self._keep("it holds another value")
+            self._keep("it has another value")
 
     def _keep(self, why: str) -> None:
         register, _ = self._undoing.pop(0)
@@ -253,6 +253,6 @@ class LineRelease(BusRelease[UnitRelease]):
         except Exception as error:  # of the line, or of a driver
             self._dead = True
             kind = "" if isinstance(error, BusError) else f"{type(error).__name__}: "
-            self._warn(f"on the way to zero torque: {kind}{error}")
+            self._warn(f"during release: {kind}{error}")
             return False
         return True

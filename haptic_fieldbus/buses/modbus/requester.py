@@ -21,7 +21,7 @@ from haptic_fieldbus.errors import BusError
 
 LONGEST_FRAME = 256
 """Octets of a frame of RTU."""
-ECHO_ADVICE = "the adapter gives back what one sends: say echo = true in its table of the rig"
+ECHO_ADVICE = "the adapter echoes sent octets: set echo = true in its table of the rig"
 
 
 class Requester:

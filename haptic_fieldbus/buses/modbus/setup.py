@@ -17,8 +17,8 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 
 ADVICE = {
-    True: "check that the drive has power, its unit id, bit rate and parity, and that A and B are not swapped",
-    False: "check that the drive has power, and its unit id (behind a host of its own often 1 or 255)",
+    True: "check power, unit id, bit rate and parity of the drive, and that A and B are not swapped",
+    False: "check the power of the drive, and its unit id (often 1 or 255 at an IP address of its own)",
 }
 """Whether the line is a serial one → what to do about a unit that does not answer."""
 UNGUARDED = "on link loss the motor keeps its torque until its power is cut"
@@ -61,8 +61,8 @@ class SetUp:
         """Write all registers and read each back; the drive stays off. Raises BusError or ForeignMasterError."""
         if self.watchdog is None and self.axis.rig.emergency_stop != "power":
             raise BusConfigurationError(
-                f"{self.profile.title} has no watch on its master (profile: watchdog): it could hold the last torque "
-                "when the cable breaks; refused"
+                f"{self.profile.title} has no watchdog (profile: watchdog). It could hold the last torque when the "
+                "cable breaks; refused"
             )
         refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
         self.unit.write(self.profile.torque.target, 0)
@@ -93,8 +93,8 @@ class SetUp:
         code = None if self.profile.power.error is None else self.unit.optional(self.profile.power.error)
         cause = "" if code is None else f", error code {code:04X}h ({self.profile.power.error})"
         raise DriveFaultError(
-            f"{self.unit.label} is in the state {state.value}{cause}. Remove the cause, then clear it: switch the "
-            "drive off and on, or use the drive's own tool"
+            f"{self.unit.label} is in the state {state.value}{cause}. Remove the cause, then reset the fault: switch "
+            "the drive off and on, or use its own tool"
         )
 
     def _check_identity(self) -> dict[str, int]:
@@ -105,7 +105,7 @@ class SetUp:
             if each.values and value not in each.values:
                 wanted = " or ".join(f"{code:08X}h" for code in each.values)
                 raise BusConfigurationError(
-                    f"{self.unit.label} is another drive: its {each.name} ({each}) is {value:08X}h; the profile "
+                    f"{self.unit.label} is another drive: {each.name} ({each}) is {value:08X}h; the profile "
                     f"{self.profile.name or self.profile.title} expects {wanted}. Nothing was written"
                 )
         return known
@@ -143,5 +143,5 @@ class SetUp:
                 self.unit,
                 self.profile.timing.mode_change_timeout,
                 lambda: self.unit.read(display) == mode.value,
-                lambda: f"did not take over mode {mode.value}: {display} says {self.unit.read(display)}",
+                lambda: f"did not accept mode {mode.value}: {display} is {self.unit.read(display)}",
             )

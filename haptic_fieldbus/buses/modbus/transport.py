@@ -18,20 +18,21 @@ from haptic_fieldbus.protocols.modbus.profile import Parity
 
 CHECK_DRIVE = "check that the drive has power, its address and the cable"
 WORDS = {
-    errno.ECONNREFUSED: "nobody listens there; check address and port, and that Modbus TCP is enabled in the drive",
-    errno.ECONNRESET: "the drive reset the connection, as it does when it restarts, or serves another master",
+    errno.ECONNREFUSED: "no server at this address; check address and port, and that Modbus TCP is enabled in the "
+    "drive",
+    errno.ECONNRESET: "the drive reset the connection: it restarted, or serves another master",
     errno.ECONNABORTED: "the connection was aborted",
     errno.EPIPE: "the drive closed the connection",
-    errno.ETIMEDOUT: f"nobody answers; {CHECK_DRIVE}",
-    errno.EHOSTUNREACH: f"the host cannot be reached; {CHECK_DRIVE}",
-    errno.ENETUNREACH: "there is no way to that network; check the address of this computer",
-    errno.ENOENT: "there is no such device; plug the adapter in, or see `ls /dev/tty*`",
-    errno.EACCES: "it may not be opened; add the user to the group of the device (`ls -l`), often dialout",
+    errno.ETIMEDOUT: f"no answer; {CHECK_DRIVE}",
+    errno.EHOSTUNREACH: f"host unreachable; {CHECK_DRIVE}",
+    errno.ENETUNREACH: "no route to that network; check the address of this computer",
+    errno.ENOENT: "no such device; plug the adapter in, or see `ls /dev/tty*`",
+    errno.EACCES: "no permission; add the user to the group of the device (`ls -l`), often dialout",
     errno.EBUSY: "another program has it open",
     errno.EWOULDBLOCK: "another program has it open",
-    errno.EIO: "the adapter is gone, as when it is unplugged",
-    errno.ENODEV: "the adapter is gone, as when it is unplugged",
-    errno.ENXIO: "the adapter is gone, as when it is unplugged",
+    errno.EIO: "the adapter is gone (unplugged?)",
+    errno.ENODEV: "the adapter is gone (unplugged?)",
+    errno.ENXIO: "the adapter is gone (unplugged?)",
     errno.EBADF: "it was closed",
 }
 """Number of an error → its meaning on a Modbus line, and what to do."""
@@ -131,7 +132,7 @@ class TcpTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if sent < len(frame):
-            raise BusError(f"{self.name}: the drive takes no more requests")
+            raise BusError(f"{self.name}: the drive accepts no more requests")
 
     def receive(self, deadline_ns: int) -> bytes:
         try:
@@ -237,7 +238,7 @@ class SerialTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if sent < len(frame):
-            raise BusError(f"{self.name}: the port takes no more octets")
+            raise BusError(f"{self.name}: the port accepts no more octets")
 
     def receive(self, deadline_ns: int) -> bytes:
         wait_ns = deadline_ns - self._clock.now_ns()
@@ -256,7 +257,7 @@ class SerialTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if not octets:
-            raise BusError(f"{self.name}: the adapter is gone, as when it is unplugged")
+            raise BusError(f"{self.name}: the adapter is gone (unplugged?)")
         return octets
 
     def reopen(self) -> None:

@@ -89,7 +89,7 @@ class UnitClient:
         self.send(register, value)
         held = self.read(register)
         if held != value:
-            raise BusConfigurationError(f"{self.label}: {register} says {held} after {value} was written")
+            raise BusConfigurationError(f"{self.label}: wrote {value} to {register}, read back {held}")
 
     def ensure(self, register: Register, value: int) -> None:
         """Write a register, unless it holds the value already; raises BusError as `write` does."""
@@ -122,14 +122,13 @@ class UnitClient:
             if answer is not None:
                 return self._accepted(answer, purpose)
         raise BusTimeoutError(
-            f"{self.label} does not answer on {requester.name}: asked {purpose}, waited {exactly(timeout)} s, "
-            f"{tries} times"
+            f"{self.label} does not answer on {requester.name}: {tries} requests {purpose}, {exactly(timeout)} s each"
         )
 
     def _accepted(self, answer: Answer, purpose: str) -> Answer:
         code = answer.exception
         if code is not None:
-            words = EXCEPTIONS.get(code, "not one of the standard")
+            words = EXCEPTIONS.get(code, "not in the standard")
             raise RefusedError(f"{self.label} refused {purpose} with exception {code} ({words})", code)
         return answer
 

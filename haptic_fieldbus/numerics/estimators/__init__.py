@@ -92,7 +92,7 @@ def chosen(spec: str) -> ChosenEstimator:
         if not equals or key not in known:
             raise UsageError(_unknown(f'{name}: no parameter "{key}"', key, list(known)))
         if key in given:
-            raise UsageError(f"{name}: {key} stands twice")
+            raise UsageError(f"{name}: {key} is set twice")
         given[key] = _parsed(name, known[key], text)
     return ChosenEstimator(estimator, given)
 
@@ -144,5 +144,5 @@ def linear_form(spec: str, period: float) -> StateSpace:
     """
     system = discrete(linear_stand_in(spec) or spec, period)
     if system is None:
-        raise TypeError(f"{spec} is judged as an estimator that is not linear either")
+        raise TypeError(f"{spec}: its replacement for the stability check is not linear either")
     return system

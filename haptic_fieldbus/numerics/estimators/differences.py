@@ -136,7 +136,7 @@ def _check_mapping(setup: EstimatorSetup) -> None:
 
 BACKWARD_DIFFERENCE = Estimator(
     "backward-difference",
-    "the way made over the period",
+    "motion in a period divided by the period",
     start=_start_backward,
     system=lambda setup: shift_register(_average_weights(1, setup.period)),
     noise_gain=lambda setup: math.sqrt(2.0) / setup.period,
@@ -144,7 +144,7 @@ BACKWARD_DIFFERENCE = Estimator(
 )
 MOVING_AVERAGE = Estimator(
     "moving-average",
-    "the mean of the last differences (FIR)",
+    "mean of the last differences (FIR)",
     start=_start_average,
     system=lambda setup: shift_register(_average_weights(setup.whole("window"), setup.period)),
     noise_gain=lambda setup: math.sqrt(2.0) / (setup.whole("window") * setup.period),
@@ -153,27 +153,27 @@ MOVING_AVERAGE = Estimator(
 )
 LOW_PASS = Estimator(
     "low-pass",
-    "differences through a recursive low-pass (IIR)",
+    "differences through a recursive low-pass filter (IIR)",
     start=lambda setup: _start_smoothed(setup.period, setup.number("pole"), setup.whole("order")),
     system=lambda setup: _smoothed(setup.period, setup.number("pole"), setup.whole("order")),
     delay=lambda setup: (
         setup.period * (0.5 + setup.whole("order") * setup.number("pole") / (1.0 - setup.number("pole")))
     ),
     parameters=(
-        Parameter("pole", 0.8, "share of the velocity before that is kept", highest=0.9999),
-        Parameter("order", 1.0, "how many times over", lowest=1.0, highest=8.0, is_whole=True),
+        Parameter("pole", 0.8, "share of the previous velocity that is kept", highest=0.9999),
+        Parameter("order", 1.0, "number of passes", lowest=1.0, highest=8.0, is_whole=True),
     ),
 )
 FILTERED_DERIVATIVE = Estimator(
     "filtered-derivative",
-    "s/(τs + 1), its s mapped to z",
+    "s/(τs + 1), discretised",
     start=lambda setup: _start_smoothed(setup.period, _pole(setup), 1),
     system=lambda setup: _smoothed(setup.period, _pole(setup), 1),
     noise_gain=lambda setup: (1.0 - _pole(setup)) / setup.period * math.sqrt(2.0 / (1.0 + _pole(setup))),
     delay=lambda setup: setup.period * (0.5 + _pole(setup) / (1.0 - _pole(setup))),
     parameters=(
         Parameter("tau", 0.002, "time constant", "s", highest=10.0),
-        Parameter("mapping", "exact", "what s becomes", choices=tuple(POLES)),
+        Parameter("mapping", "exact", "discretisation of s", choices=tuple(POLES)),
     ),
     check=_check_mapping,
 )

@@ -120,7 +120,7 @@ def _start_adaptive(setup: EstimatorSetup, slope_of: Slope) -> Estimate:
 
 
 WINDOW = Parameter("window", 16.0, "longest window, in periods", lowest=1.0, highest=128.0, is_whole=True)
-BAND = Parameter("band", None, "how far a sample may be from the line", "m or rad")
+BAND = Parameter("band", None, "largest distance of a sample from the line", "m or rad")
 LEAST_SQUARES = Estimator(
     "least-squares",
     "slope of a polynomial through the last positions",
@@ -136,14 +136,14 @@ LEAST_SQUARES = Estimator(
 )
 FOAW_END_FIT = Estimator(
     "foaw-end-fit",
-    "chord over the longest window that is straight within a count",
+    "chord over the longest window that is straight within one count",
     start=lambda setup: _start_adaptive(setup, lambda i: (1.0 / i, 0.0, 0.0)),
     stand_in=lambda setup: f"moving-average:window={setup.whole('window')}",
     parameters=(WINDOW, BAND),
 )
 FOAW_BEST_FIT = Estimator(
     "foaw-best-fit",
-    "least-squares slope over the longest window that is straight within a count",
+    "least-squares slope over the longest window that is straight within one count",
     start=lambda setup: _start_adaptive(setup, _best),
     stand_in=lambda setup: f"least-squares:window={setup.whole('window') + 1}",
     parameters=(WINDOW, BAND),

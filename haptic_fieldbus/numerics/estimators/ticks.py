@@ -41,7 +41,7 @@ def _start(setup: EstimatorSetup) -> Estimate:
 ESTIMATORS = (
     Estimator(
         "tick-interval",
-        "counts over the time between them",
+        "counts divided by the time between them",
         start=_start,
         parameters=(Parameter("count", None, "one encoder count", "m or rad"),),
         timed=True,

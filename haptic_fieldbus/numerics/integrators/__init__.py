@@ -72,8 +72,8 @@ def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -
         return chosen.discretise(space, period)
     except np.linalg.LinAlgError as error:
         raise UsageError(
-            f"{method} has no step of {exactly(period)} s for these virtual states: one of their modes grows too fast "
-            "for its implicit equation; a shorter period has one"
+            f"{method} has no step of {exactly(period)} s for these virtual states: one mode grows too fast for the "
+            "implicit equation; use a shorter period"
         ) from error
 
 

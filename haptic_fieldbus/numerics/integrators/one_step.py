@@ -96,24 +96,25 @@ def _method(
 # A method that preserves an oscillator states its growth as exactly 1, without the rounding of |R(ih)|.
 EXACT_FOH = _method(
     "exact-foh", 2, math.inf, cmath.exp, expm1, 1, (math.inf, math.inf),
-    "all states at once, input on a straight line", lambda h: 1.0,
+    "all states at once, input linear between samples", lambda h: 1.0,
 )  # fmt: skip
 EXACT_ZOH = _method(
     "exact-zoh", 1, math.inf, cmath.exp, expm1, 0, (math.inf, math.inf),
     "all states at once, input held", lambda h: 1.0,
 )  # fmt: skip
 FORWARD_EULER = _method(
-    "forward-euler", 1, 1, lambda x: 1.0 + x, lambda x: x, 0, (0.0, 2.0), "all states at once, with the rates of before"
-)
+    "forward-euler", 1, 1, lambda x: 1.0 + x, lambda x: x, 0, (0.0, 2.0),
+    "all states at once, with the rates at the start",
+)  # fmt: skip
 # Of the straight line backward Euler uses the end alone, so its step takes no earlier input.
 BACKWARD_EULER = replace(_method(
     "backward-euler", 1, 1, lambda x: 1.0 / (1.0 - x), lambda x: _solve(np.eye(len(x)) - x, x), 1, (math.inf, math.inf),
-    "all states at once, with the rates of after",
+    "all states at once, with the rates at the end",
 ), inputs="u_n")  # fmt: skip
 TRAPEZOIDAL = _method(
     "trapezoidal", 2, 2, lambda x: (1.0 + x / 2.0) / (1.0 - x / 2.0),
     lambda x: _solve(np.eye(len(x)) - 0.5 * x, x), 1, (math.inf, math.inf),
-    "all states at once, with the mean of the rates before and after", lambda h: 1.0,
+    "all states at once, with the mean of the rates at start and end", lambda h: 1.0,
 )  # fmt: skip
 RK4 = _method(
     "rk4", 2, 4, rk4_growth, _runge_kutta, 1, (2.0 * math.sqrt(2.0), RK4_LAG_LIMIT),

@@ -45,15 +45,15 @@ ARGUMENT = re.compile(r",(?=[A-Za-z_]\w*=)")
 """Separator between a bus name and its further arguments, and between these; any other comma belongs to the channel."""
 Argument = bool | int | float | str
 """Type of an argument of an interface in a rig file."""
-_OF_THE_BUS = "is a key of the bus itself; expected it one table above"
+_OF_THE_BUS = "belongs to the bus itself; move it one table up"
 OURS = {
     "interface": _OF_THE_BUS,
     "channel": _OF_THE_BUS,
     "bitrate": _OF_THE_BUS,
-    "bustype": "is the old name of interface; expected none",
-    "receive_own_messages": "would show the master its own frames as those of somebody else; expected none",
-    "ignore_config": "is not passed on to the interface; expected none",
-    "config_context": "is not passed on to the interface; expected none",
+    "bustype": "is the old name of interface; remove it",
+    "receive_own_messages": "would make the master receive its own frames as those of another master; remove it",
+    "ignore_config": "is not passed to the interface; remove it",
+    "config_context": "is not passed to the interface; remove it",
 }
 """Arguments of python-can that are not for a rig to give, and why."""
 
@@ -100,7 +100,7 @@ class CanSection(BusSection):
 def can_section(section: BusSection) -> CanSection:
     """Return the section as a CAN bus; raises TypeError when it is one of another protocol."""
     if not isinstance(section, CanSection):
-        raise TypeError(f"{section.interface}:{section.channel} is no CAN bus")
+        raise TypeError(f"{section.interface}:{section.channel} is not a CAN bus")
     return section
 
 
@@ -110,7 +110,7 @@ def parse_bus(text: str) -> BusName:
     if not colon:
         return _parse_bare(text)
     if interface == SIMULATION:
-        raise UsageError(f'bus "{text}": the simulated bus has no channel, it is written sim[@BITRATE]')
+        raise UsageError(f'bus "{text}": the simulated bus has no channel; write sim[@BITRATE]')
     if interface == SIMULATION_INTERFACE:
         return _parse_simulation(text, channel)
     return _parse_can(text, interface, channel)
@@ -123,7 +123,9 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
     """
     new = named.section
     if not isinstance(new, CanSection):
-        raise UsageError(f'bus "{named.text}" is no CAN bus, the rig\'s {section.interface}:{section.channel} is one')
+        raise UsageError(
+            f'bus "{named.text}" is not a CAN bus, but {section.interface}:{section.channel} of the rig is'
+        )
     # A simulation without a bit rate is that of the bus which it replaces.
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
     # The arguments of one interface are not those of another.
@@ -140,9 +142,9 @@ def _parse_bare(text: str) -> BusName:
         speed = _bitrate(text, bitrate) if at else DEFAULT_BIT_RATE
         return BusName(text, CanSection(SIMULATION_INTERFACE, SIMULATION, speed))
     if name in can_interfaces():
-        raise UsageError(f'bus "{text}" lacks its channel: {name}:CHANNEL[@BITRATE]')
+        raise UsageError(f'bus "{text}" has no channel: {name}:CHANNEL[@BITRATE]')
     if LINUX_CHANNEL.fullmatch(name):
-        raise UsageError(f'bus "{text}" lacks its interface; nearest: socketcan:{text}. Buses are {BUS_FORMS}')
+        raise UsageError(f'bus "{text}" has no interface; nearest: socketcan:{text}. Buses are {BUS_FORMS}')
     raise UsageError(f'no bus "{text}"{suggestion(name, (SIMULATION, *can_interfaces()))}. Buses are {BUS_FORMS}')
 
 
@@ -167,13 +169,13 @@ def _parse_can(text: str, interface: str, rest: str) -> BusName:
     # The last @ separates the bit rate; a channel may have one of its own.
     channel, at, digits = place.rpartition("@") if "@" in place else (place, "", "")
     if not channel:
-        raise UsageError(f'bus "{text}" lacks its channel: {interface}:CHANNEL[@BITRATE]')
+        raise UsageError(f'bus "{text}" has no channel: {interface}:CHANNEL[@BITRATE]')
     arguments = {name: _value(value) for name, _, value in (each.partition("=") for each in given)}
     for name in arguments.keys() & OURS.keys():
         raise UsageError(f'bus "{text}": {name} {OURS[name]}')
     if at:
         return BusName(text, CanSection(interface, channel, _bitrate(text, digits), arguments=arguments))
-    assumed = f"the bit rate of {text} is not known; 1 Mbit/s is assumed. Give it as {interface}:{place}@BITRATE"
+    assumed = f"the bit rate of {text} is unknown; 1 Mbit/s is assumed. Write it as {interface}:{place}@BITRATE"
     return BusName(text, CanSection(interface, channel, arguments=arguments), assumed)
 
 
@@ -197,9 +199,9 @@ def _bitrate(text: str, digits: str) -> int:
     """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
     rate = bit_rate(digits)
     if rate is None:
-        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, for example @500000, @500k or @1M')
+        raise UsageError(f'bus "{text}": expected the bit rate in bit/s after @, for example @500000, @500k or @1M')
     if not BITRATES[0] <= rate <= BITRATES[1]:
-        raise UsageError(f'bus "{text}": {rate} bit/s is outside of what CAN can do, {BITRATES[0]} to {BITRATES[1]}')
+        raise UsageError(f'bus "{text}": {rate} bit/s; expected {BITRATES[0]} to {BITRATES[1]} for CAN')
     return rate
 
 

@@ -71,7 +71,7 @@ def left_out(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     if not link_loss.life_guarding and not has_consumer and all(_offers(eds, row) for row in guards):
         yield from _unused(guards[0], profile, eds)
     if torque.echo == "none" and (torque.demand or torque.actual):
-        yield Finding("torque.echo", "", fault="none, although a torque is named in which it comes back",
+        yield Finding("torque.echo", "", fault='"none", although the drive has an object that returns the torque',
                       is_left_out=True)  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def _unused(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[
         # A drive that takes a current shows the current actual value, if it does not show a torque.
         row = replace(row, index=row.of_current)
     if _offers(eds, row):
-        fault = f"left out, although the file has {row.entry.place}; expected it, or its reason in [sources]"
+        fault = f"missing, although the file has {row.entry.place}; expected it, or a reason in [sources]"
         yield Finding(row.key, "", _line(eds, row.index), fault, is_left_out=True)
 
 
@@ -120,7 +120,7 @@ def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds:
         yield from _in_limits(row.values, entry, each, eds)
     power = number_of(eds, entry.object, entry.subindex) if row.values == "sync.powers" else None
     if power is not None and power not in profile.sync.powers:
-        fault = f"without {power}, which {entry.place} has after power-on"
+        fault = f"without {power}, the value of {entry.place} after power-on"
         yield Finding(row.values, "", _line(eds, entry.object), fault)
 
 
@@ -136,7 +136,7 @@ def _standard(row: StandardObject, entry: ObjectEntry) -> Iterator[Finding]:
         return
     shown = str(ObjectEntry(index, entry.type))
     named = " or ".join(str(ObjectEntry(each, entry.type)).replace(":00", "") for each in expected)
-    fault = f"{shown} has another meaning; expected {named}, or an object of the manufacturer (2000h to 5FFFh)"
+    fault = f"{shown} has another meaning; expected {named}, or a manufacturer object (2000h to 5FFFh)"
     yield Finding(row.key, "", fault=fault)
 
 
@@ -153,7 +153,7 @@ def finding_of(key: str, entry: ObjectEntry, use: Use, eds: Eds) -> Finding:
 
 def _fault(where: str, entry: ObjectEntry, found: EdsEntry, use: Use, eds: Eds) -> str:
     if data_type(found) is not entry.type:
-        type = found.type.name if found.type is not None else "a type that only the drive knows"
+        type = found.type.name if found.type is not None else "of a type that only the drive defines"
         return f'{where} is {type}, the profile says "{entry.type.value}"'
     if not use.permits(found):
         return f"{where} cannot be {use.words}: its AccessType is {found.access}, expected {' or '.join(use.access)}"
@@ -176,7 +176,7 @@ def _in_limits(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[F
     low, high = (found.low, found.high) if found is not None else (None, None)
     if found is None or low is None or high is None or not low < high:
         return  # limits without room are a slip of the file
-    takes = f"{entry.place} takes {exactly(low)} to {exactly(high)}"
+    takes = f"{entry.place} accepts {exactly(low)} to {exactly(high)}"
     yield Finding(key, takes, found.line, "" if low <= value <= high else f"{value}; {takes}")
 
 
@@ -218,12 +218,12 @@ def mode_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     entry = eds.find(0x6060)
     low, high, line = (entry.low, entry.high, entry.line) if entry is not None else (None, None, None)
     outside = (low is not None and mode < low) or (high is not None and mode > high)
-    takes = "[6060] sets no limit to it" if low is None and high is None else f"[6060] takes {low} to {high}"
+    takes = "[6060] has no limit for it" if low is None and high is None else f"[6060] accepts {low} to {high}"
     yield Finding(MODE_KEY, takes, line, f"{mode}; {takes}" if outside else "")
     modes, entry = supported_modes(eds), eds.find(0x6502)
     if modes and entry is not None:
         named = modes & _MANUFACTURER_BITS if mode < 0 else modes >> mode - 1 & 1 if mode else 0
-        fault = "" if named else f"{mode}, which 6502h = {modes:X}h does not name; expected one that it names"
+        fault = "" if named else f"{mode}, which is not in 6502h = {modes:X}h; expected a mode of 6502h"
         yield Finding(MODE_KEY, f"[6502] DefaultValue {modes:X}h", entry.line, fault)
 
 
@@ -266,7 +266,7 @@ def _count(profile: CanopenProfile, eds: Eds, direction: Direction) -> Finding:
         fault = f"{len(own)}; {direction.value} {listed(missing, 'and')} {are} not in the file"
     elif beyond:
         extra = f"{direction.value} {listed(beyond, 'and')}"
-        fault = f"{len(own)}; the file has {extra} too, which would stay switched on"
+        fault = f"{len(own)}; the file also has {extra}, which would stay active"
     line = _line(eds, COMMUNICATION[direction].start)
     return Finding(f"pdo.{direction.value.lower()}s", f"{len(shown)} {direction.value}s", line, fault)
 
@@ -294,9 +294,12 @@ def _types(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[
     own = profile.pdo.tpdo_types if direction is Direction.TPDO else profile.pdo.rpdo_types
     low, high = type_limits(eds, direction)
     place = f"{COMMUNICATION[direction].start:04X}h:02"
-    beyond = [f"{kind}; {place} takes {low} to {high}" for kind in own if not low <= kind <= high]
+    beyond = [f"{kind}; {place} accepts {low} to {high}" for kind in own if not low <= kind <= high]
     missing = sorted(default_types(eds, direction) - set(own))
-    for fault in (*beyond, *(f"without {kind}, which {place} or a later one has after power-on" for kind in missing)):
+    for fault in (
+        *beyond,
+        *(f"without {kind}, the value of {place} or a later one after power-on" for kind in missing),
+    ):
         yield Finding(f"pdo.{direction.value.lower()}_types", "", _line(eds, COMMUNICATION[direction].start), fault)
 
 
@@ -321,14 +324,14 @@ def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
         if found is not None and found.name:
             yield _named(each, found)
         if places.count(place) > 1:
-            yield Finding(SHOWN_KEY, "", fault=f"{each.entry.place} stands twice; expected it once")
+            yield Finding(SHOWN_KEY, "", fault=f"{each.entry.place} appears twice; expected once")
 
 
 def _named(shown: ShownObject, found: EdsEntry) -> Finding:
     """Return a fault where the name of the profile has a word that the file's name of the object does not have."""
     said = f'{shown.entry.place} is "{found.name}"'
     other = _words(_EXPLANATION.sub(" ", shown.name)) - _words(found.name)
-    fault = f'"{shown.name}"; {said}. What the file does not say stands in parentheses' if other else ""
+    fault = f'"{shown.name}"; {said}. Put additions to the name of the file in parentheses' if other else ""
     return Finding(f"{SHOWN_KEY}.name", said, found.line, fault)
 
 

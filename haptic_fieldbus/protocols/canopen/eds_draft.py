@@ -98,12 +98,12 @@ def _number(key: str, number: int | float) -> str:
 
 def _head(profile: EdsProfile, file: str, assumed: tuple[Assumption, ...]) -> Iterator[str]:
     """Yield the comment at the top: what the drive is, and what is still to be found out."""
-    yield _comment(f"{profile.title} on CANopen, drafted from {file}. Never tried on hardware.")
+    yield _comment(f"{profile.title} on CANopen, drafted from {file}. Not tested on hardware.")
     yield "#"
     if not profile.drive.usable:
         yield _comment(f"Not usable for force: {profile.sources[USABLE]}.")
         yield "#"
-    yield _comment("No EDS can know the following; ask the vendor's manual, or measure on the bench:")
+    yield _comment("An EDS does not contain the following; see the vendor's manual, or measure on the bench:")
     yield from (_comment(f"- {each.key} = {each.value}") for each in assumed)
 
 

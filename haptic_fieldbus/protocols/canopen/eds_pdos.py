@@ -231,8 +231,8 @@ def _mapping_lacks(eds: Eds, row: StandardObject) -> Iterator[Lack]:
         yield f"{object_name(row.index)} cannot be {row.use.words}", entry.line
     elif present:
         yield (
-            f"no {direction.value} that can be switched on carries {object_name(row.index)}, and none can be mapped "
-            f"anew: their records are not writable ({_first_records(direction)} and on)",
+            f"no active {direction.value} carries {object_name(row.index)}, and no {direction.value} can be "
+            f"remapped: their records are read-only ({_first_records(direction)} and on)",
             eds.objects[min(present.values()) + MAPPING].line,
         )
 

@@ -215,7 +215,7 @@ def axes_words(indices: Iterable[int]) -> str:
     """Return what to do about a node that has a value of each axis in a sub-index of its own."""
     named = ", ".join(f"{index:04X}h:01 and :02" for index in indices)
     return (
-        f"several axes share this node, each in a sub-index of its own ({named}): write a profile for each axis, with "
+        f"several axes share this node, each in its own sub-index ({named}): write one profile per axis, with "
         "subindex = 1, 2 … in position.actual, torque.target and torque.actual"
     )
 

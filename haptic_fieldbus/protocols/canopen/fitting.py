@@ -26,10 +26,10 @@ from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, L
 class MatchQuality(Enum):
     """How well a profile fits a device, the best first; the value is the words for people."""
 
-    PRODUCT = "sure: vendor and product code are those of the profile"
-    MODEL = "likely: the vendor is that of the profile, and the device names the model"
-    VENDOR = "perhaps: the vendor is that of the profile, which names no product codes"
-    DRIVE = "no more than a guess: it is a CiA 402 drive, of a vendor without a profile"
+    PRODUCT = "certain: vendor and product code match the profile"
+    MODEL = "likely: the vendor matches, and the device name contains the model"
+    VENDOR = "possible: the vendor matches; the profile has no product codes"
+    DRIVE = "possible match: a CiA 402 drive of a vendor without a profile"
 
 
 ORDER = tuple(MatchQuality)

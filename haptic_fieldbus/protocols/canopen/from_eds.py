@@ -73,7 +73,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
 
     `mode` is the mode of operation; None: a torque mode of 6502h.
     """
-    faults = [Fault("", f"no CiA 402 drive: {lack}", line) for lack, line in automaton_lacks(eds)]
+    faults = [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in automaton_lacks(eds)]
     if faults:
         raise EdsError(eds.source, faults)
     velocity = _velocity(eds)
@@ -221,7 +221,7 @@ def sources_of(profile: CanopenProfile, eds: Eds, lacks: tuple[Lack, ...]) -> di
             *_pdo_sources(profile.pdo, eds, found),
             *_written_sources(profile, "sync", found),
             *_written_sources(profile, "link_loss", found),
-            ("link_loss.deadline", "chosen here: short against a hand, long against the period of the loop"),
+            ("link_loss.deadline", "chosen here: short for a hand, long for the loop period"),
             ("timing.torque_bandwidth", f"{ASSUMED}: a usual figure for current loops; to be measured on the bench"),
             ("timing.control_period", f"{ASSUMED}: a usual figure for servo drives; to be measured on the bench"),
             ("timing.mode_change_timeout", "chosen here"),
@@ -240,7 +240,7 @@ def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
 
 
 def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
-    mode = f"{found}, [6502] DefaultValue" if supported_modes(eds) else f"{ASSUMED}: {found} gives no value of 6502h"
+    mode = f"{found}, [6502] DefaultValue" if supported_modes(eds) else f"{ASSUMED}: {found} has no value for 6502h"
     yield "torque.mode_of_operation", mode
     for key in ("torque.target", "torque.actual", "torque.rated", "torque.demand"):
         index = BY_KEY[key].index
@@ -254,13 +254,14 @@ def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[S
     if profile.torque.slope is not None:
         ramp = f"{ASSUMED}: in ‰ of rated torque per s, as CiA 402-2 has it; rated torque in 1 ms"
         yield from _mapped_sources("torque.slope", found, ramp, "value")
-    yield "torque.echo", f"{found}: the first of 6074h and 6077h that a TPDO can carry, else 6071h where it is readable"
+    echo = f"{found}: the first of 6074h and 6077h that a TPDO can carry, otherwise 6071h if it is readable"
+    yield "torque.echo", echo
 
 
 def _motion_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
     if profile.position is not None:
         unit = f"{found}, [60A8] DefaultValue" if number_of(eds, 0x60A8) else f"{ASSUMED}: counts of the encoder"
-        yield from _mapped_sources("position.actual", found, f"{unit}; 608Fh is not looked at")
+        yield from _mapped_sources("position.actual", found, f"{unit}; 608Fh is ignored")
     if profile.velocity is not None:
         unit = f"{found}, [60A9] DefaultValue" if 0x60A9 in eds else f"{ASSUMED}: {found} has no 60A9h"
         yield from _mapped_sources("velocity.actual", found, unit)
@@ -284,7 +285,7 @@ def _pdo_sources(section: PdoSection, eds: Eds, found: str) -> Iterator[Source]:
         yield f"pdo.{name}_entries", f"{found}, {mappings}"
         if section.fixed(direction):
             yield f"pdo.{name}_fixed", f"{found}, {mappings}: the mappings that cannot be written"
-        usual = f"{ASSUMED}: those of CiA 301 4.2.0, {clause}, with the defaults of {found}, {parameters}"
+        usual = f"{ASSUMED}: the types of CiA 301 4.2.0, {clause}, with the defaults of {found}, {parameters}"
         yield f"pdo.{name}_types", usual
     yield "pdo.entries", f"{found}, 1600h to 1BFFh"
     longest = ", [1800sub3] and on, the longest" if section.inhibit_time_default else ": no 1800h:03 other than 0"
@@ -299,8 +300,8 @@ def _written_sources(profile: CanopenProfile, section: str, found: str) -> Itera
         value, subindex = value_at(profile, row.key), 0 if row.values else row.subindex
         if value is None:
             place = f"{row.index:04X}h{f':{subindex:02X}' if subindex else ''}"
-            written = "written and read" if row.is_read_back else "written"
-            yield row.key, f"{LEFT_OUT}: {found} has no {place} that can be {written}"
+            usable = "writable and readable" if row.is_read_back else "writable"
+            yield row.key, f"{LEFT_OUT}: {found} has no {usable} {place}"
         elif isinstance(value, OptionCode):
             yield f"{row.key}.object", f"{found}, [{row.index:04X}]"
             yield f"{row.key}.value", f"CiA 402-2, {row.index:04X}h: {row.meaning}"

@@ -206,7 +206,7 @@ def _too_few(
         named = zip(fixed, maps, strict=True)
         held = "; ".join(f"{direction.value}{each.number} {' + '.join(places)}" for each, places in named)
         return (
-            f"no {direction.value} of node {node} carries {', '.join(map(str, missing))}, and their mapping is fixed: "
+            f"no {direction.value} of node {node} carries {', '.join(map(str, missing))}, and the mapping is fixed: "
             f"{held}"
         )
     frames = _frames(offered, signals, rooms)

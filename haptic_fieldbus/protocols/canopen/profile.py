@@ -74,7 +74,7 @@ def _check_objects(document: Document) -> None:
         name = ".".join(map(str, path))
         first = used.setdefault((index, subindex), name)
         if first != name:
-            document.fault((*path, "object"), f"0x{index:04X} is {first} already; expected another object")
+            document.fault((*path, "object"), f"0x{index:04X} is already used by {first}; expected another object")
 
 
 def _check_fixed(document: Document) -> None:
@@ -89,9 +89,9 @@ def _check_fixed(document: Document) -> None:
             bits = [value & 0xFF for value in maps if isinstance(value, int)] if isinstance(maps, list) else []
             if sum(bits) > 8 * LARGEST_PAYLOAD or any(each not in OCTETS for each in bits):
                 expected = "objects of 8, 16 or 32 bits, 64 together, as in [0x60400010, 0x60710010]"
-                document.fault(("pdo", key, place, "maps"), f"no mapping of a PDO; expected {expected}")
+                document.fault(("pdo", key, place, "maps"), f"not a PDO mapping; expected {expected}")
             if each.get("number") in numbers:
-                document.fault(("pdo", key, place, "number"), f"{each['number']} is there already; expected another")
+                document.fault(("pdo", key, place, "number"), f"{each['number']} is already used; expected another one")
             numbers.add(each.get("number"))
 
 
@@ -110,7 +110,8 @@ def _check_guard(document: Document) -> None:
     """Note two guards: a node has either heartbeats or node guarding (CiA 301 7.2.8.3.2)."""
     if document.value("link_loss", "life_guarding") is True and "heartbeat_consumer" in document.table("link_loss"):
         document.fault(
-            ("link_loss", "life_guarding"), "true beside link_loss.heartbeat_consumer; expected exactly one of both"
+            ("link_loss", "life_guarding"),
+            "true together with link_loss.heartbeat_consumer; expected exactly one of them",
         )
 
 
@@ -301,5 +302,5 @@ class CanopenProfile(Cia402Profile):
 def canopen_profile(profile: DriveProfile) -> CanopenProfile:
     """Return the profile as one of CANopen; raises UsageError when it is one of another protocol."""
     if not isinstance(profile, CanopenProfile):
-        raise UsageError(f"{profile.title} speaks {profile.drive.protocol}; here a CANopen drive is needed")
+        raise UsageError(f"{profile.title} uses {profile.drive.protocol}; expected a CANopen drive")
     return profile

@@ -55,7 +55,7 @@ class PdoTraffic:
         if self.asked:
             yield (
                 "ask",
-                f"SDO upload every {exactly(1e3 * watch_traffic.ASK_EVERY)} ms at most: {self.asked[0].address}",
+                f"SDO upload at most every {exactly(1e3 * watch_traffic.ASK_EVERY)} ms: {self.asked[0].address}",
             )
 
     def summary(self) -> Iterator[str]:
@@ -64,7 +64,7 @@ class PdoTraffic:
             way = "in " if pdo.direction is Direction.TPDO else "out"
             yield f"{way} {pdo.name} {', '.join(signal.value for signal, *_ in pdo.needed)}"
         if self.asked:
-            yield f"ask SDO {self.asked[0].signal.value}"
+            yield f"read by SDO {self.asked[0].signal.value}"
 
     def to_json(self, bus: str) -> dict[str, list[Json]]:
         """Return the `pdos` of `plan --json`."""
@@ -97,12 +97,12 @@ class PdoTraffic:
 FAULT_TEXTS = {
     LinkFlag.BUS_OFF: "the CAN controller went bus-off: check wiring, terminators and bit rate",
     LinkFlag.BOOT_UP: "node {node} restarted",
-    LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} stayed away",
-    LinkFlag.NOT_OPERATIONAL: "node {node} is not operational, says its heartbeat",
+    LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} was lost",
+    LinkFlag.NOT_OPERATIONAL: "node {node} is not operational according to its heartbeat",
     LinkFlag.EXCEPTION: "node {node} sent a malformed PDO, or the bus refused our frames",
-    LinkFlag.FOREIGN: "another master on {bus}: {frame} came, and not from us; end that master, and put axes that "
-    "share a bus into one rig",
-    LinkFlag.DUPLICATE: "{frame} came more often than SYNC asked for it: two devices have the node-ID {node}",
+    LinkFlag.FOREIGN: "another master on {bus}: received {frame}, which we did not send; end that master, and put "
+    "axes that share a bus into one rig",
+    LinkFlag.DUPLICATE: "{frame} was received more often than SYNC was sent: two devices have the node-ID {node}",
 }
 
 NO_ANSWER = "node {node} answered no request of node guarding within its life time, or repeated its toggle bit"
@@ -132,7 +132,7 @@ def _lines(key: str, pdos: tuple[Pdo, ...]) -> Iterator[tuple[str, str]]:
             yield "", f"  {entry}" if signal else f"  {entry} (not needed)"
     if any(pdo.fixed for pdo in pdos) and bits_beyond(pdos):
         named = ", ".join(pdo.name for pdo in pdos)
-        yield "", f"  cost of fixed mappings ({named}): {bits_beyond(pdos)} bits a period more than is needed"
+        yield "", f" cost of fixed mappings ({named}): {bits_beyond(pdos)} unneeded bits per period"
 
 
 LARGEST_BUS_LOAD = 0.9
@@ -300,12 +300,11 @@ class CanTraffic:
             return
         rate, load, lower = self.rate, self.load, self._fitting_rate()
         subject = f"bus {bus}: " if bus else ""
-        fits = "No rate would fit" if lower is None else f"Would fit: --rate {exactly(lower)}"
+        fits = "No rate fits" if lower is None else f"Fits: --rate {exactly(lower)}"
         raise BusOverloadError(
-            f"{subject}{exactly(rate)} Hz needs {self.period_bits} bits a period: {percent(load)} of "
-            f"{self.bitrate} bit/s, and {rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, "
-            f"{COMPUTE_NS // 1000} µs of computing and RPDOs. At most {percent(LARGEST_BUS_LOAD)} and one period are "
-            f"allowed. {fits}"
+            f"{subject}{exactly(rate)} Hz needs {self.period_bits} bits per period: {percent(load)} of {self.bitrate} "
+            f"bit/s, and {rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {COMPUTE_NS // 1000} µs of "
+            f"computing and RPDOs. Allowed: {percent(LARGEST_BUS_LOAD)} and one period. {fits}"
         )
 
     @property

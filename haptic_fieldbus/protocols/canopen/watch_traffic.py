@@ -43,7 +43,7 @@ def period_objects(profile: CanopenProfile, rate: float) -> tuple[tuple[ObjectEn
         written.append((ObjectEntry(sync.interpolation_time, DataType.UINT8, 1), value))
     if sync.cycle_period is not None:
         if period_ns % _NS_PER_US:
-            raise _refusal(profile, period_ns, f"{sync.cycle_period:04X}h takes whole microseconds")
+            raise _refusal(profile, period_ns, f"{sync.cycle_period:04X}h accepts whole microseconds only")
         written.append((ObjectEntry(sync.cycle_period, DataType.UINT32), period_ns // _NS_PER_US))
     return tuple(written)
 
@@ -57,12 +57,12 @@ def _interpolation(profile: CanopenProfile, sync: SyncSection, period_ns: int) -
         if not rest and low <= value <= high:
             return value, power
     steps = " or ".join(f"{exactly(10.0 ** (3 + power))} ms" for power in sync.powers)
-    raise _refusal(profile, period_ns, f"{sync.interpolation_time:04X}h takes {low} to {high} times {steps}")
+    raise _refusal(profile, period_ns, f"{sync.interpolation_time:04X}h accepts {low} to {high} times {steps}")
 
 
 def _refusal(profile: CanopenProfile, period_ns: int, why: str) -> PlanError:
     return PlanError(
-        f"{profile.title} cannot take a period of {exactly(period_ns * 1e-6)} ms: {why}. Give another --rate"
+        f"{profile.title} does not support a period of {exactly(period_ns * 1e-6)} ms: {why}. Use another --rate"
     )
 
 

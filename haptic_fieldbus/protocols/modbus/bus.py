@@ -72,14 +72,14 @@ class ModbusSection(BusSection):
         if not colon or (host.count(":") and not host.endswith("]")):  # an IPv6 address without a port
             return self.channel.strip("[]"), PORT
         if not port.isdecimal() or int(port) > 0xFFFF:
-            raise UsageError(f'bus "{self.interface}:{self.channel}": after the host stands a port, 1 to 65535')
+            raise UsageError(f'bus "{self.interface}:{self.channel}": expected a port after the host, 1 to 65535')
         return host.strip("[]"), int(port)
 
 
 def modbus_section(section: BusSection) -> ModbusSection:
     """Return the section as a Modbus line; raises TypeError when it is one of another protocol."""
     if not isinstance(section, ModbusSection):
-        raise TypeError(f"{section.interface}:{section.channel} is no Modbus line")
+        raise TypeError(f"{section.interface}:{section.channel} is not a Modbus line")
     return section
 
 
@@ -94,12 +94,12 @@ def parse_bus(text: str) -> BusName:
     simulated, serial = interface in (SIM_TCP, SIM_RTU), interface in (RTU, SIM_RTU)
     channel, at, digits = rest.rpartition("@") if serial and "@" in rest else (rest, "", "")
     if simulated and channel not in ("", SIMULATION_CHANNEL):
-        raise UsageError(f'bus "{text}": a simulated bus has no channel, it is written {interface}')
+        raise UsageError(f'bus "{text}": a simulated bus has no channel; write {interface}')
     if not simulated and not channel:
-        raise UsageError(f'bus "{text}" lacks its channel. Buses are {BUS_FORMS}')
+        raise UsageError(f'bus "{text}" has no channel. Buses are {BUS_FORMS}')
     rate = bit_rate(digits) if at else None
     if at and (rate is None or not BAUDS[0] <= rate <= BAUDS[1]):
-        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, {BAUDS[0]} to {BAUDS[1]}')
+        raise UsageError(f'bus "{text}": expected the bit rate in bit/s after @, {BAUDS[0]} to {BAUDS[1]}')
     section = ModbusSection(interface, channel or SIMULATION_CHANNEL, rate)
     if interface == TCP:
         _ = section.address
@@ -110,7 +110,7 @@ def wanted_unit(unit: int, *, serial: bool) -> str:
     """Return what the unit id of a drive must be on a line, in words; empty when `unit` is one."""
     if unit in UNITS or (unit == ITSELF and not serial):
         return ""
-    all_obey = "; 0 is everybody's: all units obey it, and none answers" if unit == EVERYBODY else ""
+    all_obey = "; 0 is broadcast: all units follow it, and none answers" if unit == EVERYBODY else ""
     itself = "" if serial else f", or {ITSELF} for the device itself"
     return f"a whole number from {UNITS[0]} to {UNITS[-1]}{itself}{all_obey}"
 
@@ -123,7 +123,7 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
     new = named.section
     if not isinstance(new, ModbusSection):
         raise UsageError(
-            f'bus "{named.text}" is no Modbus line, the rig\'s {section.interface}:{section.channel} is one'
+            f'bus "{named.text}" is not a Modbus line, but {section.interface}:{section.channel} of the rig is'
         )
     return replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
 

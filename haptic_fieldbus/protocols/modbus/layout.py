@@ -34,7 +34,7 @@ def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> LineTi
     for profile in profiles:
         if transport not in profile.line.transports:
             has = " and ".join(profile.line.transports).upper()
-            raise PlanError(f"{profile.title} speaks Modbus {has}, but {section.interface} is {transport.upper()}")
+            raise PlanError(f"{profile.title} supports Modbus {has}, but {section.interface} is {transport.upper()}")
     if not section.serial:
         return tcp_line(section.round_trip)
     baud, parity, stops = characters(section, profiles)
@@ -63,7 +63,7 @@ def _one(key: str, values: Iterable[Value]) -> Value:
     first, *others = dict.fromkeys(values)
     if others:
         found = ", ".join(str(each) for each in (first, *others))
-        raise PlanError(f"the drives of one line differ in their {key} after power-on ({found}); give it in the rig")
+        raise PlanError(f"the drives of one line have different {key} after power-on ({found}); set it in the rig")
     return first
 
 

@@ -269,7 +269,7 @@ class ModbusProfile(DriveProfile):
 def modbus_profile(profile: DriveProfile) -> ModbusProfile:
     """Return the profile as one of Modbus; raises UsageError when it is one of another protocol."""
     if not isinstance(profile, ModbusProfile):
-        raise UsageError(f"{profile.title} speaks {profile.drive.protocol}; here a Modbus drive is needed")
+        raise UsageError(f"{profile.title} uses {profile.drive.protocol}; expected a Modbus drive")
     return profile
 
 
@@ -328,7 +328,7 @@ def _check_line(document: Document) -> None:
     transports = document.value("line", "transports")
     for key in ("baud", "parity", "stop_bits", "silence"):
         if isinstance(transports, list) and "rtu" not in transports and key in document.table("line"):
-            document.fault(("line", key), 'without effect; expected "rtu" in line.transports, or no such key')
+            document.fault(("line", key), 'no effect; expected "rtu" in line.transports, or no such key')
     ranges = document.value("line", "readable")
     for number, each in enumerate(ranges if isinstance(ranges, list) else ()):
         if isinstance(each, list) and len(each) == 2 and all(type(end) is int for end in each) and each[0] > each[1]:
@@ -341,11 +341,11 @@ def _check_functions(document: Document) -> None:
     known = set(functions) if isinstance(functions, list) else {READ_WRITE}
     both = READ_WRITE in known
     if not both and not {READ_HOLDING, READ_INPUT} & known:
-        document.refuse(("line", "functions"), "3, 4 or 23 among them: without one of them nothing can be read")
+        document.refuse(("line", "functions"), "3, 4 or 23 among them: otherwise nothing can be read")
     single = _count(document.value("torque", "target", "type")) == 1
     if not both and WRITE_MULTIPLE not in known and not (single and WRITE_SINGLE in known):
         wanted = "6, 16 or 23" if single else "16 or 23"
-        document.refuse(("line", "functions"), f"{wanted} among them: without it no target torque can be written")
+        document.refuse(("line", "functions"), f"{wanted} among them: otherwise no target torque can be written")
 
 
 def _check_full_scale(document: Document) -> None:
@@ -361,9 +361,9 @@ def _check_power(document: Document) -> None:
     if table == "rows" and not rows:
         document.fault(("power", "rows"), 'missing; expected a row for each state, since power.table is "rows"')
     if table != "rows" and rows:
-        document.fault(("power", "rows"), 'without effect; expected power.table = "rows" beside it')
+        document.fault(("power", "rows"), 'no effect; expected power.table = "rows" too')
     if table != "rows" and document.value("power", "reset") is not None:
-        document.fault(("power", "reset"), 'without effect; expected power.table = "rows" beside it')
+        document.fault(("power", "reset"), 'no effect; expected power.table = "rows" too')
 
 
 def _check_places(document: Document, paths: tuple[KeyPath, ...]) -> None:
@@ -375,10 +375,10 @@ def _check_places(document: Document, paths: tuple[KeyPath, ...]) -> None:
             continue
         name, count = ".".join(map(str, path)), _count(document.value(*path, "type"))
         if address + count - 1 > _LAST:
-            document.fault((*path, "address"), f"0x{address:04X} and the one behind it; the last address is 0xFFFF")
+            document.fault((*path, "address"), f"0x{address:04X} and the next address; the last address is 0xFFFF")
         first = next((used[each] for each in range(address, address + count) if each in used), name)
         if first != name:
-            document.fault((*path, "address"), f"0x{address:04X} is {first} already; expected another register")
+            document.fault((*path, "address"), f"0x{address:04X} is already used by {first}; expected another register")
         used |= dict.fromkeys(range(address, address + count), first)
 
 

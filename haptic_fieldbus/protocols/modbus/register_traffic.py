@@ -323,12 +323,12 @@ FAULT_TEXTS = {
     LinkFlag.BUS_OFF: "the line is dead: the connection was closed, or the serial device is gone",
     LinkFlag.BOOT_UP: "unit {unit} restarted",
     LinkFlag.NO_SIGN_OF_LIFE: "unit {unit} does not answer",
-    LinkFlag.NOT_OPERATIONAL: "unit {unit} left the mode in which it follows its target torque",
+    LinkFlag.NOT_OPERATIONAL: "unit {unit} left its torque mode",
     LinkFlag.EMERGENCY: "unit {unit} reports the fault {code}",
     LinkFlag.EXCEPTION: "unit {unit} refused a request with exception {exception}",
-    LinkFlag.FOREIGN: "another master on {bus} writes to register {code} of unit {unit}; end that master, and put axes "
+    LinkFlag.FOREIGN: "another master on {bus} writes register {code} of unit {unit}; end that master, and put axes "
     "that share a line into one rig",
-    LinkFlag.DUPLICATE: "unit {unit} answered more often than it was asked",
+    LinkFlag.DUPLICATE: "unit {unit} sent more answers than requests",
 }
 
 

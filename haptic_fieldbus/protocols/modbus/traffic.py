@@ -240,8 +240,8 @@ class ModbusTraffic:
         subject = f"bus {bus}: " if bus else ""
         raise BusOverloadError(
             f"{subject}{exactly(self.rate)} Hz is too fast: {self.exchange} takes "
-            f"{rounded(1e3 * self.shortest_period)} ms a period at {self.speed}. Would fit: "
-            f"--rate {exactly(self.sustained_rate)}"
+            f"{rounded(1e3 * self.shortest_period)} ms per period at {self.speed}. Fits: --rate "
+            f"{exactly(self.sustained_rate)}"
         )
 
     def delay(self, axis: str) -> Delay:
@@ -287,8 +287,8 @@ class ModbusTraffic:
         if len(self.members) == 1:
             return shown
         alone = max(replace(self, members=(member,)).shortest_period for member in self.members)
-        together = f"{rounded(1e3 * self.shortest_period)} ms a period instead of {rounded(1e3 * alone)}"
-        return f"{shown}; {len(self.members)} units take turns, {together} for one alone"
+        together = f"{rounded(1e3 * self.shortest_period)} ms per period, one alone {rounded(1e3 * alone)} ms"
+        return f"{shown}; {len(self.members)} units in turn take {together}"
 
 
 def watchdog_time(deadline: float, rate: float) -> float:
@@ -309,7 +309,7 @@ def candidates(
     if not found:
         titles = ", ".join(dict.fromkeys(each.profile.title for each in members))
         raise PlanError(
-            f"{titles}: no function that all drives of the line have reads feedback and writes set-points; "
-            "function 23 does, or function 3 with 16 or 6"
+            f"{titles}: the drives of the line share no function codes that read feedback and write set-points; "
+            "expected 23, or 3 with 16 or 6"
         )
     return [replace(each, rate=each.sustained_rate) for each in found]

@@ -182,5 +182,5 @@ class SimulatedDrives(DriveBench):
         if isinstance(fault, LineFault | HostFault) and self._line is not None:
             return partial(inject_line, fault, self._line, self.plan)
         if not isinstance(fault, DriveFaultKind):
-            raise ValueError(f"{fault.kind} is no fault of a drive on CAN")
+            raise ValueError(f"drives on CAN do not support the fault {fault.kind}")
         return partial(inject, fault, slave, self.plan)

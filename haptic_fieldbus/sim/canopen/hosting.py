@@ -169,14 +169,14 @@ class HostPort:
         if self._down_ns is not None:
             seconds = rounded((self._clock.now_ns() - self._down_ns) * 1e-9)
             self._down_ns = None
-            self._tell(f"{self._name}: frames pass again, after {seconds} s")
+            self._tell(f"{self._name}: frames pass again after {seconds} s")
 
     def _failed(self, error: Exception) -> None:
         """Tell that the bus is down, or open it anew when it has been failing for long."""
         why = translate(error, self._name)
         if self._down_ns is None:
             self._down_ns = self._clock.now_ns()
-            self._tell(f"{why}. The drives go on; what they send is lost until the bus is back")
+            self._tell(f"{why}. The drives continue; their frames are lost until the bus is back")
         elif self._clock.now_ns() - self._down_ns >= REOPENED_EVERY_NS:
             self._open()
 

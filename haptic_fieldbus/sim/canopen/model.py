@@ -162,7 +162,7 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
         elif described.index not in _PDO_RECORDS or (described.index in pdos and not _beyond(described)):
             dictionary.add(_stored_entry(described, node))
     lone = [
-        f"{index:04X}h: the other record of this PDO is missing; it is left out"
+        f"{index:04X}h: the other record of this PDO is missing; the PDO is omitted"
         for index in eds.objects
         if index in _PDO_RECORDS and index not in pdos
     ]
@@ -374,8 +374,8 @@ def _check_mappings(dictionary: Dictionary) -> None:
             mapping = dictionary.value(count.index, subindex)
             if mapping >> 16 not in dictionary and mapping >> 16 > _LAST_DUMMY:
                 raise UsageError(
-                    f"simulation.objects: {count.index:04X}h:{subindex:02X} maps {mapping:08X}h, which the drive does "
-                    "not have; describe that object too, or let the PDO map nothing"
+                    f"simulation.objects: {count.index:04X}h:{subindex:02X} maps {mapping:08X}h, which the drive "
+                    "lacks; add this object, or let the PDO map nothing"
                 )
 
 

@@ -66,7 +66,7 @@ QUIRKS = (
     ),
     Quirk(
         "supported_modes",
-        "what 6502h says, whatever the modes are",
+        "value of 6502h, independent of the modes",
         "ros-industrial/ros_canopen issue 462: wrong; Technosoft iPOS: no torque mode in it, by its EDS",
     ),
     Quirk(
@@ -76,13 +76,13 @@ QUIRKS = (
     ),
     Quirk(
         "boot_time",
-        "the boot-up message comes only after this time, and nothing is answered before",
+        "delay of the boot-up message; before it the drive answers nothing",
         "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
     ),
     Quirk(
         "modes",
         "the modes of operation that the drive has, and no others; 6502h shows them",
-        "every drive lacks some of the standard's modes",
+        "every drive lacks some modes of the standard",
     ),
     Quirk(
         "objects",

@@ -112,14 +112,14 @@ class Stepped:
         deadline_ns = world.clock.now_ns() + wait_ns
         while True:
             if timeout is None and world.is_idle and not controller.received:
-                raise can.CanOperationError("nothing will come: no frame is on its way and no drive has one to send")
+                raise can.CanOperationError("nothing will arrive: no frame is under way, and no drive has one to send")
             item = world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))
             if item is None:
                 break
             if accept is None or accept(item):
                 return item
         if timeout is None:
-            raise can.CanOperationError("nothing came in 60 s of virtual time")
+            raise can.CanOperationError("nothing arrived within 60 s of virtual time")
         return None
 
     def timestamp(self, t_ns: int) -> float:

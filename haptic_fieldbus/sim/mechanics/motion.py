@@ -58,8 +58,8 @@ class Flow:
         if not fastest <= FASTEST:
             found, most = rounded(fastest * 1e9), exactly(FASTEST * 1e9)
             raise UsageError(
-                f"the simulated mechanics changes at {found} 1/s; expected at most {most} 1/s: "
-                "less stiffness or damping, or more inertia"
+                f"the simulated mechanics has a rate of {found} 1/s; expected at most {most} 1/s: less stiffness or "
+                "damping, or more inertia"
             )
         # The largest power of two of a nanosecond whose product with the fastest rate is at most 1/4.
         self._smallest = max(0, int(np.floor(np.log2(0.25 / fastest)))) if fastest > 0 else 20

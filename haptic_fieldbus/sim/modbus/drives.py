@@ -157,7 +157,7 @@ class SimulatedUnits(DriveBench):
         if isinstance(fault, faults.AnswerFault):
             return partial(self._line.disturb, fault, unit.number)
         if not isinstance(fault, faults.DriveFaultKind):
-            raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
+            raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
         return partial(inject_unit, fault, unit, self.agenda.plan)
 
     def _meddle(self, fault: faults.ForeignSetPoints, unit: Unit, number: int, t_ns: int) -> None:
@@ -185,7 +185,7 @@ def _install(fault: faults.LastingFault, unit: Unit) -> None:
             for entry in unit.identity:
                 entry.value = entry.default = code if code is not None else entry.value ^ 1
         case _:
-            raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
+            raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
 
 
 def inject_unit(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:

@@ -175,8 +175,8 @@ PTY = "pty"
 
 PSEUDO_TERMINALS = "/dev/pts/"
 WITHOUT_PARITY = (
-    "{} is a pseudo-terminal, which has no parity: open it with parity N (none). With even or odd parity programs on "
-    "pyserial fail with termios error 22 (Invalid argument), if not at the first opening then at the next"
+    "{} is a pseudo-terminal without parity: open it with parity N (none). With even or odd parity pyserial fails "
+    "with termios error 22 (Invalid argument), at the first or a later opening"
 )
 
 

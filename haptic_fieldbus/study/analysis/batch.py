@@ -134,7 +134,7 @@ def _check(made: Loops) -> None:
             for name in ("damping", "delay", "lag", "coulomb", "resolution")
         },
         "saturation": ("a force above 0", made.saturation > 0.0),
-        "coulomb": ("no torque loop's lag beside friction", (made.coulomb == 0.0) | (made.lag == 0.0)),
+        "coulomb": ("torque loop lag 0 with friction", (made.coulomb == 0.0) | (made.lag == 0.0)),
     }
     for name, (text, good) in expected.items():
         if not good.all():

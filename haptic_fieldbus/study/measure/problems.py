@@ -167,10 +167,10 @@ def problems() -> dict[str, Problem]:
     """Return all problems by name."""
     reach = minimum_jerk(WAY, 1.0)
     every = (
-        Problem("sprung-mass-step", "sprung mass, puck moved at once by 10 mm", sprung_mass(), step_by(WAY)),
-        Problem("sprung-mass-sine", "sprung mass, puck moved by a sine of 1.5 Hz", sprung_mass(), sine(WAY, 1.5)),
-        Problem("sprung-mass-minimum-jerk", "sprung mass, puck moved as a hand reaches", sprung_mass(), reach),
-        Problem("damped-mass", "mass on spring and damper, puck moved as a hand reaches", damped_mass(), reach),
+        Problem("sprung-mass-step", "sprung mass, step of the puck by 10 mm", sprung_mass(), step_by(WAY)),
+        Problem("sprung-mass-sine", "sprung mass, sine of the puck at 1.5 Hz", sprung_mass(), sine(WAY, 1.5)),
+        Problem("sprung-mass-minimum-jerk", "sprung mass, reaching motion of the puck", sprung_mass(), reach),
+        Problem("damped-mass", "mass on spring and damper, reaching motion of the puck", damped_mass(), reach),
         Problem("free-puck", "free puck (four states), pushed with 1 N", free_puck(), step_by(1.0)),
         Problem("tissue", "tissue (Maxwell branches of 2 and 100 ms), pressed as a hand reaches", tissue(), reach),
     )

@@ -393,8 +393,8 @@ class MachineNoise:
         if not self.busy:
             return ""
         return (
-            f"This machine was busy ({self.words()}): costs are too high, errors and stability as they are. Report "
-            "again when nothing else runs."
+            f"This machine was busy ({self.words()}): costs are too high; errors and stability are not affected. "
+            "Repeat the report when nothing else runs."
         )
 
 

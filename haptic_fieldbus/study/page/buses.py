@@ -121,12 +121,12 @@ TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 """[%]."""
 
 EXPLAINED = f"""One wall of {exactly(SETTINGS["wall.stiffness"])} N/m and {exactly(SETTINGS["wall.damping"])} N·s/m,
-tapped by the same hand, in virtual time: the drive, its servo, motor and encoder are the same, the line differs. Each
-marker is one run: a colour for the bus, a marker for the velocity estimator, and along a curve the rate, from the
-highest that the bus has by itself downwards. The error is the share of the force by which the moving hand feels
-another one than that of the scene. On the left it stands over what a period costs: the time of all messages with the
-silence between them, and of computing on this machine. On the right it stands over the computing time for one second.
-<b>×</b> at the top marks a run that was refused. Below the dashed line a hand cannot tell the error."""
+tapped by the same hand in virtual time. Drive, servo, motor and encoder are the same; the line differs. Each marker
+is one run: the colour shows the bus, the marker the velocity estimator. Along a curve the rate falls from the
+highest of the bus. The error is the share of the force that differs from the scene for a moving hand. Left: error
+over the cost of a period (all messages with the silence between them, plus computing on this machine). Right: error
+over the computing time for one second. <b>×</b> marks a refused run. A hand does not notice an error below the
+dashed line."""
 
 
 def buses_section(context: Context) -> Section:
@@ -218,6 +218,6 @@ def _finding(best: Sequence[BusPoint]) -> Iterator[str]:
     if told:
         share = max(point.computing_s / point.period_cost for point in told)
         yield (
-            f"One wall over both protocols is off by {errors}. Computing is at most {percent(share)} of what a period "
-            "costs; the rest is the line."
+            f"One wall over both protocols: error {errors}. Computing takes at most {percent(share)} of a period; the "
+            "line takes the rest."
         )

@@ -28,15 +28,15 @@ from haptic_fieldbus.study.page.html import (
 
 # What each scene leaves out: a line a scene on the first screen, and all of them with their reasons further down.
 
-LEFT_OUT = """Parts that a scene does not need are not imported, mapped, decoded, estimated or stepped. The time
-is that of computing a whole period, the median of 25 repeats in which the scenes take turns, and the middle half of
-the repeats. The image is what is read and written in a period, all axes together."""
+LEFT_OUT = """A part that a scene does not need is not imported, mapped, decoded, estimated or stepped. The time is
+the computing time of a whole period: the median of 25 repeats in which the scenes take turns, and the middle half
+of the repeats. The image is the data read and written in a period, for all axes together."""
 
 
 def lines(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return a table with a line for each scene; `costs` are those of a whole period, by scene."""
     rows = [[scene, ", ".join(names(plan)) or "nothing", _micros(costs[scene])] for scene, plan in plans.items()]
-    return table(("scene", "leaves out", "µs a period"), rows, text_columns=2)
+    return table(("scene", "omitted", "µs per period"), rows, text_columns=2)
 
 
 def names(plan: Plan) -> list[str]:
@@ -58,16 +58,16 @@ def reasons(plans: Mapping[str, Plan]) -> str:
 
 def scenes_part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return the part of a section on all scenes."""
-    return f"<h3>What each scene leaves out</h3>{paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}"
+    return f"<h3>Omitted parts of each scene</h3>{paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}"
 
 
 def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return what is done with parts that are left out, and the times of the cheapest and the dearest scene."""
     least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
     return (
-        f"What is not asked for is not imported, mapped, decoded or stepped: computing a period of "
-        f"<code>{least}</code> takes {rounded(1e-3 * costs[least].ns, 2)} µs, of <code>{most}</code> "
-        f"({len(plans[most].axes)} axes) {rounded(1e-3 * costs[most].ns, 2)} µs."
+        f"Unused parts are not imported, mapped, decoded or stepped: a period of <code>{least}</code> takes "
+        f"{rounded(1e-3 * costs[least].ns, 2)} µs of computing, one of <code>{most}</code> ({len(plans[most].axes)} "
+        f"axes) {rounded(1e-3 * costs[most].ns, 2)} µs."
     )
 
 
@@ -87,15 +87,15 @@ QUICK, FULL = 20_000, 1_000_000
 # By the text before the colon in the name of a part.
 COLOURS = {"whole period": BLUE, "estimator": ORANGE, "integrator, two states": GREEN, "integrator, four states": GREEN}
 
-CAPTION = """Nanoseconds per call: the bar is the median of 25 repeats, in which all parts take turns; the line across
-its end spans the middle half of the repeats."""
-EXPLAINED = """The mean time of many calls in this Python process, after a warm-up, and of 25 such repeats the median.
-A scene pays only for what it asks for; the plan leaves out the rest. Single periods are timed too, with all that the
-machine does in between."""
+CAPTION = """Nanoseconds per call: the bar is the median of 25 repeats in which all parts take turns; the line at
+its end covers the middle half of the repeats."""
+EXPLAINED = """Mean time of many calls in this Python process after a warm-up, and the median of 25 such repeats. A
+scene pays only for the parts that it uses; the plan omits the rest. Single periods are timed too, with all
+disturbances of the machine."""
 MORE = '<div class="more"><a href="#cost">All {} scenes that were timed, and why</a></div>'
-LATE = """How many periods would have been missed on this machine, as it was while the report was made: by computing
-alone, and with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing one after the other, as the loop
-does them. The bus, not the computer, sets the highest rate."""
+LATE = """Share of periods that this machine would have missed while the report was made: by computing alone, and
+with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing in sequence, as in the loop. The bus, not
+the computer, limits the rate."""
 
 
 def cost_section(context: Context) -> Section:
@@ -118,7 +118,7 @@ def cost_section(context: Context) -> Section:
               for part in found if part.spread is not None]  # fmt: skip
     body = [
         scenes_part(plans, costs),
-        "<h3>Each part by itself</h3>",
+        "<h3>Time of each part</h3>",
         paragraph(EXPLAINED),
         picture("cost", document, CAPTION),
         table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), single),
@@ -128,12 +128,12 @@ def cost_section(context: Context) -> Section:
     ]
     return Section(
         "cost",
-        "What each scene leaves out, and what each part costs",
+        "Omitted parts of each scene, and cost of each part",
         "".join(body),
         (scenes_finding(few, costs), _finding(found, late)),
         {"cost": document},
         asdict(late),
-        Card("What does each scene leave out?", lines(few, costs) + MORE.format(len(plans))),
+        Card("What does a scene omit?", lines(few, costs) + MORE.format(len(plans))),
     )
 
 

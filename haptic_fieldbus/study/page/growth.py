@@ -39,12 +39,11 @@ LOWEST, HIGHEST = 1e-16, 1e2
 APART = 0.075
 """Least distance of the names of two curves, as a share of the height."""
 
-EXPLAINED = """The puck is held and the virtual mass (200 N/m, 0.5 kg) swings freely behind it at 1 kHz, for as many
-steps as shown, each of them a call of the step that the loop runs. The force is known for ever, k·A·cos ωt. On the
-left its largest error within the last half turn; on the right how far the energy has drifted, which should never
-change. Forward Euler grows without end at <i>every</i> step size and backward Euler dies away. Symplectic methods
-keep the energy within a band and lose only phase, in proportion to the time; the exact steps lose nothing but
-digits."""
+EXPLAINED = """The puck is held, and the virtual mass (200 N/m, 0.5 kg) oscillates behind it at 1 kHz for the given
+number of steps. Each step is a call of the step that the loop runs. The exact force is k·A·cos ωt. Left: the
+largest error within the last half period. Right: the drift of the energy, which should be 0. Forward Euler grows at
+<i>every</i> step size, backward Euler decays. Symplectic methods keep the energy within a band and lose only phase,
+in proportion to time; the exact steps lose only rounding errors."""
 
 
 def growth_section(context: Context) -> Section:
@@ -56,8 +55,8 @@ def growth_section(context: Context) -> Section:
     ]
     document = svg(draw(found))
     caption = (
-        f"{rounded(total)} steps are {rounded(total * loops.PERIOD)} s of simulated time. What exceeds the frame is "
-        "drawn at its edge; × marks where numbers stopped being finite."
+        f"{rounded(total)} steps are {rounded(total * loops.PERIOD)} s of simulated time. Values outside the frame "
+        "are drawn at its edge; × marks the first value that is not finite."
     )
     body = [paragraph(EXPLAINED), picture("growth", document, caption), growth_table(found)]
     short = svg(draw_card(found))
@@ -80,7 +79,7 @@ def draw(swings: Sequence[Growth]) -> Figure:
         _curve(left, swing, swing.error)
         _curve(right, swing, swing.energy)
     left.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
-    left.annotate("a hand cannot tell", (0.01, FELT), xycoords=("axes fraction", "data"), va="bottom", size=8.5,
+    left.annotate("not noticeable", (0.01, FELT), xycoords=("axes fraction", "data"), va="bottom", size=8.5,
                   color="#666666")  # fmt: skip
     dress(left, "force", "steps", "largest error / amplitude")
     dress(right, "energy", "steps", "|energy / energy at the start − 1|")
@@ -95,7 +94,7 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
     for swing in swings:
         panel.loglog(swing.steps, np.clip(swing.error, LOWEST, HIGHEST), **line(swing.method, marked=False))
     panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)))
-    note(panel, FELT, "a hand feels it from here up", right=False)
+    note(panel, FELT, "noticeable above", right=False)
     panel.set_ylim(LOWEST, HIGHEST)
     panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
     card_panel(panel, "", "steps of the loop", "largest error / amplitude")
@@ -142,9 +141,9 @@ def growth_table(swings: Sequence[Growth]) -> str:
 def _finding(swings: Sequence[Growth], total: int) -> str:
     by_name = {swing.method: swing for swing in swings}
     best, leapfrog, euler = by_name["exact-foh"], by_name["semi-implicit"], by_name["forward-euler"]
-    lost = "overflows" if euler.diverged_at is not None else f"by {rounded(euler.error[-1], 2)} times"
+    lost = "overflows" if euler.diverged_at is not None else f"is {rounded(euler.error[-1], 2)} times the force"
     return (
-        f"After {rounded(total)} steps a swinging mass is off by {rounded(best.error[-1], 2)} of its force with "
-        f"<code>exact-foh</code>, by {percent(leapfrog.error[-1])} with <code>semi-implicit</code> (phase alone); "
-        f"<code>forward-euler</code> {lost}."
+        f"After {rounded(total)} steps the force error of an oscillating mass is {rounded(best.error[-1], 2)} of its "
+        f"force with <code>exact-foh</code> and {percent(leapfrog.error[-1])} with <code>semi-implicit</code> (phase "
+        f"only); with <code>forward-euler</code> it {lost}."
     )

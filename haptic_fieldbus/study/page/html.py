@@ -284,7 +284,7 @@ def page(title: str, lead: str, sections: Sequence[Section], assumed: str = "", 
     cards = "".join(_card(section, section.card) for section in sections if section.card is not None)
     others = [found for section in sections for found in section.findings[section.card is not None :]]
     listed = "".join(f"<li>{finding}</li>" for finding in others)
-    found = f'<div class="findings"><strong>What else was found</strong><ul>{listed}</ul></div>' if others else ""
+    found = f'<div class="findings"><strong>Further findings</strong><ul>{listed}</ul></div>' if others else ""
     links = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
     bodies = "".join(
         f'<section id="{section.name}"><h2>{escape(section.title)}</h2>\n{section.body}</section>\n'

@@ -105,11 +105,11 @@ def impedance(scene: str, bench: Bench, space: StateSpace, environment: StateSpa
 SCENES = ("wall", "damped_wall", "sprung_mass")
 """Scenes that show a spring, an estimated velocity, and virtual states."""
 
-EXPLAINED = """A hand feels the impedance Z(jω), the force of the hand over the velocity of the handle. It contains the
-mass and friction of the device and the scene that the handle touches. The sampled curve is that of the whole loop:
-encoder sampling, estimator or integrator, delay, hold and torque loop, on the device in continuous time, up to half
-the sampling rate. The ideal has the same device and the scene in continuous time. Where the real part falls below
-zero, the handle can give a hand more energy than it got."""
+EXPLAINED = """A hand feels the impedance Z(jω): its force divided by the velocity of the handle. Z contains the
+mass and friction of the device, and the scene that the handle touches. The sampled curve is the whole loop up to
+half the sampling rate: encoder sampling, estimator or integrator, delay, hold and torque loop on the device in
+continuous time. The ideal has the same device and the scene in continuous time. Where the real part is negative,
+the handle can put out more energy than it took in."""
 
 
 def impedance_section(context: Context) -> Section:
@@ -118,12 +118,12 @@ def impedance_section(context: Context) -> Section:
     found = [of_plan(context.tools.plan(scene)) for scene in scenes]
     document = svg(draw(found))
     caption = (
-        "Magnitude, relative error and real part of the impedance felt. Red: frequencies at which the real part is "
-        "negative. The dashed line is the 8 % that a hand can tell."
+        "Magnitude, relative error and real part of the impedance. Red: frequencies with a negative real part. "
+        "Dashed: the 8 % that a hand notices."
     )
     return Section(
         "impedance",
-        "What the hand feels: impedance at the handle",
+        "Impedance at the handle",
         paragraph(EXPLAINED) + picture("impedance", document, caption) + impedance_table(found),
         tuple(_finding(each) for each in found[:1]),
         {"impedance": document},
@@ -153,7 +153,7 @@ def draw(impedances: Sequence[Impedance]) -> Figure:
     panels = drawn.subplots(3, len(impedances), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
     for (top, middle, bottom), curve in zip(panels.T, impedances, strict=True):
         f = curve.frequency
-        top.loglog(f, np.abs(curve.felt), color=BLUE, linewidth=2.4, label="felt, sampled loop")
+        top.loglog(f, np.abs(curve.felt), color=BLUE, linewidth=2.4, label="sampled loop")
         top.loglog(f, np.abs(curve.ideal), color=INK, linewidth=1.1, label="ideal, continuous")
         top.loglog(f, np.abs(curve.device), color=GREY, linewidth=1.1, linestyle="--", label="device, motor off")
         middle.loglog(f, error(curve), color=VERMILION, linewidth=1.6)
@@ -202,6 +202,7 @@ def _finding(curve: Impedance) -> str:
     off = error(curve)
     early, worst = 100.0 * float(np.interp(1.0, curve.frequency, off)), 100.0 * float(off.max())
     return (
-        f"At the handle, the {curve.scene} differs from the ideal by {rounded(early)} % at 1 Hz, and most, "
-        f"{rounded(worst)} %, where device and {curve.scene} resonate ({rounded(curve.frequency[off.argmax()])} Hz)."
+        f"At the handle the {curve.scene} differs from the ideal by {rounded(early)} % at 1 Hz, and by at most "
+        f"{rounded(worst)} %, at the resonance of device and {curve.scene} ({rounded(curve.frequency[off.argmax()])} "
+        "Hz)."
     )

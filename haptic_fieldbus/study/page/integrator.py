@@ -42,9 +42,9 @@ TITLES = {
 }
 
 QUESTION = """The lecture notes end forward Euler with “other techniques preserve stability, but does it matter?”
-There are two stabilities, and they are told apart here: what a method does to its own undamped oscillator, and what
-the sampled loop of device, hold, delay and virtual mass does as a whole. The figure shows the growth rate of the
-whole, ln(ρ)/T, over the stiffness of a virtual 0.5 kg mass at 1 kHz on the shipped bench; above zero it grows."""
+There are two kinds of stability: that of the method with its own undamped oscillator, and that of the sampled loop
+of device, hold, delay and virtual mass. The figure shows the growth rate of the loop, ln(ρ)/T, over the stiffness
+of a virtual 0.5 kg mass at 1 kHz on the shipped bench. Above zero the motion grows."""
 
 
 def integrator_section(context: Context) -> Section:
@@ -55,13 +55,12 @@ def integrator_section(context: Context) -> Section:
     stiffness = SHARE * _limit(found, "exact-foh")
     rates, swing = svg(draw(found)), svg(draw_flicked(context.bench, stiffness))
     caption = (
-        "Growth rate over virtual stiffness. Clamped, the method alone decides: forward Euler grows at every "
-        "stiffness. In the loop, the methods sort by how <i>late</i> their force is. Where the axis is linear "
-        "near zero, between ±0.1 s⁻¹."
+        "Growth rate over virtual stiffness. With a clamped handle only the method matters: forward Euler grows at "
+        "every stiffness. In the loop the <i>lateness</i> of the force matters. The axis is linear between ±0.1 s⁻¹."
     )
     swinging = (
         f"The free handle after a flick of 0.1 m/s at {percent(SHARE)} of the limit of <code>exact-foh</code>: same "
-        "spring, same mass, only the integrator differs. Curves that leave the frame go on growing."
+        "spring, same mass, different integrators. Curves that leave the frame continue to grow."
     )
     body = [
         paragraph(QUESTION),
@@ -73,7 +72,7 @@ def integrator_section(context: Context) -> Section:
     ]
     return Section(
         "integrator",
-        "Does preserving stability matter in the loop?",
+        "Does the integrator's own stability matter in the loop?",
         "".join(body),
         (f"Does preserving stability in the integrator matter in the loop? {short_answer(found)}",),
         {"integrator": rates, "integrator-flick": swing},
@@ -154,11 +153,11 @@ def short_answer(growths: Sequence[LoopGrowth]) -> str:
     best = _limit(growths, "exact-foh")
     euler, drift, held = (_limit(growths, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
     return (
-        "With the puck clamped, yes. In the loop, hardly by itself: what counts is how late the force is. With a "
-        f"free handle forward Euler stands {percent(euler / best)} of the stiffness of the straight-line exact step "
-        f"({rounded(euler)} of {rounded(best)} N/m), but drift-first and <code>exact-zoh</code>, which both preserve "
-        f"stability, lose {percent(1.0 - drift / best)} and {percent(1.0 - held / best)} too, and <code>rk4</code>, "
-        "which does not preserve it, loses nothing."
+        "With a clamped puck it does. In the loop the lateness of the force matters more. With a free handle forward "
+        f"Euler is stable up to {percent(euler / best)} of the stiffness of the straight-line exact step "
+        f"({rounded(euler)} of {rounded(best)} N/m). Drift-first and <code>exact-zoh</code> both preserve stability, "
+        f"but lose {percent(1.0 - drift / best)} and {percent(1.0 - held / best)} too; <code>rk4</code> does not "
+        "preserve it and loses nothing."
     )
 
 
@@ -168,8 +167,8 @@ def _softest(growths: Sequence[LoopGrowth]) -> str:
     if not softest:
         return ""
     return (
-        f" In the hand forward Euler grows below {rounded(softest)} N/m too: so soft a spring moves the handle too "
-        "little for the hand to take out what the method puts in."
+        f" With a hand forward Euler also grows below {rounded(softest)} N/m: such a soft spring moves the handle too "
+        "little for the hand to absorb the energy of the method."
     )
 
 
@@ -178,15 +177,13 @@ def answer(growths: Sequence[LoopGrowth]) -> str:
     clamped = next(growth.at_scene["clamped"] for growth in growths if growth.method == "forward-euler")
     doubling = f"{rounded(math.log(2.0) / clamped)} s" if clamped > 0.0 else "no time"
     return (
-        f"{short_answer(growths)} Clamped, nothing takes energy out of the virtual mass, so forward Euler doubles its "
-        f"swing every {doubling} at 200 N/m, and no period is short enough to stop it (the rate is k·T/2m): there a "
-        "method must not add energy, and forward Euler is the only one that does. In the loop, the device's friction "
-        "and the hand take energy out, and the sampled loop puts energy in, because the force is late: by the delay, "
-        "by T/2 of hold, and by whatever the integrator adds. Forward Euler pulls its own spring a period late, "
-        "drift-first reads the handle a period late, and a held input is half a period old on average. A method that "
-        "preserves the energy of its own oscillator is silent on that, and cannot make the loop stable: with enough "
-        f"stiffness every one of them grows.{_softest(growths)} Backward Euler is stable at any stiffness only because "
-        "it damps the mass that it should render. So: choose a method without delay of its own "
-        "(<code>exact-foh</code>, the default), and judge the loop, not the method; <code>haptic-fieldbus "
-        "stability</code> does."
+        f"{short_answer(growths)} With a clamped handle nothing absorbs energy from the virtual mass. Forward Euler "
+        f"then doubles the amplitude every {doubling} at 200 N/m, and grows at any period (its rate is k·T/2m). In "
+        "the loop, the friction of the device and the hand absorb energy. The sampled loop adds energy because the "
+        "force is late: by the delay, by T/2 of the hold, and by the lateness of the integrator. Forward Euler "
+        "applies its own spring force one period late. Drift-first reads the handle one period late. A held input is "
+        "half a period old on average. A method that preserves the energy of its own oscillator cannot prevent this: "
+        f"with enough stiffness every such method grows.{_softest(growths)} Backward Euler "
+        "is stable at any stiffness only because it damps the mass that it should render. Choose a method without "
+        "delay (<code>exact-foh</code>, the default), and check the loop with <code>haptic-fieldbus stability</code>."
     )

@@ -136,11 +136,11 @@ DURATION, TAPPED = 2.0, 4.0
 NAMES = {False: "observer alone", True: "controller"}
 COLOURS = {False: ORANGE, True: BLUE}
 
-EXPLAINED = """A scene with <code>passivity = "controller"</code> has the energy that sampling and delay add taken back
-by damping, as much as the observer sees: torque held over the displacement after it, against the energy that the
-elements store. On the left and in the first table a handle is let go beside a bilateral wall, on the shipped bench
-without Coulomb friction: below 1 each turn is smaller than the one before. The second table is a tap on the wall of the
-library, where the bench would have taken that energy anyway: there the controller only costs feel."""
+EXPLAINED = """With <code>passivity = "controller"</code> damping absorbs the energy that sampling and delay add, as
+far as the observer measures it: held torque times the displacement after it, compared with the energy stored in the
+elements. The left figure and the first table: a handle is released beside a bilateral wall, on the shipped bench
+without Coulomb friction; below 1 each swing is smaller than the one before. The second table: a tap on the wall of
+the library, where the bench would absorb that energy anyway. There the controller only changes the feel."""
 
 
 def passivity_section(context: Context) -> Section:
@@ -151,7 +151,7 @@ def passivity_section(context: Context) -> Section:
         found += decays(context.tools, (share,), DURATION)
     taps = felt(context.tools, TAPPED)
     document = svg(draw(found))
-    caption = "Growth of a turn over stiffness, as a share of the limit of stability. Above the line the motion grows."
+    caption = "Growth per swing over stiffness, as a share of the limit. Above the line the motion grows."
     body = [paragraph(EXPLAINED), picture("passivity", document, caption), _decay_table(found), _felt_table(taps)]
     return Section(
         "passivity",
@@ -172,13 +172,13 @@ def draw(found: Sequence[Decay]) -> Figure:
         panel.plot([each.share for each in rows], [each.growth for each in rows], "o-", color=COLOURS[controlled],
                    label=name)  # fmt: skip
     panel.axhline(1.0, color=INK, linewidth=0.8, linestyle="--")
-    dress(panel, "a handle let go beside a wall", "stiffness over its limit of stability [1]", "growth of a turn [1]")
+    dress(panel, "a handle released beside a wall", "stiffness / stability limit [1]", "growth per swing [1]")
     panel.legend(frameon=False, fontsize=9)
     return drawn
 
 
 def _decay_table(found: Sequence[Decay]) -> str:
-    headings = ("stiffness over its limit", "growth of a turn", "with the controller", "its largest force [N]",
+    headings = ("stiffness over its limit", "growth per swing", "with the controller", "its largest force [N]",
                 "energy it took [mJ]")  # fmt: skip
     rows = [
         [plain.share, plain.growth, damped.growth, damped.peak, _scaled(1e3, damped.energy)]
@@ -204,12 +204,13 @@ def _scaled(factor: float, value: float | None) -> float | None:
 
 def _finding(found: Sequence[Decay], taps: Sequence[WallTap]) -> str:
     plain, controlled = limit_texts(found)
-    told = f"A handle let go beside a wall swings further and further {plain}, with the controller {controlled}"
+    told = f"A handle released beside a wall swings with growing amplitude {plain}, with the controller {controlled}"
     before, after = (tap.error for tap in taps)
     if before is None or after is None:
         return f"{told}."
     return (
-        f"{told}; a tap on the wall of the library has {percent(before)} of force error, and with it {percent(after)}."
+        f"{told}; a tap on the wall of the library has a force error of {percent(before)}, and of {percent(after)} "
+        "with the controller."
     )
 
 
@@ -221,6 +222,6 @@ def limit_texts(found: Sequence[Decay]) -> tuple[str, str]:
 def _limit_text(found: Sequence[Decay], *, controlled: bool) -> str:
     limit = limit_share(found, controlled=controlled)
     if limit is None:
-        return f"at no stiffness up to {rounded(found[-1].share)} times its limit of stability"
+        return f"at no stiffness up to {rounded(found[-1].share)} times the limit of stability"
     below, above = limit
     return f"at {rounded(above)} times its limit of stability, and not at {rounded(below)} times"

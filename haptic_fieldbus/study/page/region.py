@@ -18,14 +18,15 @@ STARTS = (5.0, 20.0, 100.0)
 """Distances from rest at which motions begin, one for each panel [encoder counts]."""
 COLOURS = {
     Ending.RESTS: ("#d3ebe0", "comes to rest"),
-    Ending.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
+    Ending.CYCLES: ("#e7e1ee", "limit cycle over one count"),
     Ending.GROWS: ("#f8dcc4", "grows"),
 }
-PLANE_EXPLAINED = """<b>Friction and encoder.</b> Over β = b/(K·T) and σ = fc/(K·D), D one encoder count, the regions of
-Diolaiti et al. are the quadrants at ½: passive, locally stable (small motions stick, large ones grow), limit cycle and
-unstable. They are for motions of any size. Here handles are pressed against a wall and let go a given number of counts
-away, friction and rounding exact. A motion of size A grows only where sampling gives more in a swing than friction
-takes, K·T/2 − b &gt; 4·fc/(π·ω·A): the larger it is, the nearer its border is to β = ½."""
+PLANE_EXPLAINED = """<b>Friction and encoder.</b> Over β = b/(K·T) and σ = fc/(K·D), with one encoder count D, the
+regions of Diolaiti et al. are the quadrants at ½: passive, locally stable (small motions stick, large ones grow),
+limit cycle and unstable. They hold for motions of any size. Here handles are pressed against a wall and released a
+given number of counts away, with exact friction and rounding. A motion of size A grows only if sampling adds more
+energy per swing than friction absorbs, K·T/2 − b &gt; 4·fc/(π·ω·A). For a larger motion the border is closer to β =
+½."""
 
 
 def part(planes: Sequence[Plane]) -> tuple[str, str]:
@@ -34,8 +35,8 @@ def part(planes: Sequence[Plane]) -> tuple[str, str]:
     share = min(plane.agreement for plane in planes)
     told = "all handles" if share == 1.0 else f"{percent(share, 3)} of the handles"
     caption = (
-        f"{len(planes[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
-        f"describing functions for motions of that size; {told} more than 5 % of the plane away from it end so."
+        f"{len(planes[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: prediction "
+        f"by describing functions for motions of that size; {told} more than 5 % of the plane away from it agree."
     )
     return paragraph(PLANE_EXPLAINED) + picture("friction-plane", document, caption), document
 
@@ -53,7 +54,7 @@ def _plane_panel(panel: Axes, plane: Plane) -> None:
     panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
     panel.set_xlim(0.0, LARGEST)
     panel.set_ylim(0.0, LARGEST)
-    dress(panel, f"let go {exactly(plane.start)} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
+    dress(panel, f"released {exactly(plane.start)} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
     panel.grid(visible=False)
 
 
@@ -63,10 +64,10 @@ QUICK_PLANE, FULL_PLANE = (20, 2000), (60, 6000)
 """Points of each axis of a friction plane, and periods of each run."""
 
 EXPLAINED = """A bilateral wall of stiffness K and damping B (velocity by backward difference) on the shipped bench
-without a hand. Each pixel is a loop that was let run from a flick in the batch engine: blue where the motion fades,
-orange where it grows. Lines are predictions, from the eigenvalues of one exact period (stable) and from the condition
-of Colgate and Schenkel extended to delay and torque loop (passive). With delay, damping helps up to a point and then
-hurts; and passive is far stricter than stable, because it must hold for any hand."""
+without a hand. Each pixel is one loop after a flick, computed in the batch engine: blue where the motion decays,
+orange where it grows. Lines are predictions: from the eigenvalues of one exact period (stable), and from the
+condition of Colgate and Schenkel, extended to delay and torque loop (passive). With delay, damping raises the limit
+up to a point and then lowers it. Passive is much stricter than stable, because it holds for every hand."""
 
 
 def region_section(context: Context) -> Section:
@@ -93,15 +94,15 @@ def region_section(context: Context) -> Section:
     told = "every loop" if agreed == 1.0 else f"{percent(agreed, 4)} of the loops"
     document = svg(side_by_side(found, _panel, 4.4, ncols=4))
     caption = (
-        f"{points}² loops of {periods} periods in each panel. Measured: blue fades, orange grows. Lines: predicted."
+        f"{points}² loops of {periods} periods in each panel. Measured: blue decays, orange grows. Lines: predicted."
     )
     return Section(
         "region",
         "Stiffness and damping: the region that is stable",
         paragraph(EXPLAINED) + picture("region", document, caption) + _table(found) + sticking,
         (
-            f"Measured and predicted K–B regions agree on {told}, a strip of 1 % around the boundary left out; "
-            f"without damping the wall is stable to {rounded(float(found[0].stable_limit[0]))} N/m and passive to "
+            f"Measured and predicted K–B regions agree on {told}, without a strip of 1 % around the border. Without "
+            f"damping the wall is stable up to {rounded(float(found[0].stable_limit[0]))} N/m and passive up to "
             f"{rounded(float(found[0].passive_limit[0]))} N/m.",
         ),
         {"region": document, "friction-plane": plane_document},

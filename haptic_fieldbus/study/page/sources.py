@@ -79,11 +79,11 @@ COLOURS = {
     "torque loop": (VERMILION, "--"),
 }
 
-EXPLAINED = """Scenes of the library (a quick report: one of each sort) run on the simulated bench (drive, bus, motor,
-encoder) at 1 kHz for 3 s, each with the hand that it names. The ideal is the scene in continuous time on the true
-motion of the handle; the error in contact is that of moving contact alone. Things are made real one after another:
-sampling and delay, encoder, velocity estimator, integrator, limits, the drive's torque step, its torque loop. Each adds
-its part to the error, and the shares sum to one; a negative share takes away from what the others did."""
+EXPLAINED = """Scenes of the library (quick report: one of each kind) run on the simulated bench (drive, bus, motor,
+encoder) at 1 kHz for 3 s, each with its default hand. The ideal is the scene in continuous time on the true motion
+of the handle. The error in contact covers moving contact only. Real effects are added one after another: sampling
+and delay, encoder, velocity estimator, integrator, limits, torque step of the drive, torque loop. The shares of the
+error sum to one; a negative share reduces the error of the others."""
 
 
 def sources_section(context: Context) -> Section:
@@ -94,7 +94,7 @@ def sources_section(context: Context) -> Section:
     led = scene_error(context.tools, LED, SECONDS, LED_HAND)
     known = [each for each in found if each.rms is not None]
     document = svg(draw(known))
-    caption = "Shares of the mean square error by source. Below zero: the source undoes part of another's error."
+    caption = "Shares of the mean square error by source. A negative share reduces the error of other sources."
     body = [paragraph(EXPLAINED), picture("sources", document, caption) if known else "", sources_table(found)]
     return Section(
         "sources",
@@ -160,8 +160,8 @@ def sources_table(misfits: Sequence[ForceError]) -> str:
 def _finding(led: ForceError) -> str:
     largest = max(led.by_source, key=lambda source: led.by_source[source])
     return (
-        f"The wall of the library, its handle led to and fro once a second for {exactly(SECONDS)} s (hand "
-        f"<code>{LED_HAND}</code>), is off by {percent(led.contact or 0.0)} of its force, rms over the "
-        f"{rounded(led.contact_s, 2)} s of moving contact (a hand feels from about 8 %); "
-        f"{percent(led.by_source[largest])} of it is {largest}."
+        f"The wall of the library has a force error of {percent(led.contact or 0.0)} rms over "
+        f"{rounded(led.contact_s, 2)} s of moving contact, with the handle moved to and fro once a second for "
+        f"{exactly(SECONDS)} s (hand <code>{LED_HAND}</code>); people notice from about 8 %. "
+        f"{percent(led.by_source[largest])} of the error is {largest}."
     )

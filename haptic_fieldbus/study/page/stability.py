@@ -46,9 +46,9 @@ FAMILIES = {
 """Rows of the figure by the module of a case; a module that is not here has a row by its own name."""
 WORST, FURTHEST, EXACT = 0.1, 1e10, 1e12
 """Margins at both ends of the frame, and the place of what is exact, or judged by yes or no."""
-TOLD = """Each mark is a case; its margin is the deviation that is permitted over the one that was found. Left of 1 a
-case fails. Cases without a number, such as a refusal in exact words, and those without any deviation stand at the
-right. Beside each row stands its closest case."""
+TOLD = """Each mark is one case. Its margin is the permitted deviation divided by the found deviation: a case left
+of 1 fails. Cases without a number, such as a refusal in exact words, and cases without deviation are at the right.
+The label beside each row is its closest case."""
 
 
 def family_of(case: Case) -> str:
@@ -122,8 +122,8 @@ def _frame(panel: Axes, rows: Sequence[str]) -> None:
 
 # Section on stiff and extreme cases; a case that raises an error counts as failed, and the others go on.
 
-EXPLAINED = """Cases that break naive code, each judged by something that is not this program: a closed form, extended
-precision, or brute force. <i>Expected</i> is what theory says, <i>measured</i> what the code does."""
+EXPLAINED = """Cases that break simple code. Each is checked by an independent reference: a closed form, extended
+precision, or brute force. <i>Expected</i> is the theory, <i>measured</i> the result of the code."""
 
 
 def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
@@ -152,7 +152,7 @@ def stability_section(context: Context) -> Section:
         paragraph(EXPLAINED) + _table(found),
         (_finding(results),),
         {"margins": document},
-        card=Card("Is it stable on stiff and extreme cases?", picture("margins", document, TOLD)),
+        card=Card("Is the loop stable in stiff and extreme cases?", picture("margins", document, TOLD)),
     )
 
 
@@ -161,9 +161,9 @@ def _finding(results: Mapping[str, CaseResult]) -> str:
     failed = [f"<code>{name}</code>" for name, result in results.items() if not result.passed]
     told = f"; failed: {', '.join(failed)}" if failed else ""
     close = [name for name in closest(results) if results[name].passed][:1]
-    near = "".join(f"; the closest, <code>{name}</code>, uses {percent(results[name].used or 0.0)} of what is permitted"
+    near = "".join(f"; the closest, <code>{name}</code>, uses {percent(results[name].used or 0.0)} of its tolerance"
                    for name in close)  # fmt: skip
-    return f"{len(results) - len(failed)} of {len(results)} stiff and extreme cases behave as theory says{told}{near}."
+    return f"{len(results) - len(failed)} of {len(results)} stiff and extreme cases agree with theory{told}{near}."
 
 
 def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
@@ -180,5 +180,7 @@ def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
         for name, (result, seconds) in results.items()
     ]
     return table(
-        ("case", "verdict", "expected", "measured", "judged by", "used of it", "time [s]"), rows, text_columns=5
+        ("case", "verdict", "expected", "measured", "checked by", "share of tolerance", "time [s]"),
+        rows,
+        text_columns=5,
     )

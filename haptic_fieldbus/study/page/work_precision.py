@@ -51,8 +51,8 @@ LOOPS = {
 }
 """Colour and label of each loop in a hand."""
 
-TOLD = """Error of every method over its cost: on the left the median over the problems, thick, and each problem, faint;
-on the right the loops in a hand. Shortest of 25 repeats in turn; × marks a median that failed."""
+TOLD = """Error over cost of every method. Left: median over the problems (thick) and each problem (faint). Right:
+loops with a hand. Shortest of 25 repeats in turn; × marks a failed median."""
 
 Curve = list[tuple[float, float]]
 """Computing time for a second [µs] and error as a share of the largest force; ∞ for a run that failed."""
@@ -114,7 +114,7 @@ def _frame(panel: Axes) -> None:
     panel.axhspan(FAILED, TOP, color="#fbeee6", linewidth=0, zorder=0)
     panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)), zorder=1)
     note(panel, FAILED, "failed")
-    note(panel, FELT, "a hand feels it from here up")
+    note(panel, FELT, "noticeable above")
 
 
 def _legend(drawn: Figure, methods: Sequence[str]) -> None:
@@ -137,9 +137,9 @@ def problems_finding(sets_of_problems: Sequence[Sequence[Set]]) -> str:
     worst = max(_share(runs) for runs in loops)
     period = at_fixed_period(loops[0]).period_s
     return (
-        f"At {rounded(1e3 * period, 2)} ms <code>{BEST}</code> is off by {percent(best)} of the largest force, "
-        f"<code>{SIMPLE}</code> by {percent(simple)}, for {times:.2f} times the computing (medians of {len(known)} "
-        f"problems); in the loop all are of first order, off by up to {percent(worst)}."
+        f"At {rounded(1e3 * period, 2)} ms <code>{BEST}</code> has an error of {percent(best)} of the largest force, "
+        f"<code>{SIMPLE}</code> of {percent(simple)}, for {times:.2f} times the computing (medians of {len(known)} "
+        f"problems). In the loop all methods are of first order, with errors up to {percent(worst)}."
     )
 
 
@@ -155,15 +155,14 @@ CLOSE = 0.05
 FIXED_COST = 300.0
 """Computing time for a second of simulated time [µs] at which methods are compared in the table."""
 
-EXPLAINED = """Each marker is one run with one step size; its force is compared with the exact one at every sample. On
-the left the error stands over the step size: a method of order <i>p</i> falls by 10<sup><i>p</i></sup> a decade. On
-the right the same runs stand over what they cost, the computing time for one second of simulated time: the median of
-25 repeats, in which the methods take turns. <b>×</b> in
-the zone at the top marks a failure, a row for each method: the numbers left the finite ones, or the error exceeds ten
-times the largest force. Below the dashed line a hand cannot tell the error (8 % of the largest force). Every method
-reads the input at the samples only, as a loop does: a held input makes any method first order, a straight line
-between samples second order, so that <code>rk4</code> and <code>exact-foh</code> end up on one line; on a constant
-input the classic orders show."""
+EXPLAINED = """Each marker is one run with one step size; its force is compared with the exact force at every
+sample. Left: error over step size; a method of order <i>p</i> falls by 10<sup><i>p</i></sup> per decade. Right: the
+same runs over their cost, the computing time for one second of simulated time (median of 25 repeats, methods in
+turn). <b>×</b> at the top marks a failure, one row per method: values not finite, or an error above ten times the
+largest force. A hand does not notice an error below the dashed line (8 % of the largest force). Every method reads
+the input at the samples only, as a loop does. A held input makes any method first order, a straight line between
+samples second order; therefore <code>rk4</code> and <code>exact-foh</code> are on one line. With a constant input
+the classic orders appear."""
 
 
 def work_precision_section(context: Context) -> Section:
@@ -187,15 +186,15 @@ def work_precision_section(context: Context) -> Section:
     card = None
     if context.names is None:
         figures["all-problems"] = svg(draw_all(found))
-        card = Card("What does exactness cost?", picture("all-problems", figures["all-problems"], TOLD))
+        card = Card("What does accuracy cost?", picture("all-problems", figures["all-problems"], TOLD))
     title = "Error against the time it costs"
     return Section("work-precision", title, "".join(body), tuple(_findings(found)), figures, card=card)
 
 
 LIMITS_EXPLAINED = """Stability limits that each method states, and those that bisection on its own step finds: the
 largest <i>h</i> = T·√(k/m) at which an undamped oscillator does not grow, and the largest T/τ at which a decay with
-time constant τ does not. 0: it grows at every step size, and T sets only how fast. This is the integrator by itself.
-The sampled loop is another matter, below."""
+time constant τ does not grow. 0: it grows at every step size. This table covers the integrator alone; the sampled
+loop is below."""
 
 
 def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
@@ -226,7 +225,7 @@ def draw(sets: Sequence[Set]) -> Figure:
         panel.text(place, 0.985, "failed", transform=panel.transAxes, ha=side, va="top", size=8.5, color="#888888")
         panel.axhline(FELT * peak, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)), zorder=1)
         panel.set_ylim(low, top)
-    left.annotate("a hand cannot tell", (0.995, FELT * peak), xycoords=("axes fraction", "data"), ha="right", va="top",
+    left.annotate("not noticeable", (0.995, FELT * peak), xycoords=("axes fraction", "data"), ha="right", va="top",
                   size=8.5, color="#666666", xytext=(0, -2), textcoords="offset points")  # fmt: skip
     dress(left, "accuracy: error over step size", "period [ms]", "rms error of the force [N]")
     dress(right, "work–precision: error over cost", "computing time for one second [µs]", "")
@@ -268,8 +267,8 @@ def _caption(sets: Sequence[Set]) -> str:
     total = sum(len(each.points) for each in sets)
     unstable = sum(not point.stable for each in sets for point in each.points)
     return (
-        f"{total} runs, {failed} of them failed; {unstable} with a step that makes some mode grow, which a short run "
-        f"can survive. Largest exact force {rounded(sets[0].peak)} N."
+        f"{total} runs, {failed} failed; {unstable} with a step that makes some mode grow, which a short run can "
+        f"survive. Largest exact force {rounded(sets[0].peak)} N."
     )
 
 
@@ -331,8 +330,8 @@ def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
     if told:
         failed = sum(has_failed(p, each.peak) for each in every for p in each.points)
         yield (
-            f"Observed orders are the claimed ones, within {exactly(CLOSE)}, in {sum(map(is_as_claimed, told))} of "
-            f"{len(told)} sets of runs; {failed} of {sum(len(each.points) for each in every)} runs failed, and are "
+            f"Observed orders match the claims within {exactly(CLOSE)} in {sum(map(is_as_claimed, told))} of "
+            f"{len(told)} sets of runs; {failed} of {sum(len(each.points) for each in every)} runs failed and are "
             "drawn as failures."
         )
     smooth = next((sets for sets in sets_of_problems if sets[0].problem == "sprung-mass-minimum-jerk"), None)
@@ -344,7 +343,7 @@ def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
         low, times, high = line_.cost.ratio(held.cost)
         yield (
             f"At {rounded(1e3 * held_run.period_s)} ms the straight-line exact step (<code>exact-foh</code>) is "
-            f"{rounded(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
-            f"costs {times:.2f} times as much (half of the repeats, in turn: {low:.2f} to {high:.2f}): the input hold, "
-            "not the integrator, was the error."
+            f"{rounded(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) for a hand's motion, at "
+            f"{times:.2f} times the cost (middle half of the repeats: {low:.2f} to {high:.2f}). The error came from "
+            "the input hold, not from the integrator."
         )

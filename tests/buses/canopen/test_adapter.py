@@ -76,7 +76,7 @@ def test_a_controller_that_is_not_well_points_at_wires(state: str, root: Path) -
 
 def test_another_bit_rate_is_told_with_the_line_that_sets_it(root: Path) -> None:
     rate = checked(CanSection("socketcan", "can0", 1_000_000), root)["bit_rate"]
-    assert (rate.ok, rate.measured) == (False, "500000 bit/s, 1000000 asked for")
+    assert (rate.ok, rate.measured) == (False, "500000 bit/s, requested 1000000")
     assert "bitrate 1000000" in rate.advice
 
 

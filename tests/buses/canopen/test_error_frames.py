@@ -36,8 +36,7 @@ def test_a_restart_after_bus_off_does_not_undo_it() -> None:
     heard.hear(ERROR | 0x100, bytes(8))
     assert heard.bus_off
     assert heard.sentence("can0") == (
-        "can0: the CAN controller reported: bus-off 1×, restarted after bus-off 1×. Check wiring, terminators and bit "
-        "rate"
+        "can0: CAN controller error: bus-off 1×, restarted after bus-off 1×. Check wiring, terminators and bit rate"
     )
 
 
@@ -47,4 +46,4 @@ def test_what_the_controller_reported_is_told_at_the_end() -> None:
     bench.can.later(0, passive)
     bench.bus.read(bench.clock.now_ns() + 1_000_000)
     assert bench.bus.stop()
-    assert any("fake0: the CAN controller reported: error passive by transmit" in told for told in bench.bus.warnings)
+    assert any("fake0: CAN controller error: error passive by transmit" in told for told in bench.bus.warnings)

@@ -40,7 +40,7 @@ def test_a_node_without_a_statusword_is_refused_by_its_name() -> None:
     nothing = SimulatedObject(value=0)
     mappings = {f"{index:04X}:00": nothing for index in range(0x1A00, 0x1A04)}
     drive = with_objects(**mappings, x6041=SimulatedObject(absent=True))
-    with pytest.raises(BusConfigurationError, match=r"node 1 \(axis handle\): no CiA 402 drive: there is no 6041h"):
+    with pytest.raises(BusConfigurationError, match=r"node 1 \(axis handle\): not a CiA 402 drive: there is no 6041h"):
         asked(drive)
 
 
@@ -65,7 +65,7 @@ def opened(profile: CanopenProfile, drive: CanopenProfile) -> list[str]:
 def test_a_fault_reaction_that_can_only_be_read_is_left_out_and_told() -> None:
     told = opened(GENERIC, with_objects(x605E=READ_ONLY))
     assert [each for each in told if FAULT_REACTION in each] == [
-        f"node 1 (axis handle): {FAULT_REACTION} can only be read, and stays 2"
+        f"node 1 (axis handle): {FAULT_REACTION} is read-only and stays 2"
     ]
     assert not any(FAULT_REACTION in each for each in opened(GENERIC, GENERIC))
 

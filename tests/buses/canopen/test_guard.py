@@ -99,7 +99,7 @@ class TestConfiguration:
         bench = guarded()
         bench.drive.objects[0x1017, 0] = (100).to_bytes(2, "little")
         change(bench.drive)
-        with pytest.raises(BusConfigurationError, match=r"heartbeat every 100 ms and cannot be told not to"):
+        with pytest.raises(BusConfigurationError, match=r"heartbeat every 100 ms and refuses to stop it"):
             bench.open()
 
     @pytest.mark.parametrize("entry", [(0x100C, 0), (0x100D, 0)])
@@ -112,14 +112,16 @@ class TestConfiguration:
     def test_a_drive_that_answers_no_request_is_not_started(self) -> None:
         bench = guarded()
         bench.drive.lost_answers = 1_000_000
-        with pytest.raises(BusTimeoutError, match=r"no answer to node guarding confirmed it in 0\.3 s: none came"):
+        with pytest.raises(BusTimeoutError, match=r"within 0\.3 s \(no answer to node guarding\): none came"):
             bench.open()
         assert set(bench.can.of(0x200 + NODE)) <= {TORQUE_FREE}
 
     def test_a_drive_that_never_toggles_is_not_started(self) -> None:
         bench = guarded()
         bench.drive.toggles = False
-        with pytest.raises(BusTimeoutError, match="told to go operational, but no answer to node guarding"):
+        with pytest.raises(
+            BusTimeoutError, match=r"did not confirm operational within .*\(no answer to node guarding\)"
+        ):
             bench.open()
 
 
@@ -185,8 +187,8 @@ class TestRequests:
         bench.drive.forgets.add((0x100D, 0))
         assert bench.bus.stop() is True
         assert bench.bus.warnings == [
-            "node 1 (axis handle) was left with 100Dh:00 life time factor as the run had written it; with its guard "
-            "on it may report an error"
+            "node 1 (axis handle) keeps 100Dh:00 life time factor as the run wrote it; with its watchdog armed "
+            "it may report an error"
         ]
 
     def test_a_drive_that_stays_enabled_keeps_its_guard(self) -> None:
@@ -237,8 +239,8 @@ class TestAnswers:
             assert exchange(bench, 40) is LinkFlag(0)
         bench.bus.stop()
         assert bench.bus.warnings == [
-            "node 1 (axis handle) answered node guarding 5 times with the toggle bit of the answer before, and such an "
-            "answer does not count: answers were lost, or the node repeats itself"
+            "node 1 (axis handle) repeated the toggle bit in 5 node guarding answers; these do "
+            "not count: answers were lost, or the node repeats itself"
         ]
 
     def test_a_toggle_bit_that_stands_still_is_no_sign_of_life(self) -> None:
@@ -283,7 +285,7 @@ class TestSomebodyElse:
         assert LinkFlag.FOREIGN in LinkFlag(flags)
         assert cob_id_words(code) == "node guarding request to node 1 (701h)"
         words = bench.plan.axes[0].traffic.fault_text(LinkFlag.FOREIGN, code, "socketcan:can0")
-        assert words.startswith("another master on socketcan:can0: node guarding request to node 1 (701h) came")
+        assert words.startswith("another master on socketcan:can0: received node guarding request to node 1 (701h)")
 
     @pytest.mark.parametrize("delay_ns", [500_000_000, 1_005_000_000], ids=["while we listen", "while we write"])
     def test_a_request_before_the_loop_is_refused(self, delay_ns: int) -> None:

@@ -66,7 +66,7 @@ def test_a_node_with_several_axes_in_sub_indices_is_told_with_what_to_write() ->
     note = look.look()["handle"].note
     asked = two.sent()
     two.close()
-    assert "several axes share this node, each in a sub-index of its own (6064h:01 and :02): write a profile" in note
+    assert "several axes share this node, each in its own sub-index (6064h:01 and :02): write one profile" in note
     assert "6077h:01" not in note
     assert [frame for frame in asked if frame.arbitration_id == 0x663 and frame.data[3]] == [], "asked once"
 

@@ -82,7 +82,7 @@ def test_a_limit_that_the_object_cannot_hold_is_refused_before_anything_is_writt
     limits = replace(axis.limits, effort=70.0 * axis.rated_effort)
     bench = Bench(replace(plan, axes=(replace(axis, limits=limits),)))
     bench.drive.objects[MAX_TORQUE] = (3000).to_bytes(2, "little")
-    with pytest.raises(BusConfigurationError, match=r"6072h.* holds no more than 65535, and the limit .* is 70000 of"):
+    with pytest.raises(BusConfigurationError, match=r"6072h.* cannot exceed 65535, but the limit .* is 70000 steps"):
         bench.open()
     assert bench.written() == []
 
@@ -90,12 +90,12 @@ def test_a_limit_that_the_object_cannot_hold_is_refused_before_anything_is_writt
 @pytest.mark.parametrize("held", [0, 100, HALF - 1])
 def test_a_lower_limit_is_raised_only_where_the_rig_says_so(held: int) -> None:
     refused = bench_of(held)
-    with pytest.raises(BusConfigurationError, match=rf"6072h.*is {held} ‰.*may ask for 500 ‰ \(25\.1 N\).*raise_max_t"):
+    with pytest.raises(BusConfigurationError, match=rf"6072h.*is {held} ‰.*may use 500 ‰ \(25\.1 N\).*raise_max_t"):
         refused.open()
     assert refused.written() == []
     bench = bench_of(held, raised=True).open()
     assert bench.drive.value(*MAX_TORQUE) == HALF
-    assert "is raised, as the rig says, from " in bench.bus.facts["handle"].changes[0]
+    assert "is raised, as the rig permits, from " in bench.bus.facts["handle"].changes[0]
     bench.bus.stop()
     assert bench.drive.value(*MAX_TORQUE) == held
 
@@ -111,7 +111,7 @@ def test_a_limit_that_cannot_be_lowered_is_a_warning_and_one_that_cannot_be_rais
     high, low = bench_of(3000), bench_of(100, raised=True)
     high.drive.aborts[MAX_TORQUE] = low.drive.aborts[MAX_TORQUE] = READ_ONLY
     high.open()
-    assert "only the loop holds that of the axis" in high.bus.warnings[0]
+    assert "only the loop applies the limit of the axis" in high.bus.warnings[0]
     assert high.bus.stop() is True
     with pytest.raises(BusConfigurationError, match="6072h"):
         low.open()
@@ -128,7 +128,7 @@ def test_a_limit_that_the_drive_sets_to_another_value_is_put_back_all_the_same()
 
     bench.drive._store = floored  # type: ignore[method-assign]
     bench.open()
-    assert "only the loop holds that of the axis" in bench.bus.warnings[0]
+    assert "only the loop applies the limit of the axis" in bench.bus.warnings[0]
     assert bench.drive.value(*MAX_TORQUE) == 600
     assert bench.bus.stop() is True
     assert bench.drive.value(*MAX_TORQUE) == 3000
@@ -145,7 +145,7 @@ def test_a_limit_that_is_not_put_back_is_told_and_stays_noted(tmp_path: Path) ->
     bench = bench_of(3000, real=True).open()
     bench.drive.aborts[MAX_TORQUE] = READ_ONLY
     bench.bus.stop()
-    assert "was left with 6072h:00 max torque (it refused: 06010002h)" in bench.bus.warnings[0]
+    assert "keeps 6072h:00 max torque (it refused: 06010002h)" in bench.bus.warnings[0]
     assert len(notes(tmp_path)) == 1
 
 
@@ -166,7 +166,7 @@ class TestKilled:
         after = bench_of(HALF, real=True).open()
         (told,) = after.bus.facts["handle"].changes
         assert told.endswith(
-            "from 300 % to 50 % of rated torque until the end; a run that did not end in order left it at 50 %"
+            "from 300 % to 50 % of rated torque until the end; a run that did not end properly left it at 50 %"
         )
         assert after.bus.stop() is True
         assert (after.drive.value(*MAX_TORQUE), notes(tmp_path)) == (3000, [])
@@ -178,7 +178,7 @@ class TestKilled:
 
     def test_a_raised_limit_that_was_left_is_told_where_it_is_refused(self) -> None:
         bench_of(100, raised=True, real=True).open()
-        with pytest.raises(BusConfigurationError, match=r"is 100 ‰.*a run that did not end in order left it at 500 ‰"):
+        with pytest.raises(BusConfigurationError, match=r"is 100 ‰.*a run that did not end properly left it at 500 ‰"):
             bench_of(HALF, real=True).open()
 
     def test_a_second_run_that_is_killed_before_it_writes_forgets_nothing(self, tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ class TestKilled:
         del bench.drive.objects[0x1018, 4]
         bench.open()
         assert notes(tmp_path) == []
-        assert "has no serial number: a run that is killed leaves its torque limit in it" in bench.bus.warnings[0]
+        assert "has no serial number: if a run is killed, its torque limit stays in the drive" in bench.bus.warnings[0]
 
     def test_another_drive_without_a_serial_number_keeps_the_limit_that_a_person_has_set(self, tmp_path: Path) -> None:
         """A run on A is killed; B tells the same 0, and a person has set it to what the run on A had."""
@@ -269,9 +269,7 @@ class TestKilled:
         after = bench_of(HALF, real=True).open()
         assert after.bus.facts["handle"].changes == ()
         (told,) = after.bus.warnings
-        assert told.startswith(
-            f"{path} is not used (it is damaged, was changed by hand, or an earlier version wrote it)"
-        )
+        assert told.startswith(f"{path} is not used (it is damaged, was edited, or is from an earlier version)")
         assert after.bus.stop() is True
         assert (after.drive.value(*MAX_TORQUE), notes(tmp_path)) == (HALF, []), "told once"
 
@@ -295,7 +293,7 @@ class TestKilled:
         assert old in text
         path.write_text(text.replace(old, new))
         after = bench_of(HALF, real=True).open()
-        assert "was changed by hand" in after.bus.warnings[0]
+        assert "was edited" in after.bus.warnings[0]
         assert after.bus.stop() is True
         assert after.drive.value(*MAX_TORQUE) == HALF
 
@@ -344,7 +342,7 @@ class TestKilled:
 
         monkeypatch.setattr(os, "fsync", full)
         bench = bench_of(HALF, real=True, wanted=0.4).open()
-        assert "cannot be written (No space left on device): a run that is killed" in bench.bus.warnings[0]
+        assert "cannot be written (No space left on device): if a run is killed" in bench.bus.warnings[0]
         assert (path.read_bytes(), notes(tmp_path), os.listdir(path.parent)) == (before, [path], [path.name])
 
     @pytest.mark.parametrize("call", ["replace", "fsync"])
@@ -399,7 +397,7 @@ class TestKilled:
     def test_a_folder_that_cannot_be_made_is_a_warning(self, tmp_path: Path) -> None:
         (tmp_path / "state").write_text("a file")
         bench = bench_of(3000, real=True).open()
-        assert "a run that is killed leaves its torque limit" in bench.bus.warnings[0]
+        assert "if a run is killed, its torque limit stays in the drive" in bench.bus.warnings[0]
         assert bench.bus.stop() is True
 
     def test_a_simulated_drive_leaves_no_notes(self, tmp_path: Path) -> None:

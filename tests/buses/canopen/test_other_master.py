@@ -80,7 +80,7 @@ def test_a_question_of_somebody_else_is_told_once(name: str) -> None:
     for _ in range(3):
         bench.can.reply(can_id, data, delay_ns=0)
         assert _header(bench) == (LinkFlag(0), 0)
-    assert bench.bus.warnings == [f"somebody else asks our drives: {words}. Torque was not affected"]
+    assert bench.bus.warnings == [f"another program sends SDO requests to our drives: {words}. Torque was not affected"]
 
 
 @pytest.mark.parametrize("name", HARMLESS)
@@ -99,7 +99,7 @@ def test_node_guarding_by_somebody_else_is_told_and_other_remote_and_error_frame
     bench.can.later(0, can.Message(arbitration_id=0x080, is_extended_id=False, is_error_frame=True, data=bytes(8)))
     assert _header(bench) == (LinkFlag(0), 0)
     assert bench.bus.warnings == [
-        "somebody else asks our drives: node guarding request to node 1 (701h). Torque was not affected"
+        "another program sends SDO requests to our drives: node guarding request to node 1 (701h). Torque was not affected"
     ]
 
 
@@ -217,7 +217,7 @@ class TestBeforeTheLoop:
         bench = Bench()
         bench.bus.inspect(bench.plan, bytearray(bench.plan.image.input_size))
         bench.can.reply(0x080, b"", 0)
-        with pytest.raises(ForeignMasterError, match=r"SYNC \(080h\) came while we prepared.*one rig.*Nothing was wr"):
+        with pytest.raises(ForeignMasterError, match=r"received SYNC \(080h\) during setup.*one rig.*Nothing was wr"):
             bench.bus.configure(bench.plan)
         assert bench.written() == []
         assert bench.can.of(0x000) == []
@@ -226,7 +226,7 @@ class TestBeforeTheLoop:
     def test_a_master_that_comes_while_we_configure_is_refused_before_anything_is_enabled(self, name: str) -> None:
         bench = Bench()
         bench.can.reply(*COMMANDS[name], LISTENING_NS + 5_000_000)
-        with pytest.raises(ForeignMasterError, match=r"while we prepared.*Nothing was"):
+        with pytest.raises(ForeignMasterError, match=r"during setup.*Nothing was"):
             bench.open()
         assert bytes((0x01, NODE)) not in bench.can.of(0x000)
         assert set(bench.can.of(0x200 + NODE)) <= {TORQUE_FREE}

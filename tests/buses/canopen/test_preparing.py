@@ -145,14 +145,14 @@ class TestCommissioning:
         shown = ShownObject("max motor speed", 0x6080, DataType.UINT32, unit=unit)
         section = CommissioningSection("the tool", (shown,))
         bench = bench_of({(0x6080, 0): speed}, sizes={(0x6080, 0): 4}, commissioning=section).open()
-        words = "max motor speed of 1000 r/min (6080h) is 0.833 m/s at the handle, below the 2 m/s"
+        words = "max motor speed of 1000 r/min (6080h) is 0.833 m/s at the handle, below the trip limit of 2 m/s"
         assert any(words in each for each in bench.bus.facts["handle"].changes) is told
 
     def test_another_rated_current_than_the_rigs_is_refused(self) -> None:
         profile = replace(PROFILE, **torque(rated=None, rated_current=MappedObject(0x6075, DataType.UINT32, unit="mA")))
         bench = Bench(plan_of(profile=profile))
         bench.drive.objects[0x6075, 0] = (6000).to_bytes(4, "little")
-        with pytest.raises(BusConfigurationError, match=r"its rated current is 6 A .*the rig says 8 A"):
+        with pytest.raises(BusConfigurationError, match=r"its rated current is 6 A .*the rig has 8 A"):
             bench.open()
         assert bench.written() == []
 
@@ -163,12 +163,12 @@ class TestCommissioning:
             ((8192, 2), None),
             ((0, 1), None),
             ((16384, 0), None),
-            ((16384, 1), "16384 counts in a revolution (608Fh), the rig says 4096"),
+            ((16384, 1), "16384 counts per revolution (608Fh), the rig 4096"),
             (
                 (16384, 1),
-                "off by a factor of 4, unless the drive scales its position. Are the counts in the rig lines?",
+                "wrong by a factor of 4, unless the drive scales its position. Are the counts in the rig lines?",
             ),
-            ((1024, 1), "off by a factor of 0.25, unless the drive scales its position"),
+            ((1024, 1), "wrong by a factor of 0.25, unless the drive scales its position"),
         ],
     )
     def test_another_encoder_than_the_rigs_is_told(self, told: tuple[int, int], words: str | None) -> None:

@@ -127,7 +127,7 @@ def test_silence_is_explained_by_what_the_drive_said_before() -> None:
 def test_an_answer_of_another_kind_than_the_request_asks_for_is_refused() -> None:
     bench = Bench()
     bench.can.reply(0x580 + NODE, b"\x60\x00\x10\x00" + bytes(4), delay_ns=LISTENING_NS + 1)
-    with pytest.raises(BusConfigurationError, match="answered wrongly"):
+    with pytest.raises(BusConfigurationError, match="wrong answer"):
         bench.open()
 
 
@@ -146,10 +146,10 @@ REFUSED_BEFORE_WRITING: dict[str, tuple[Callable[[FakeDrive], None], type[Except
     "no answer": (_silence, BusTimeoutError, r"node 1 .*does not answer on bus at 1000000 bit/s: check"),
     "not a drive": (_set(0x1000, 0, 0x0000_0191, 4), BusConfigurationError, "not a CiA 402 drive.*00000191h"),
     "wrong vendor": (_set(0x1018, 1, 0x9A, 4), BusConfigurationError, "vendor 0000009Ah.*expects vendor 000000FBh"),
-    "wrong rating": (_set(0x6076, 0, 500_000, 4), BusConfigurationError, r"is 0\.5 N·m.*rig says 0\.4 N·m"),
+    "wrong rating": (_set(0x6076, 0, 500_000, 4), BusConfigurationError, r"is 0\.5 N·m.*rig has 0\.4 N·m"),
     "other SYNC": (_set(0x1005, 0, 0x81, 4), BusConfigurationError, "00000081h; a SYNC consumer at 080h"),
     "SYNC producer": (_set(0x1005, 0, 0x4000_0080, 4), BusConfigurationError, "40000080h"),
-    "fault": (_set(0x6041, 0, 0x08, 2), DriveFaultError, "state fault, error code 0000h.*then clear"),
+    "fault": (_set(0x6041, 0, 0x08, 2), DriveFaultError, "state fault, error code 0000h.*then reset"),
 }
 
 
@@ -204,14 +204,26 @@ def _restart_soon(drive: FakeDrive) -> None:
 FAILING: dict[str, tuple[Callable[[FakeDrive], None], type[Exception], str]] = {
     "abort": (_abort(0x6007, 0, 0x0609_0030), BusConfigurationError, "6007h.*Value range .*06090030h"),
     "vendor abort": (_abort(0x6060, 0, 0x0F00_FFC0), BusConfigurationError, "CiA 301 does not list.*0F00FFC0h"),
-    "guard not kept": (_forget(0x1016, 1), BusConfigurationError, "did not keep 1016h:01.*written, 0 is read back"),
-    "reaction not kept": (_forget(0x605E), BusConfigurationError, "did not keep 605Eh:00 .*0 was written, 2 is read"),
+    "guard not kept": (_forget(0x1016, 1), BusConfigurationError, "did not keep 1016h:01.*, read back 0"),
+    "reaction not kept": (_forget(0x605E), BusConfigurationError, "did not keep 605Eh:00 .*wrote 0, read back 2"),
     "mapping not kept": (_forget(0x1A00, 2), BusConfigurationError, "did not keep 1A00h:02 TPDO mapping"),
     "type not kept": (_forget(0x1800, 2), BusConfigurationError, "did not keep 1800h:02"),
     "mode not kept": (_forget(0x6060), BusConfigurationError, "did not keep 6060h:00 modes of operation"),
-    "stays pre-operational": (_stay(0x7F), BusTimeoutError, "told to go operational.*the last says pre-operational"),
-    "stays operational": (_stay(0x05), BusTimeoutError, "told to go pre-operational.*the last says operational"),
-    "stays enabled": (_stay_enabled, BusConfigurationError, r"found enabled and stays so .*waited 1 s"),
+    "stays pre-operational": (
+        _stay(0x7F),
+        BusTimeoutError,
+        "did not confirm operational.*the last one reports pre-operational",
+    ),
+    "stays operational": (
+        _stay(0x05),
+        BusTimeoutError,
+        "did not confirm pre-operational.*the last one reports operational",
+    ),
+    "stays enabled": (
+        _stay_enabled,
+        BusConfigurationError,
+        r"is still enabled after the command disable voltage .*waited 1 s",
+    ),
     "restart": (_restart_soon, BusConfigurationError, "restarted while it was configured"),
 }
 
@@ -239,7 +251,7 @@ def test_a_mode_that_is_not_taken_over_in_time_is_named() -> None:
             bench.drive.objects[0x6061, 0] = b"\x00"
 
     bench.drive._store = without_mode  # type: ignore[method-assign]
-    with pytest.raises(BusConfigurationError, match=r"mode of operation 10: 6061h:00 .* says 0 \(waited 1 s\)"):
+    with pytest.raises(BusConfigurationError, match=r"mode of operation 10: 6061h:00 .* is 0 \(waited 1 s\)"):
         bench.open()
 
 
@@ -268,7 +280,7 @@ def test_an_unknown_unit_of_rated_torque_is_refused() -> None:
 def test_a_value_shorter_than_its_type_is_refused() -> None:
     bench = Bench()
     bench.drive.objects[0x6076, 0] = b"\x10\x27"
-    with pytest.raises(BusConfigurationError, match="6076h:00 motor rated torque: 2 octets came, uint32 was expected"):
+    with pytest.raises(BusConfigurationError, match="6076h:00 motor rated torque: received 2 octets, expected uint32"):
         bench.open()
 
 

@@ -81,7 +81,7 @@ class TestQuestions:
     def test_it_is_mapped_into_no_tpdo(self) -> None:
         bench = asked()
         assert 0x6071_0010 not in [value for name, value in bench.written() if name.startswith("1A")]
-        assert "ask SDO target torque asked" in list(bench.plan.axes[0].traffic.summary())
+        assert "read by SDO target torque asked" in list(bench.plan.axes[0].traffic.summary())
 
     def test_the_way_to_zero_takes_over_the_responses(self) -> None:
         bench = asked()
@@ -138,7 +138,7 @@ class TestAnswers:
         del bench.drive.objects[0x6071, 0]
         bench.drive._take_rpdo = lambda can_id, data: None  # type: ignore[method-assign]
         assert {period(bench)[1] for _ in range(60)} == {0}
-        assert bench.bus.warnings == ["node 1 (axis handle) refused to tell 6071h:00 target torque (abort 06020000h)"]
+        assert bench.bus.warnings == ["node 1 (axis handle) refused to read 6071h:00 target torque (abort 06020000h)"]
         assert len(questions(bench)) > 5, "it may have been busy"
 
     @pytest.mark.parametrize(
@@ -162,9 +162,7 @@ class TestAnswers:
     def test_a_drive_that_does_not_let_it_be_read_is_refused_before_anything_is_written(self) -> None:
         bench = Bench(plan_of(profile=ASKED))
         del bench.drive.objects[0x6071, 0]
-        words = (
-            r'reading 6071h:00 target torque: refused: .*; its profile says torque\.echo = "asked".*within 5 % of rat'
-        )
+        words = r'reading 6071h:00 target torque: refused: .*; its profile has torque\.echo = "asked".*limited to 5 % of rat'
         with pytest.raises(BusConfigurationError, match=words):
             bench.open()
         assert bench.written() == []

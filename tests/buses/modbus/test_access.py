@@ -50,7 +50,7 @@ def test_a_unit_that_is_no_known_drive_is_found_all_the_same() -> None:
         (node,) = ACCESS.scan(section_of(server.name), AXES, None).nodes
         assert (node.node, node.profile) == (1, None)
         assert node.sure is not None
-        assert "no profile fits" in node.sure
+        assert "no matching profile" in node.sure
 
 
 def test_a_server_that_has_every_register_is_taken_for_no_drive() -> None:
@@ -59,8 +59,8 @@ def test_a_server_that_has_every_register_is_taken_for_no_drive() -> None:
         (node,) = ACCESS.scan(section_of(server.name), AXES, None).nodes
         assert (node.node, node.profile) == (1, None)
         assert NAME in (node.sure or "")
-        assert "others between them too, as a server of any kind may have" in (node.sure or "")
-        assert "name its profile with --drive" in (node.sure or "")
+        assert "also other registers between them, as any server may have" in (node.sure or "")
+        assert "use --drive PROFILE" in (node.sure or "")
 
 
 def test_a_profile_that_cannot_render_force_is_named_and_not_proposed(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_profile_that_cannot_render_force_is_named_and_not_proposed(tmp_path: 
     with tcp_server(Drive()) as server:
         (node,) = ACCESS.scan(section_of(server.name), AXES, tmp_path).nodes
         assert node.profile == NAME
-        assert "useless (cannot render force) would fit as well" in (node.sure or "")
+        assert "useless (cannot render force) would match too" in (node.sure or "")
 
 
 def test_a_look_reads_what_the_drive_says_and_writes_nothing() -> None:
@@ -151,7 +151,7 @@ def test_a_serial_port_of_somebody_else_and_a_slow_latency_timer_have_their_advi
 
 @pytest.mark.parametrize("suffix", [".log", ".blf"])
 def test_can_frames_cannot_be_recorded_of_a_modbus_line(suffix: str) -> None:
-    with pytest.raises(UsageError, match=r"is for CAN frames, and a Modbus line has none\. Record the rows"):
+    with pytest.raises(UsageError, match=r"is for CAN frames\. For Modbus record one row per period"):
         ACCESS.logs(Path(f"run{suffix}"), ["bus"], simulated=True)
     with ACCESS.logs(Path("run.csv"), ["bus"], simulated=True) as logs:
         assert logs == {}
@@ -160,5 +160,5 @@ def test_can_frames_cannot_be_recorded_of_a_modbus_line(suffix: str) -> None:
 def test_a_dead_server_is_told_when_it_is_scanned() -> None:
     with tcp_server(Drive()) as server:
         name = server.name
-    with pytest.raises(BusError, match="nobody listens there"):
+    with pytest.raises(BusError, match="no server at this address"):
         ACCESS.scan(section_of(name), AXES, None)

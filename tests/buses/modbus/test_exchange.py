@@ -427,7 +427,7 @@ def test_a_torn_position_is_dropped_and_told_but_a_motion_is_not(opened: ExitSta
     assert bench.read()[2] & STALE
     assert bench.read()[5] == 65_545 + 65_536  # twice the same: it is there
     bench.bus.stop()
-    assert any("jumped by about 65536 counts" in warning for warning in bench.bus.warnings)
+    assert any("jumps of about 65536 counts" in warning for warning in bench.bus.warnings)
 
 
 @pytest.mark.thorough("listens to the serial line first")

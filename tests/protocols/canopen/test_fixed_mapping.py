@@ -90,7 +90,7 @@ class TestLayout:
         with pytest.raises(ImageTooLargeError) as refused:
             laid_out({3: (CONTROLWORD, TARGET_VELOCITY)}, *OUT, direction=Direction.RPDO)
         assert str(refused.value) == (
-            "no RPDO of node 5 carries 6071h:00 target torque, and their mapping is fixed: RPDO3 6040h:00 + 60FFh:00"
+            "no RPDO of node 5 carries 6071h:00 target torque, and the mapping is fixed: RPDO3 6040h:00 + 60FFh:00"
         )
 
     def test_an_object_of_another_length_is_another_object(self) -> None:
@@ -119,7 +119,7 @@ def test_the_plan_names_the_vendors_pdos_and_their_cost() -> None:
     lines = [text.strip() for _, text in traffic.lines()]
     assert lines[0] == "TPDO3 385h, type 1 (every SYNC), 6 octets, fixed mapping"
     assert "6041h:00 statusword (not needed)" in lines
-    assert "cost of fixed mappings (TPDO3, TPDO5): 75 bits a period more than is needed" in lines
+    assert "cost of fixed mappings (TPDO3, TPDO5): 75 unneeded bits per period" in lines
     assert sum("cost" in line for line in lines) == 1
     assert list(traffic.summary())[1] == "in  TPDO5 torque actual"
     (_, fifth, _) = traffic.to_json("bus")["pdos"]
@@ -139,8 +139,8 @@ class TestFromTheVendorsFile:
     @pytest.mark.parametrize(
         ("pdos", "message"),
         [
-            ({"rpdos": {**RPDOS, 5: (CONTROLWORD, MODE)}}, "RPDO that can be switched on carries 6071h target torque"),
-            ({"tpdos": {1: (STATUSWORD,)}}, "TPDO that can be switched on carries 6064h position actual value"),
+            ({"rpdos": {**RPDOS, 5: (CONTROLWORD, MODE)}}, "active RPDO carries 6071h target torque"),
+            ({"tpdos": {1: (STATUSWORD,)}}, "active TPDO carries 6064h position actual value"),
         ],
     )
     def test_what_no_mapping_carries_is_named(self, pdos: dict[str, Mappings], message: str) -> None:
@@ -244,9 +244,9 @@ class TestOfTheDriveItself:
 @pytest.mark.parametrize(
     ("maps", "message"),
     [
-        ("[{ number = 1, maps = [0x60400001] }]", "rpdo_fixed[0].maps: no mapping of a PDO"),
+        ("[{ number = 1, maps = [0x60400001] }]", "rpdo_fixed[0].maps: not a PDO mapping"),
         ("[{ number = 1, maps = [0x60400020, 0x60710020, 0x60FF0020] }]", "64 together"),
-        ("[{ number = 2, maps = [0x60400010] }, { number = 2, maps = [0x60710010] }]", "2 is there already"),
+        ("[{ number = 2, maps = [0x60400010] }, { number = 2, maps = [0x60710010] }]", "2 is already used"),
         ("[1]", "rpdo_fixed"),
         ("[{ number = 1, maps = 7 }]", "maps"),
         ("7", "rpdo_fixed"),

@@ -27,7 +27,7 @@ def refusals(eds: Eds, mode: int | None = None) -> list[str]:
     try:
         profile = profile_from_eds(eds, mode)
     except EdsError as error:
-        return [fault.message.removeprefix("no CiA 402 drive: ") for fault in error.faults]
+        return [fault.message.removeprefix("not a CiA 402 drive: ") for fault in error.faults]
     lacks = [lack for lack, _ in profile.lacks]
     assert profile.drive.usable is not bool(lacks)
     assert profile.sources.get("drive.usable", "") == "; ".join(lacks)
@@ -78,7 +78,7 @@ def test_every_value_of_it_has_its_source() -> None:
     assert sources["torque.target.type"] == "own.eds, [6071] DataType"
     assert "ASSUMED" in sources["torque.target.unit"]
     assert "ASSUMED" not in sources["torque.target.object"]
-    assert sources["link_loss.abort_connection_option"] == "left out: own.eds has no 6007h that can be written"
+    assert sources["link_loss.abort_connection_option"] == "left out: own.eds has no writable 6007h"
     assert sources["link_loss.fault_reaction_option.object"] == "own.eds, [605E]"
 
 
@@ -149,7 +149,7 @@ def test_axes_in_sub_indices_are_recognised_and_the_key_for_them_is_named() -> N
     first, second = refusals(eds)
     assert first.startswith("6064h position actual value is UNSIGNED8")
     assert second == (
-        "several axes share this node, each in a sub-index of its own (6064h:01 and :02): write a profile for each "
+        "several axes share this node, each in its own sub-index (6064h:01 and :02): write one profile per "
         "axis, with subindex = 1, 2 … in position.actual, torque.target and torque.actual"
     )
     assert not any("several axes" in each for each in refusals(without(generic(), 0x6064)))
@@ -323,8 +323,8 @@ def test_a_drive_whose_mappings_are_all_fixed_is_usable_when_they_carry_what_for
         eds = changed(eds, 0x1A00 + number, 0, access="const")
     assert refusals(eds) == []
     assert refusals(changed(eds, 0x1A01, 0, default=1)) == [
-        "no TPDO that can be switched on carries 6064h position actual value, and none can be mapped anew: their "
-        "records are not writable (1800h and 1A00h and on)"
+        "no active TPDO carries 6064h position actual value, and no TPDO can be remapped: their "
+        "records are read-only (1800h and 1A00h and on)"
     ]
 
 

@@ -45,11 +45,11 @@ def test_a_drive_without_either_is_told_nothing() -> None:
 @pytest.mark.parametrize(
     ("rate", "keys", "words"),
     [
-        (2000.0, {"interpolation_time": 0x60C2}, "0.5 ms: 60C2h takes 1 to 255 times 1 ms"),
-        (800.0, {"interpolation_time": 0x60C2}, "1.25 ms: 60C2h takes 1 to 255 times 1 ms"),
-        (3.0, {"interpolation_time": 0x60C2}, "60C2h takes"),
-        (20.0, {"interpolation_time": 0x60C2, "values": (1, 20)}, "50 ms: 60C2h takes 1 to 20 times 1 ms"),
-        (3000.0, {"cycle_period": 0x1006}, "1006h takes whole microseconds"),
+        (2000.0, {"interpolation_time": 0x60C2}, "0.5 ms: 60C2h accepts 1 to 255 times 1 ms"),
+        (800.0, {"interpolation_time": 0x60C2}, "1.25 ms: 60C2h accepts 1 to 255 times 1 ms"),
+        (3.0, {"interpolation_time": 0x60C2}, "60C2h accepts"),
+        (20.0, {"interpolation_time": 0x60C2, "values": (1, 20)}, "50 ms: 60C2h accepts 1 to 20 times 1 ms"),
+        (3000.0, {"cycle_period": 0x1006}, "1006h accepts whole microseconds"),
         (2000.0, {"shortest_period": 0.001}, "its shortest period is 1 ms"),
     ],
 )
@@ -57,5 +57,5 @@ def test_a_period_that_the_drive_cannot_take_is_refused_when_the_loop_is_planned
     rate: float, keys: dict[str, object], words: str
 ) -> None:
     profile = replace(PROFILE, sync=SyncSection(**keys))  # type: ignore[arg-type]
-    with pytest.raises(PlanError, match=rf"cannot take a period of .*{words}.* Give another --rate"):
+    with pytest.raises(PlanError, match=rf"does not support a period of .*{words}.* Use another --rate"):
         plan_of(rate=rate, profile=profile)

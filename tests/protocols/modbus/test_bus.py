@@ -97,7 +97,7 @@ def test_a_rig_file_holds_a_line_with_units(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ("node = 247", "node = 248", "axis.handle.node: 248; expected a whole number from 1 to 247"),
-        ("node = 247", "node = 0", "from 1 to 247; 0 is everybody's: all units obey it, and none answers"),
+        ("node = 247", "node = 0", "from 1 to 247; 0 is broadcast: all units follow it, and none answers"),
         ("node = 247", "node = 255", "axis.handle.node: 255; expected a whole number from 1 to 247"),
         ("baud = 115200", "baud = 100", "bus.line.baud: 100"),
         ("baud = 115200", "bitrate = 115200", "bus.line.bitrate: unknown key"),
@@ -119,7 +119,7 @@ def test_a_device_on_tcp_may_be_asked_as_itself(bus: str, unit: int) -> None:
 @pytest.mark.parametrize(
     ("bus", "unit", "words"),
     [
-        ("sim-modbus-tcp", 0, "0: a node-ID is .* or 255 for the device itself; 0 is everybody's"),
+        ("sim-modbus-tcp", 0, "0: a node-ID is .* or 255 for the device itself; 0 is broadcast"),
         ("sim-modbus-tcp", 254, "254: a node-ID is a whole number from 1 to 247, or 255 for the device itself"),
         ("sim-modbus-rtu", 255, "255: a node-ID is a whole number from 1 to 247$"),
     ],
@@ -158,9 +158,9 @@ def test_a_bus_of_another_protocol_cannot_take_its_place() -> None:
     section = ModbusSection("modbus-tcp", "10.0.0.2")
     from haptic_fieldbus.protocols.registry import parse_bus as parse
 
-    with pytest.raises(UsageError, match='bus "socketcan:can0" is no Modbus line'):
+    with pytest.raises(UsageError, match='bus "socketcan:can0" is not a Modbus line'):
         PROTOCOL.in_place_of(section, parse("socketcan:can0"), None)
-    with pytest.raises(TypeError, match="socketcan:can0 is no Modbus line"):
+    with pytest.raises(TypeError, match="socketcan:can0 is not a Modbus line"):
         modbus_section(CanSection("socketcan", "can0"))
 
 
@@ -181,8 +181,6 @@ class TestLine:
 
     def test_drives_that_differ_after_power_on_need_a_word_of_the_rig(self) -> None:
         section = ModbusSection("modbus-rtu", "/dev/ttyS0")
-        with pytest.raises(
-            PlanError, match=r"differ in their baud after power-on \(115200, 9600\); give it in the rig"
-        ):
+        with pytest.raises(PlanError, match=r"have different baud after power-on \(115200, 9600\); set it in the rig"):
             line_of(section, [GENERIC, with_line(baud=9600)])
         assert line_of(replace(section, baud=19200), [GENERIC, with_line(baud=9600)]).octet == pytest.approx(11 / 19200)

@@ -34,25 +34,25 @@ def faults_of(folder: Path, *replacements: tuple[str, str]) -> list[str]:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("address = 0x0101", "address = 0x0102", "position.actual.address: 0x0102 is torque.demand already"),
-        ("address = 0x0104", "address = 0x0103", "position.actual.address: 0x0102 is torque.actual already"),
-        ("address = 0x0201", "address = 0x0200", "torque.target.address: 0x0200 is power.command already"),
+        ("address = 0x0101", "address = 0x0102", "position.actual.address: 0x0102 is already used by torque.demand"),
+        ("address = 0x0104", "address = 0x0103", "position.actual.address: 0x0102 is already used by torque.actual"),
+        ("address = 0x0201", "address = 0x0200", "torque.target.address: 0x0200 is already used by power.command"),
         ("address = 0x0102, ", "address = 0xFFFF, ", "the last address is 0xFFFF"),
         ('0x0201, type = "int16"', '0x0201, type = "uint16"', 'expected "int16" or "int32"'),
         ('address = 0x0100, type = "uint16"', 'address = 0x0100, type = "uint8"', 'expected "uint16" or "uint32"'),
         ('unit = "counts",', 'unit = "turns",', 'expected "counts" or "0.1 deg" or "µm"'),
         ('unit = "ms"', 'unit = "h"', 'watchdog.time.unit: "h"; expected "ms" or "s"'),
         ('"permille_of_rated_torque", object = 0x6071', '"full_scale/32767"', "torque.full_scale: missing"),
-        ("functions = [3, 4, 6, 16, 23]", "functions = [6, 16]", "without one of them nothing can be read"),
+        ("functions = [3, 4, 6, 16, 23]", "functions = [6, 16]", "3, 4 or 23 among them: otherwise nothing can be read"),
         ("functions = [3, 4, 6, 16, 23]", "functions = [3]", "6, 16 or 23 among them"),
-        ('transports = ["rtu", "tcp"]', 'transports = ["tcp"]', "line.baud: without effect"),
+        ('transports = ["rtu", "tcp"]', 'transports = ["tcp"]', "line.baud: no effect"),
         ("[[0x0100, 0x0107]", "[[0x0107, 0x0100]", "the first address before the last one"),
         ('echo = "demand"', 'echo = "actual"\n#', "line 27: torque.actual"),
         ('table = "cia402"', 'table = "rows"', "power.rows: missing"),
-        ('table = "cia402"', 'rows = [{ mask = 1, bits = 1, state = "fault", controlword = 0 }]', "without effect"),
-        ('table = "cia402"', 'table = "cia402"\nreset = 1', "power.reset: without effect"),
-        ('evidence = "standard"', 'evidence = "standard"\nusable = false', "drive.usable: false without its reason"),
-        ("[position]", "[places]", "position: missing, and so is [velocity]"),
+        ('table = "cia402"', 'rows = [{ mask = 1, bits = 1, state = "fault", controlword = 0 }]', "no effect"),
+        ('table = "cia402"', 'table = "cia402"\nreset = 1', "power.reset: no effect"),
+        ('evidence = "standard"', 'evidence = "standard"\nusable = false', "drive.usable: false without a reason"),
+        ("[position]", "[places]", "position: missing, like [velocity]"),
     ],
 )  # fmt: skip
 def test_a_fault_is_told_with_its_key(old: str, new: str, words: str, tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_a_wide_register_overlaps_what_follows_it(tmp_path: Path) -> None:
     (fault,) = faults_of(
         tmp_path, ('demand = { address = 0x0101, type = "int16"', 'demand = { address = 0x0101, type = "int32"')
     )
-    assert "position.actual.address: 0x0102 is torque.demand already; expected another register" in fault
+    assert "position.actual.address: 0x0102 is already used by torque.demand; expected another register" in fault
 
 
 def test_a_target_of_two_registers_needs_a_function_that_writes_two(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_target_of_two_registers_needs_a_function_that_writes_two(tmp_path: Pa
         ("functions = [3, 4, 6, 16, 23]", "functions = [3, 6]"),
         ('target = { address = 0x0201, type = "int16"', 'target = { address = 0x0210, type = "int32"'),
     )
-    assert "16 or 23 among them: without it no target torque can be written" in fault
+    assert "16 or 23 among them: otherwise no target torque can be written" in fault
 
 
 def test_a_list_of_registers_needs_a_source_too(tmp_path: Path) -> None:
@@ -133,5 +133,5 @@ def test_a_drive_of_canopen_is_told_where_it_belongs() -> None:
         on("sim-modbus-tcp", drive="maxon_epos4")
     with pytest.raises(PlanError, match="simulate it with --bus sim-modbus-tcp"):
         on("sim", drive="generic_cia402_modbus")
-    with pytest.raises(PlanError, match=r"Simplex Motion .* speaks Modbus RTU, but sim-modbus-tcp is TCP"):
+    with pytest.raises(PlanError, match=r"Simplex Motion .* supports Modbus RTU, but sim-modbus-tcp is TCP"):
         on("sim-modbus-tcp", drive="simplex_motion")

@@ -94,10 +94,10 @@ def test_a_way_without_a_limit_is_told_with_its_delay_alone() -> None:
         (LinkFlag.EXCEPTION, 6, "exception 6 (server device busy)"),
         (LinkFlag.EXCEPTION, 99, "exception 99 (not one of the standard)"),
         (LinkFlag.BUS_OFF, 0, "the line is dead"),
-        (LinkFlag.FOREIGN, 0x201, "another master on the line writes to register 0201h of unit 1"),
+        (LinkFlag.FOREIGN, 0x201, "another master on the line writes register 0201h of unit 1"),
         (LinkFlag.EMERGENCY, 0x7500, "unit 1 reports the fault 7500h"),
         (LinkFlag.NO_SIGN_OF_LIFE, 0, "unit 1 does not answer"),
-        (LinkFlag.NOT_OPERATIONAL, 0, "left the mode in which it follows"),
+        (LinkFlag.NOT_OPERATIONAL, 0, "left its torque mode"),
     ],
 )
 def test_a_fault_is_told_in_the_terms_of_the_standard(flag: LinkFlag, code: int, words: str) -> None:
@@ -121,7 +121,7 @@ def test_the_traffic_of_another_protocol_is_refused() -> None:
     section = parse_bus(TCP).section
     with pytest.raises(TypeError, match="expected registers, not PdoTraffic"):
         PROTOCOL.bus_traffic(section, {"handle": (GENERIC, PdoTraffic(1, (), ()))}, 1000.0, 0.0)
-    with pytest.raises(UsageError, match="speaks canopen; here a Modbus drive is needed"):
+    with pytest.raises(UsageError, match="uses canopen; expected a Modbus drive"):
         PROTOCOL.power_table(PROFILE)
 
 

@@ -94,7 +94,7 @@ class TestTimes:
         assert traffic.way is Transaction.READ_WRITE
         assert traffic.latch("right") - traffic.latch("left") == pytest.approx(ONE + SILENCE)
         assert traffic.shortest_period == pytest.approx(2 * (ONE + SILENCE))
-        assert traffic.line().endswith("; 2 units take turns, 13.5 ms a period instead of 6.76 for one alone")
+        assert traffic.line().endswith("; 2 units in turn take 13.5 ms per period, one alone 6.76 ms")
         both = traffic_of(two_units(TCP, 500.0))
         exchange = ROUND_TRIP + ANSWER_TIME
         assert both.shortest_period == pytest.approx(4 * exchange + COMPUTE)
@@ -148,13 +148,13 @@ class TestChoice:
         assert traffic_of(planned(TCP, 500.0, with_line(functions=(4, 16)))).exchange == "FC4 then FC16"
 
     def test_of_none_is_refused(self) -> None:
-        with pytest.raises(PlanError, match="no function that all drives of the line have"):
+        with pytest.raises(PlanError, match="the drives of the line share no function codes"):
             planned(TCP, 500.0, with_line(functions=(3, 6)))
 
     def test_of_one_that_fits_when_the_other_does_not(self) -> None:
         assert traffic_of(on(RTU, 100.0)).way is Transaction.READ_WRITE
         assert traffic_of(on(RTU, 87.0)).way is Transaction.READ_THEN_WRITE
-        with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.76 ms a period.*--rate 140"):
+        with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.76 ms per period.*--rate 140"):
             on(RTU, 160.0)
 
 

@@ -78,15 +78,20 @@ def test_a_profile_agrees_with_the_file_of_its_own_simulated_drive() -> None:
     ("index", "changes", "key", "message"),
     [
         (0x6071, {"type": EdsType.INTEGER32}, "torque.target", '6071h:00 is INTEGER32, the profile says "int16"'),
-        (0x6071, {"type": None}, "torque.target", "6071h:00 is a type that only the drive knows"),
+        (0x6071, {"type": None}, "torque.target", "6071h:00 is of a type that only the drive defines"),
         (0x6071, {"access": "ro"}, "torque.target", "its AccessType is ro, expected rw or rww or wo"),
         (0x6071, {"mappable": False}, "torque.target", "received in a PDO: its PDOMapping is 0, expected 1"),
         (0x6064, {"mappable": False}, "position.actual", "sent in a PDO: its PDOMapping is 0, expected 1"),
         (0x6076, {"access": "wo"}, "torque.rated", "6076h:00 cannot be read by SDO"),
         (0x6007, {"access": "ro"}, "link_loss.abort_connection_option", "6007h:00 cannot be written by SDO"),
-        (0x6007, {"low": 0, "high": 1, "default": 0}, "link_loss.abort_connection_option", "2; 6007h:00 takes 0 to 1"),
-        (0x6060, {"low": 0, "high": 8}, "torque.mode_of_operation", "10; [6060] takes 0 to 8"),
-        (0x6502, {"default": 0x6D}, "torque.mode_of_operation", "10, which 6502h = 6Dh does not name"),
+        (
+            0x6007,
+            {"low": 0, "high": 1, "default": 0},
+            "link_loss.abort_connection_option",
+            "2; 6007h:00 accepts 0 to 1",
+        ),
+        (0x6060, {"low": 0, "high": 8}, "torque.mode_of_operation", "10; [6060] accepts 0 to 8"),
+        (0x6502, {"default": 0x6D}, "torque.mode_of_operation", "10, which is not in 6502h = 6Dh"),
         (0x6060, {"type": EdsType.UNSIGNED8}, "drive.usable", '6060h:00 is UNSIGNED8, the profile says "int8"'),
         (0x60A8, {"type": EdsType.UNSIGNED32, "default": 0xFF41_0000}, "position.actual.unit", 'expected "0.1 deg"'),
     ],
@@ -108,9 +113,9 @@ def test_an_entry_that_the_file_has_otherwise_is_a_fault(
             2,
             {"default": 253},
             "pdo.rpdo_types",
-            "without 253, which 1400h:02 or a later one has after power-on",
+            "without 253, the value of 1400h:02 or a later one after power-on",
         ),
-        (0x1800, 2, {"low": 2, "high": 255}, "pdo.tpdo_types", "1; 1800h:02 takes 2 to 255"),
+        (0x1800, 2, {"low": 2, "high": 255}, "pdo.tpdo_types", "1; 1800h:02 accepts 2 to 255"),
         (0x1A02, 3, {"access": "ro"}, "pdo.entries", "8; 1A02h has 2 entries that can be written"),
     ],
 )
@@ -143,7 +148,7 @@ def test_a_missing_sub_index_is_told_with_the_line_of_its_object() -> None:
 def test_more_pdos_than_the_profile_knows_would_stay_on() -> None:
     profile = canopen(GENERIC)
     fault = told(plain(), pdo=replace(profile.pdo, rpdos=2))["pdo.rpdos"]
-    assert fault == "2; the file has RPDO 3 and 4 too, which would stay switched on"
+    assert fault == "2; the file also has RPDO 3 and 4, which would stay active"
 
 
 @pytest.mark.parametrize(
@@ -152,8 +157,8 @@ def test_more_pdos_than_the_profile_knows_would_stay_on() -> None:
         ({"actual": MappedObject(0x6078, DataType.INT16, unit="permille_of_rated_torque")}, "torque.actual",
          "6078h:00 object has another meaning; expected 6077h torque actual value"),
         ({"mode_of_operation": 9}, "torque.mode_of_operation", "9 is no torque mode of CiA 402-2"),
-        ({"demand": None, "echo": "actual"}, "torque.demand", "left out, although the file has 6074h:00"),
-        ({"echo": "none"}, "torque.echo", "none, although a torque is named in which it comes back"),
+        ({"demand": None, "echo": "actual"}, "torque.demand", "missing, although the file has 6074h:00"),
+        ({"echo": "none"}, "torque.echo", '"none", although the drive has an object that returns the torque'),
         ({"slope": WrittenObject(0x6087, DataType.INT16, 1)}, "torque.slope", '6087h:00 is UNSIGNED32'),
     ],
 )  # fmt: skip
@@ -197,7 +202,7 @@ def test_an_identity_that_differs_is_a_fault() -> None:
 def test_life_guarding_is_left_out_where_there_is_no_other_guard() -> None:
     link_loss = replace(canopen(GENERIC).link_loss, heartbeat_consumer=None)
     fault = told(without(plain(), 0x1016), link_loss=link_loss)["link_loss.life_guarding"]
-    assert fault.startswith("left out, although the file has 100Ch:00")
+    assert fault.startswith("missing, although the file has 100Ch:00")
 
 
 def test_what_is_written_and_shown_is_looked_up_too() -> None:
@@ -207,7 +212,7 @@ def test_what_is_written_and_shown_is_looked_up_too() -> None:
     eds = changed(changed(eds, 0x2001, access="const", default=7), 0x2002, access="const", default=8)
     found = told(eds, commissioning=CommissioningSection("tool", (shown, shown)), setup=SetupSection(writes))
     assert found["setup.writes"].startswith("2002h:00 cannot be written by SDO: its AccessType is const")
-    assert found["commissioning.shown"] == "2000h:00 stands twice; expected it once"
+    assert found["commissioning.shown"] == "2000h:00 appears twice; expected once"
 
 
 @pytest.mark.parametrize(

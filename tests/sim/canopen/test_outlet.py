@@ -49,8 +49,8 @@ class TestABusThatGoesDown:
         assert hosted.serve(10 * MS) == [(0x705, b"\x7f")]
         down, up = hosted.told
         assert "virtual:hosting: the interface is down or gone" in down
-        assert "The drives go on" in down
-        assert "frames pass again, after 0." in up
+        assert "The drives continue" in down
+        assert "frames pass again after 0." in up
 
     def test_a_drive_lets_go_by_its_own_watch_meanwhile(self) -> None:
         hosted = Hosted(5)

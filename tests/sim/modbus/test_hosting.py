@@ -166,7 +166,7 @@ class TestRtu:
             assert refused.value.args[0] == 22
             serial.Serial(device, parity=serial.PARITY_NONE).close()
         (sentence,) = told
-        assert sentence.startswith(f"{device} is a pseudo-terminal, which has no parity: open it with parity N (none).")
+        assert sentence.startswith(f"{device} is a pseudo-terminal without parity: open it with parity N (none).")
         assert "termios error 22" in sentence
 
     def test_a_port_of_tcp_has_nothing_to_say_of_parity(self) -> None:
@@ -196,7 +196,10 @@ class TestRtu:
         os.close(theirs)
 
     def test_a_drive_without_such_a_line_is_refused(self) -> None:
-        with pytest.raises(PlanError, match="ORCA speaks Modbus RTU, but modbus-tcp is TCP"), hosted(TCP, "iris_orca"):
+        with (
+            pytest.raises(PlanError, match="ORCA supports Modbus RTU, but modbus-tcp is TCP"),
+            hosted(TCP, "iris_orca"),
+        ):
             pass
 
     def test_a_device_that_is_not_there_is_told(self) -> None:

@@ -42,7 +42,7 @@ def test_a_target_that_is_asked_for_must_be_readable() -> None:
     assert "torque.echo" in found(changed(generic(), 0x6071, access="wo"), asked)
 
 
-@pytest.mark.parametrize(("power", "fault"), [(-3, ""), (-4, "without -4, which 60C2h:02 has after power-on")])
+@pytest.mark.parametrize(("power", "fault"), [(-3, ""), (-4, "without -4, the value of 60C2h:02 after power-on")])
 def test_the_power_of_the_period_is_that_of_power_on(power: int, fault: str) -> None:
     profile = canopen("maxon_epos4")
     eds = changed(own(profile), 0x60C2, 2, default=power)
@@ -66,7 +66,7 @@ def test_a_shown_value_whose_name_no_file_tells_is_only_looked_up() -> None:
     eds = changed(generic(), 0x2001, name="load", type=EdsType.UNSIGNED16)
     assert [(each.key, each.fault) for each in shown_findings(shown, eds) if each.fault] == [
         ("commissioning.shown", "2000h:00 is not in the file"),
-        *[("commissioning.shown", "2001h:00 stands twice; expected it once")] * 2,
+        *[("commissioning.shown", "2001h:00 appears twice; expected once")] * 2,
     ]
 
 

@@ -174,7 +174,7 @@ class TestMaxTorque:
 
     @pytest.mark.parametrize("permille", [0, 100])
     def test_the_master_refuses_with_the_forces_in_question(self, run: Run, permille: int) -> None:
-        words = rf"6072h:00 max torque is {permille} ‰ of rated torque .* may ask for 1000 ‰ \(50\.3 N\)"
+        words = rf"6072h:00 max torque is {permille} ‰ of rated torque .* may use 1000 ‰ \(50\.3 N\)"
         with pytest.raises(BusConfigurationError, match=words):
             run(f"max_torque = {permille}", raised=False)
 
@@ -208,7 +208,7 @@ class TestModeChangeTime:
         assert feels_right(run("mode_change_time = 0.9"))
 
     def test_the_master_refuses_after_that(self, run: Run) -> None:
-        with pytest.raises(BusConfigurationError, match=r"did not take over mode of operation 10.*says 0"):
+        with pytest.raises(BusConfigurationError, match=r"did not accept mode of operation 10.*is 0"):
             run("mode_change_time = 4.0")
 
 

@@ -305,8 +305,8 @@ class TestPdos:
     def test_a_record_without_its_other_one_is_no_pdo_and_is_told(self) -> None:
         bench = bench_of(without(generic(), 0x1401, 0x1A02))
         assert bench.slave.not_taken_over == (
-            "1601h: the other record of this PDO is missing; it is left out",
-            "1802h: the other record of this PDO is missing; it is left out",
+            "1601h: the other record of this PDO is missing; the PDO is omitted",
+            "1802h: the other record of this PDO is missing; the PDO is omitted",
         )
         assert bench.read(0x1601) == bench.read(0x1802, 1) == NO_OBJECT
 
@@ -470,7 +470,7 @@ def test_an_eds_is_put_on_the_simulated_bus_by_its_path(tmp_path: Path) -> None:
 def test_an_eds_of_no_drive_is_refused_on_the_simulated_bus(tmp_path: Path) -> None:
     path = tmp_path / "push1.eds"
     path.write_text(eds_text(without(generic(), 0x6041)), encoding="utf-8")
-    with pytest.raises(can.CanInitializationError, match="no CiA 402 drive: there is no 6041h statusword"):
+    with pytest.raises(can.CanInitializationError, match="not a CiA 402 drive: there is no 6041h statusword"):
         can.Bus(interface="haptic_sim", channel=f"{path}@{NODE}", clock=VirtualClock())
 
 
