@@ -1,4 +1,4 @@
-"""What one simulated drive costs a period: SYNC in, TPDO out, RPDO in, and its motor between them.
+"""Cost of one simulated drive in a period: SYNC in, TPDO out, RPDO in, and its motor between them.
 
 The reference is 1/1000 of the time that starting Python takes, 10 µs on the machine of reference, where 15 µs are
 allowed: a ratio of 1.5.

@@ -42,7 +42,7 @@ def rows(stack: ExitStack) -> list[Row]:
                 other.socket.send(frame(FOREIGN))
             other.socket.send(frame(OURS))
             while port.receive(0.0) is not None:
-                """What is there."""
+                """Frames that are there."""
 
         return call
 

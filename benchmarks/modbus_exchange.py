@@ -1,4 +1,4 @@
-"""What does an exchange over Modbus TCP cost beside a socket loop written by hand and pymodbus's own client?
+"""Cost of an exchange over Modbus TCP beside a socket loop written by hand and pymodbus's own client.
 
 All three exchange the same registers with one server on loopback, interleaved in one run: function 23 writes command
 and target torque and reads status, torque demand and position. The server, in a process of its own, answers every

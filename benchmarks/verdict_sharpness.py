@@ -26,7 +26,7 @@ SEED = 7100
 
 @dataclass(frozen=True)
 class Sharpness:
-    """What was found of a kind of element."""
+    """Findings about a kind of element."""
 
     kind: str
     loops: int

@@ -168,7 +168,7 @@ def _kind(name: str) -> tuple[str, str]:
 
 
 def _words(layer: list[str], y: int) -> Iterator[str]:
-    """What the rooms of a row are for; where there are several, each with its name."""
+    """Purposes of the rooms of a row; where there are several, each with its name."""
     for line, name in enumerate(layer):
         at = y + 4 + round((line - (len(layer) - 1) / 2) * 14)
         called = f'<tspan font-weight="bold">{name}</tspan>  ' if len(layer) > 1 else ""

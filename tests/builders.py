@@ -109,7 +109,7 @@ def unproved(plan: Plan) -> Plan:
 
 
 def can_traffic(plan: Plan, place: int = 0) -> CanTraffic:
-    """What one bus of a plan carries."""
+    """Frames that one bus of a plan carries."""
     traffic = plan.buses[place].traffic
     assert isinstance(traffic, CanTraffic)
     return traffic

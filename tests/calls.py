@@ -1,4 +1,4 @@
-"""Who calls whom in the package while something runs."""
+"""Calls between functions of the package while something runs."""
 
 import sys
 from collections.abc import Iterator

@@ -21,7 +21,7 @@ FRICTION = 2.0e-3 * 6.2832 / 0.05
 
 
 def shown_by(name: str, capsys: pytest.CaptureFixture[str]) -> tuple[str, list[float]]:
-    """What a program prints, and the lengths [m] in its last line."""
+    """Output of a program, and the lengths [m] in its last line."""
     runpy.run_path(str(FILES[name]), run_name="__main__")
     text = capsys.readouterr().out
     return text, [1e-3 * float(number) for number in re.findall(r"([\d.]+) mm", text.splitlines()[-1])]
@@ -45,7 +45,7 @@ def test_the_spring_of_ones_own_bears_the_hand(capsys: pytest.CaptureFixture[str
 
 
 def test_the_spring_is_judged_with_its_hardening() -> None:
-    """What a plain spring may have, less 3·h·x² at the furthest place that is judged."""
+    """Stiffness that a plain spring may have, less 3·h·x² at the furthest place that is judged."""
     plain = Scene("plain", "", (SceneAxis("handle", Workspace.LINEAR),), (Spring("handle", 100.0),))
     limit = stability(plain).stiffness_limit.stable
     assert limit is not None

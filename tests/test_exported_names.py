@@ -1,4 +1,4 @@
-"""What `haptic_fieldbus` offers is written down, is there, and is what type checkers see."""
+"""Public names of `haptic_fieldbus` are written down, exist, and are the ones that type checkers see."""
 
 import ast
 import inspect

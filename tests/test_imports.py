@@ -19,13 +19,13 @@ MODULE = re.compile(r"haptic_fieldbus(?:\.\w+)+")
 
 
 def imports() -> dict[str, set[str]]:
-    """What each module imports: at its top, in a function, or for its types alone."""
+    """Imports of each module: at its top, in a function, or for its types alone."""
     graph = grimp.build_graph("haptic_fieldbus", exclude_type_checking_imports=False, cache_dir=None)
     return {module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
 
 
 def loaded_by_name(modules: set[str]) -> Iterator[tuple[str, str]]:
-    """Who loads a module by its name in a table, such as `scenes.registry`, and which."""
+    """Modules that load others by their names in a table, such as `scenes.registry`, and the modules loaded."""
     for path in PACKAGE.rglob("*.py"):
         text = path.read_text()
         if "import_module(" not in text:
@@ -107,7 +107,7 @@ DOES_WITHOUT = {
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },
 }
-"""What starts or runs without some modules: the functions' imports, by who imports them, that keep them out of it."""
+"""Commands and runs without some modules: the functions' imports, by who imports them, that keep them out of it."""
 
 
 def imported_in_functions() -> dict[str, set[str]]:
@@ -144,7 +144,7 @@ def test_what_a_function_imports_is_not_there_where_it_is_not_needed(program: st
 
 
 PUBLIC = {"", "clock", "errors", "numerics.linear", "scenes.element", "sim.faults"}
-"""What docs/reference promises or documents beside the elements; "" is the package itself."""
+"""Names that docs/reference promises or documents beside the elements; "" is the package itself."""
 FENCED = {
     "study": (
         "api.site assessing cycle margins numerals numerics.estimators numerics.estimators.tachometer"

@@ -1,4 +1,4 @@
-"""What makes a lane, and that every kind of test is in the quick one."""
+"""Rules that make a lane, and that every kind of test is in the quick one."""
 
 import itertools
 import subprocess

@@ -18,7 +18,7 @@ Step = Callable[[bytes | bytearray], bytearray]
 
 
 def calls_of_a_steady_period(scene: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Call, ...]:
-    """What is called from the input image to the output image in most periods of a contact in which nothing happens.
+    """Functions called from the input image to the output image in most periods of a contact in which nothing happens.
 
     The wait, the buses, the simulated bench and the record stand around the step of the cycle.
     """

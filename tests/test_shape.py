@@ -1,4 +1,4 @@
-"""What `python -m tests.shape` counts, on a package of which each line is known."""
+"""Counts of `python -m tests.shape`, on a package of which each line is known."""
 
 from pathlib import Path
 

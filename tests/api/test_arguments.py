@@ -14,7 +14,7 @@ from haptic_fieldbus.api.stability_limits import Device
 from haptic_fieldbus.planning.request import Task
 
 VALUES = {"plan": (Task,), "run": (Task, Trial), "stability": (Task, Device), "response": (Task, OpenLoop)}
-"""What the arguments of each function of the Python API are gathered in."""
+"""Classes in which the arguments of each function of the Python API are gathered."""
 ON_A_BENCH = {"rig", "drive", "bus", "node", "axes", "zero", "profiles"}
 """Arguments that the open loop, which has no bench, does without."""
 

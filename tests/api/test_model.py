@@ -26,7 +26,7 @@ SCIPY = {
     "forward-euler": "euler",
     "backward-euler": "backward_diff",
 }
-"""What scipy calls a method."""
+"""Name of a method in scipy."""
 RATE = 200.0
 
 

@@ -1,4 +1,4 @@
-"""What a run says of its energy ledgers, and of the cost of the controller."""
+"""Statements of a run about its energy ledgers, and of the cost of the controller."""
 
 from haptic_fieldbus.assessing.passivity import Controlled, Passivity, cost_text, forgiven_text
 

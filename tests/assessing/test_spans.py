@@ -63,7 +63,7 @@ class Given:
 
 
 def changed(before: Element, after: Element, *staying: Element) -> tuple[ErrorSplit, Recording]:
-    """What a loop records that goes over from one to the other, and the split of its error."""
+    """Record of a loop that goes over from one to the other, and the split of its error."""
     times_ns = PERIOD_NS * np.arange(PERIODS, dtype=np.int64)
     sensed = Sensed()
     old, new, *others = (field_of(element, PERIOD, "exact-foh", sensed) for element in (before, after, *staying))

@@ -73,7 +73,7 @@ class Given:
 
 @dataclass
 class Run:
-    """What a loop would have recorded of such a motion."""
+    """Record that a loop would have made of such a motion."""
 
     elements: list[Element]
     periods: int = 600

@@ -83,7 +83,7 @@ def test_on_a_rotary_axis_it_is_told_in_radians() -> None:
 
 
 def test_true_extremes_are_those_of_the_trace_and_no_encoder_count_off() -> None:
-    """Those of the true motion, which the trace has 16 times a period, and not those of the decoded samples."""
+    """Values of the true motion, which the trace has 16 times a period, and not those of the decoded samples."""
     result = run("wall", duration=1.2)
     trace, found = result.traces[0], told(result)
     assert trace.samples is not None

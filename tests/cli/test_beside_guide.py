@@ -1,4 +1,4 @@
-"""What docs/how-to/run_beside_a_simulated_drive.md shows works as it stands there: two processes on a bus."""
+"""Examples of docs/how-to/run_beside_a_simulated_drive.md work as they stand there: two processes on a bus."""
 
 import os
 import re

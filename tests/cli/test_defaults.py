@@ -23,7 +23,7 @@ from tests.source import modules, nodes_of, reads_the_source, tree_of
 
 PACKAGE = Path(defaults.__file__).parent
 REQUESTS = (Task, Device, OpenLoop, api.Trial, HostRequest)
-"""What is asked of the package."""
+"""Functions of the package that are called."""
 COMMANDS = {
     "plan": (SceneOptions, Task),
     "stability": (StabilityOptions, Device),
@@ -47,7 +47,7 @@ def defaults_of(kind: type[Any]) -> dict[str, object]:
 
 
 SETTABLE = {name for kind in REQUESTS for name in defaults_of(kind)}
-"""What a person may leave out."""
+"""Arguments that a person may leave out."""
 
 
 def literal(node: ast.expr | None) -> object:

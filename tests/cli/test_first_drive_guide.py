@@ -1,4 +1,4 @@
-"""What docs/how-to/your_first_real_drive.md tells is walked in its order on real sockets beside a simulated drive."""
+"""Steps of docs/how-to/your_first_real_drive.md are walked in its order on real sockets beside a simulated drive."""
 
 import json
 import os

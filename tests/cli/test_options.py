@@ -103,7 +103,7 @@ CARRIERS = {
     "assessing/axis_assessment.py": {"Run"},
     "assessing/summary.py": {"Assessment"},
 }
-"""What a run is handed on in between its command and the loop, by the file that has it."""
+"""Names under which a run is handed on between its command and the loop, by the file that has it."""
 OTHERS = {"Choice", "ExchangeLimit", "Traces", "Part", "AxisAssessment"}
 """Classes of these files that check names, tell limits, and assess an axis."""
 ON_THE_WAY = (*CARRIERS, "cli/run.py", "api/arguments.py", "api/site.py", "planning/refusal.py", "running/loop.py")

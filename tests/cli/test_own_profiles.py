@@ -224,7 +224,7 @@ class TestRefused:
     def test_a_name_that_is_also_a_shipped_one(self, folder: Path, rig: Path, command: Command) -> None:
         own, shipped = folder / "maxon_epos4.toml", profile_folder() / "maxon_epos4.toml"
         own.write_text((folder / "push1.toml").read_text())
-        told = f'profile "maxon_epos4" : both {own} and the shipped {shipped} have this name; rename yours'
+        told = f'profile "maxon_epos4": both {own} and the shipped {shipped} have this name; rename yours'
         finished = command("run", "wall", "--profiles", folder)
         assert (finished.status, " ".join(finished.err.split())) == (2, told)
         rig.write_text(RIG.replace("push1", "maxon_epos4"), encoding="utf-8")

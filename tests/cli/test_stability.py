@@ -82,8 +82,8 @@ def test_a_device_without_stiffness_to_vary_is_told_so(tmp_path: Path, command: 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--mass", "0"), "mass 0: expected a number above 0"),
-        (("--mass", "-1"), "mass -1: expected a number above 0"),
+        (("--mass", "0"), "mass 0: expected a number from 1e-12"),
+        (("--mass", "-1"), "mass -1: expected a number from 1e-12"),
         (("--mass", "0.5", "--delay", "-1"), "delay -1: expected a number from 0 up"),
         (("--set", "wall.stiffness=nan"), "wall.stiffness"),
         (("--rate", "0"), "rate 0: expected a rate above 0"),

@@ -1,4 +1,4 @@
-"""What the command line says of a drive that offers velocity only."""
+"""Messages of the command line about a drive that offers velocity only."""
 
 import json
 import re

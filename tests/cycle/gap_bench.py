@@ -49,7 +49,7 @@ class Handled:
     outside: float = 0.0
     """Way outside of gaps [m]."""
     leak: float = 0.0
-    """What held torque leaks at most: ½·K·Δx² in a period, ¼·K·s² in a step in which the law is drawn back."""
+    """Largest leak of held torque: ½·K·Δx² in a period, ¼·K·s² in a step in which the law is drawn back."""
     stiffness: float = 0.0
     """Steepest slope of the scene [N/m]."""
     force: float = 0.0

@@ -76,7 +76,7 @@ class Drive:
                 self.due = (self.number + takes, takes, self.number)
 
     def answer(self) -> tuple[int, int]:
-        """What lies in the image of the next period: target torque, and periods since asked."""
+        """Content of the image of the next period: target torque, and periods since asked."""
         if self.due is None or self.number + 1 < self.due[0]:
             return 0, 0
         _, takes, asked = self.due

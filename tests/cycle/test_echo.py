@@ -1,4 +1,4 @@
-"""What was sent against what the drive shows, from bytes to bytes: a drive written by hand that hears, or does not."""
+"""Set-points sent against those that the drive shows, from bytes to bytes: a drive by hand that hears, or does not."""
 
 import math
 import struct

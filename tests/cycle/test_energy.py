@@ -194,7 +194,7 @@ def test_a_source_above_the_limit_trips_and_one_below_does_not_however_often() -
 
 
 def test_credit_does_not_outlive_a_contact() -> None:
-    """What a first contact takes, here 40 mJ that it does not give back, is no credit for the second."""
+    """Energy that a first contact takes, here 40 mJ that it does not give back, is no credit for the second."""
     alone, after = Bench(WALL, 0.56 * PERIOD), Bench(WALL, 0.56 * PERIOD)
     contact(after, -0.04)
     contact(after, 0.02)
@@ -241,7 +241,7 @@ def test_a_source_in_the_law_trips_whatever_is_sent_of_it(sent: tuple[float, flo
 
 
 def test_a_source_trips_when_another_force_is_sent_from_the_middle_of_a_contact_on() -> None:
-    """What the open account took until then counts: 20 mJ less on the way in than on the way out."""
+    """Energy that the open account took until then counts: 20 mJ less on the way in than on the way out."""
     for soft, trips in ((0.02, True), (0.0, False)):
         bench = Bench(WALL)
         bench.tally.limit = 0.005

@@ -21,7 +21,7 @@ AGE = 0.5
 
 
 def fed(lengths: Sequence[int], largest: float = math.inf, age: float = AGE) -> tuple[Gaps, int]:
-    """What a loop counts whose samples come so many periods apart, and when the last one came."""
+    """Counts of a loop whose samples come so many periods apart, and when the last one came."""
     counted, t_ns = Gaps(PERIOD, age, largest), 0
     for steps in lengths:
         t_ns += steps * PERIOD_NS

@@ -156,7 +156,7 @@ def every(interval: float, target: int = THEIRS, phase: float = 0.0, until: floa
 
 
 def little(number: int) -> int:
-    """What a drive of which nothing comes back may give at the start."""
+    """Torque that a drive without any echo may give at the start."""
     return 10
 
 
@@ -281,7 +281,7 @@ def is_counted(trip: Trip | None) -> bool:
 
 
 class TestUnseen:
-    """What the plan says that is not seen: each for as long as it says."""
+    """Set-points that the plan calls unseen: each for as long as it says."""
 
     @pytest.mark.parametrize("name", ["demand, two requests", "demand alone, one request"])
     def test_one_between_question_and_set_point_acts_until_the_set_point(self, name: str) -> None:

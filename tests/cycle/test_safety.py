@@ -14,7 +14,7 @@ from haptic_fieldbus.planning.limits import EffortLimits
 PERIOD = 0.001
 FADED_IN = 1.0
 HOLDING = 0.25
-"""What a hand may hold while the sign is looked for."""
+"""Force that a hand may hold while the sign is looked for."""
 SOON = 15
 """Missing periods after which feedback comes back soon: half of the 30 ms that end a run."""
 
@@ -69,7 +69,7 @@ def test_slew_bounds_the_change_of_a_period_in_both_directions() -> None:
 
 
 Step = tuple[float, int]
-"""What the scene asks for, and how many periods without feedback come before."""
+"""Force that the scene asks for, and how many periods without feedback come before."""
 
 
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.integers(0, 40)), min_size=2, max_size=30))

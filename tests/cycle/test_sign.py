@@ -179,7 +179,7 @@ def test_pulses_grow_no_further_once_something_moved() -> None:
 
 
 def decided_with_gaps(sign: float, every: int, steps: int) -> tuple[int, int]:
-    """What is decided about the shipped bench, and after how many periods; gaps of `steps` come every so often."""
+    """Decision about the shipped bench, and after how many periods; gaps of `steps` come every so often."""
     motion, state, late = held(0.63, 1.6, 1e3, 300.0, 4.0), np.zeros(5), 0.0
     watched = Watched()
     for period in range(1000):

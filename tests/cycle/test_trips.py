@@ -112,7 +112,7 @@ FAILED = Trip(TripKind.ELEMENT_FAILED, "handle", 0, 0.0, detail="ValueError: no 
 
 
 def raised(call: Callable[[], object]) -> Exception:
-    """What a call raises."""
+    """Exception of a call."""
     with pytest.raises(Exception) as caught:  # noqa: PT011 - whatever it is
         call()
     return caught.value

@@ -102,7 +102,7 @@ def test_compose_renders_a_wall() -> None:
 
 @pytest.fixture(scope="module")
 def context(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the Dockerfile sees, and below docker/ the wheels that it needs, for no network is given to it."""
+    """Files that the Dockerfile sees, and below docker/ the wheels that it needs, for no network is given to it."""
     folder = tmp_path_factory.mktemp("context")
     for name in (*IN_CONTEXT, ".dockerignore"):
         here = PROJECT / name

@@ -70,7 +70,7 @@ def way(words: str) -> list[str]:
 
 
 def in_order(calls: list[Call], names: list[str]) -> list[str]:
-    """Those of the functions that are called, by their first call."""
+    """Functions that are called, by their first call."""
     return [name for name in dict.fromkeys(str(call.called) for call in calls) if name in names]
 
 
@@ -165,7 +165,7 @@ def climbs(calls: Calls) -> dict[tuple[str, str], tuple[Function, Function]]:
 
 @pytest.fixture
 def _first_plan() -> None:
-    """What an earlier test has read and judged is read and judged again, so that its calls are seen."""
+    """A page that an earlier test has read and judged is read and judged again, so that its calls are seen."""
     catalogue._shipped.cache_clear()
     compile._kept.cache_clear()
 

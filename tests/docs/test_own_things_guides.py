@@ -1,4 +1,4 @@
-"""What the guides to things of one's own show works as it stands there, and names what is to be written."""
+"""Examples of the guides to things of one's own work as they stand there, and name what is to be written."""
 
 import os
 import re

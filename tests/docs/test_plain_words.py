@@ -59,6 +59,11 @@ READ = (
 )
 """Files that people read, as patterns of `Path.glob`."""
 
+RIDDLE = re.compile(r"\s*\b(What|Who|Those)\b")
+"""Opening of a docstring that names nothing; a noun or a verb says it."""
+WITH_DOCSTRINGS = ("haptic_fieldbus", "tests", "docs", "benchmarks", "examples")
+"""Folders of which every docstring is read."""
+
 FILES = sorted({path for pattern in READ for path in PROJECT.glob(pattern)})
 CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 """Commands and output of the program; the program's own texts are checked in its files."""
@@ -100,3 +105,25 @@ def test_a_phrase_is_found_at_the_end_of_a_line_and_in_a_docstring_but_not_in_sh
         "take back what excuses",
         "taken on trust",
     ]
+
+
+def riddles_in(text: str) -> list[str]:
+    """Return the opening lines of the docstrings, also of those behind an attribute, that begin with a riddle."""
+    bare = [node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr)]
+    texts = [each.value for each in bare if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+    return [each.strip().splitlines()[0] for each in texts if RIDDLE.match(each)]
+
+
+def test_no_docstring_begins_with_a_riddle() -> None:
+    files = (path for folder in WITH_DOCSTRINGS for path in sorted((PROJECT / folder).rglob("*.py")))
+    texts = ((path.relative_to(PROJECT), path.read_text(encoding="utf-8")) for path in files)
+    # The search for the words is quick; only a file that has them is parsed.
+    found = [f"{path}: {line}" for path, text in texts if RIDDLE.search(text) for line in riddles_in(text)]
+    assert not found, "begin with a noun or a verb"
+
+
+def test_a_riddle_is_found_wherever_a_docstring_stands() -> None:
+    text = (
+        '"""What it is."""\nA = 1\n"""Those of it."""\n\ndef f():\n    """\n    Who calls.\n    """\n    "Whatever"\n'
+    )
+    assert riddles_in(text) == ["What it is.", "Those of it.", "Who calls."]

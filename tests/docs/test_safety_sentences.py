@@ -87,7 +87,7 @@ TESTS: dict[int, dict[str, str]] = {
 
 
 def sentences(number: int) -> Iterator[str]:
-    """Those with a bound, in what is decided and in what follows from it."""
+    """Parameters with a bound, in what is decided and in what follows from it."""
     (path,) = DECISIONS.glob(f"{number:04}-*.md")
     parts = re.split(r"^## (.*)$", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     named = dict(zip(parts[1::2], parts[2::2], strict=True))

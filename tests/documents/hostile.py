@@ -94,7 +94,7 @@ DEVICES: dict[str, tuple[Callable[[Path], None], str]] = {
     "circle": (lambda path: path.symlink_to(path.name), "cannot be read: Too many levels of symbolic links"),
     "long string": (_text(f'description = "{"x" * 50_000_000}"\n'), "it is too large; expected at most "),
 }
-"""What is no file of a sane size: how it is made, and what every reader says of it."""
+"""Files that are none of a sane size: how it is made, and what every reader says of it."""
 
 KEY = "a" + ".a" * 50_000
 TOML = {

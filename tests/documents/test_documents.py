@@ -1,4 +1,4 @@
-"""What is wrong with a file is told at once, in plain words, with key and line."""
+"""Faults of a file are told at once, in plain words, with key and line."""
 
 import contextlib
 import tomllib

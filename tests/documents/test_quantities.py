@@ -129,10 +129,10 @@ def test_a_decimal_comma_is_refused_with_the_spelling_to_use(text: str, told: st
 @every(
     ("text", "quantity", "workspace", "told"),
     [
-        ("1n/mm", Quantity.STIFFNESS, LINEAR, 'as the axis is linear; write "1 N/mm"'),
-        ("1 nm/RAD", Quantity.STIFFNESS, ROTARY, 'as the axis is rotary; write "1 N·m/rad"'),
+        ("1n/mm", Quantity.STIFFNESS, LINEAR, 'because the axis is linear; write "1 N/mm"'),
+        ("1 nm/RAD", Quantity.STIFFNESS, ROTARY, 'because the axis is rotary; write "1 N·m/rad"'),
         ("1khz", Quantity.FREQUENCY, LINEAR, 'a frequency in Hz; write "1 kHz"'),
-        ("2 KG", Quantity.MASS, LINEAR, 'as the axis is linear; write "2 kg"'),
+        ("2 KG", Quantity.MASS, LINEAR, 'because the axis is linear; write "2 kg"'),
         ("1 sec", Quantity.TIME, LINEAR, "a time in s; unknown unit; known: min, ms, s, µs"),
     ],
 )

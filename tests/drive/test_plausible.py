@@ -81,7 +81,7 @@ def test_a_bench_that_exists_has_no_fault(tmp_path: Path) -> None:
         ({}, LINEAR, {"position": "[-100.0, 100.0]"}, "position", "expected from -5 to 5 m"),
         ({}, ROTARY, {"position": "[-180.0, 180.0]"}, "position", "is this in degrees? It would be -3.14 rad"),
         ({}, LINEAR, {"effort": 20_000.0}, "effort", "is this in mN? It would be 20 N"),
-        ({"torque_constant": 5.0}, LINEAR, {}, "torque_constant", "expected within a factor of 10 of rated_torque / rated_current"),
+        ({"torque_constant": 5.0}, LINEAR, {}, "torque_constant", "within a factor of 10 of rated_torque / rated_c"),
     ],
 )  # fmt: skip
 def test_a_value_that_no_bench_has_is_refused_with_its_range_and_unit(

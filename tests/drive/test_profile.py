@@ -1,4 +1,4 @@
-"""What a drive profile of any protocol has."""
+"""Properties of a drive profile of any protocol."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

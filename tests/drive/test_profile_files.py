@@ -210,7 +210,8 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         (
             "[timing]",
             "fault_reaction_option = { object = 0x6007, value = 0 }\n[timing]",
-            "line 17: link_loss.fault_reaction_option.object: 0x6007 is already used by link_loss.abort_connection_option"
+            "line 17: link_loss.fault_reaction_option.object: 0x6007 is already used by "
+            "link_loss.abort_connection_option"
             "; expected another object",
         ),
         (

@@ -140,7 +140,8 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             "bitrate = 500_000",
             "arguments = { receive_own_messages = true }",
-            "line 4: bus.can0.arguments: receive_own_messages would make the master receive its own frames as those of another master; remove it",
+            "line 4: bus.can0.arguments: receive_own_messages would make the master receive its own "
+            "frames as those of another master; remove it",
         ),
         (
             "bitrate = 500_000",

@@ -116,7 +116,7 @@ class Sheet:
     mode: int = 0
     """Torque mode of operation, 0 where the drive is not usable for force."""
     lack: str = ""
-    """What it lacks for force."""
+    """Objects that it lacks for force."""
     end: str = "\n"
     encoding: str = "utf-8"
 

@@ -1,4 +1,4 @@
-"""What a scene truly uses, seen from outside, and the golden text of it.
+"""Parts that a scene truly uses, seen from outside, and the golden text of it.
 
 A text has public names only: modules that a fresh interpreter imports, mapped objects, steps of the plan, and modules
 whose functions run in a period. The plain wall is the scene that all others are told beside: its text lists every

@@ -1,4 +1,4 @@
-"""What `plan` says of each library scene, and of each profile, is what was read and found good."""
+"""Output of `plan` for each library scene and each profile is the text that was read and found good."""
 
 from pathlib import Path
 

@@ -17,7 +17,7 @@ MOST_FRAMES, KEPT_FRAMES = 200_000, 2_000
 
 @dataclass
 class Findings:
-    """What was seen of the runs."""
+    """Observations of the runs."""
 
     broken: list[tuple[str, str]] = field(default_factory=list)
     """(name of the law, sentence)."""

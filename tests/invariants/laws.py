@@ -215,7 +215,7 @@ def what_has_no_effect_is_noticed(witness: Witness) -> Iterator[str]:
 
 
 def set_points_of_another_master_are_noticed(witness: Witness) -> Iterator[str]:
-    """Those that are long and large enough to be seen act for no longer than is stated, all of them together.
+    """Events that are long and large enough to be seen act for no longer than is stated, all of them together.
 
     Each lasts until the next one of ours. Too small are those within 5 % of rated torque and a quarter of the range of
     our own of the last time, as far as it is stated; a torque loop shows 95 % of a step after three time constants.

@@ -13,7 +13,7 @@ from tests.invariants.witness import MASTER, Witness
 from tests.invariants.words import MAKES_TORQUE
 
 MARGIN_NS = 1_000_000
-"""What was sent that long before the end may still have been answered."""
+"""Frames that were sent that long before the end may still have been answered."""
 STATUS = {
     "BusError": 1, "BusTimeoutError": 1, "BusConfigurationError": 1, "DriveFaultError": 1, "SafetyTripError": 3,
     "UsageError": 2, "PlanError": 4, "ForeignMasterError": 4, "UnstableSceneError": 4,

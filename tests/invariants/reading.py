@@ -1,4 +1,4 @@
-"""What is read of the evidence: words on the wire, torques at the motors, and instants."""
+"""Readings of the evidence: words on the wire, torques at the motors, and instants."""
 
 from collections.abc import Iterator
 

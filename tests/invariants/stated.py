@@ -1,4 +1,4 @@
-"""What a plan has stated, as plain numbers: limits, places of words in frames, and deadlines.
+"""Statements of a plan as plain numbers: limits, places of words in frames, and deadlines.
 
 Everything comes from the JSON of `plan --json`, from the numbers of the rig, and from the profile's own figures.
 """
@@ -36,7 +36,7 @@ class StatedProbe:
     pulses: float
     """The largest one."""
     holding: float
-    """What the scene is given until then."""
+    """Force that the scene is given until then."""
     least: float
     """[s] until the sign can have been seen."""
     permitted: float
@@ -106,7 +106,7 @@ class StatedAxis:
 
 @dataclass(frozen=True)
 class Stated:
-    """What was stated for one bus."""
+    """Statements for one bus."""
 
     period: float
     axes: tuple[StatedAxis, ...]

@@ -42,7 +42,7 @@ def _ran(*these: faults.Fault) -> tuple[Witness, str | None]:
 
 
 def evidence(*these: faults.Fault) -> Witness:
-    """What was seen of a sound run; a copy to tamper with."""
+    """Observations of a sound run; a copy to tamper with."""
     witness, _ = _ran(*these)
     return replace(witness, shafts=deepcopy(witness.shafts), frames=list(witness.frames), clock=None)
 

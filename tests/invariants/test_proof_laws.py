@@ -35,7 +35,7 @@ def _ran(prove: bool = True, *these: faults.Fault) -> Witness:
 
 
 def evidence(prove: bool = True, *these: faults.Fault) -> Witness:
-    """What was seen of a sound run; a copy to tamper with."""
+    """Observations of a sound run; a copy to tamper with."""
     witness = _ran(prove, *these)
     return replace(
         witness, shafts=deepcopy(witness.shafts), frames=list(witness.frames), earlier=list(witness.earlier), clock=None

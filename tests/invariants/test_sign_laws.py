@@ -34,7 +34,7 @@ def _ran(*these: faults.Fault) -> Witness:
 
 
 def evidence(*these: faults.Fault) -> Witness:
-    """What was seen of a sound run; a copy to tamper with."""
+    """Observations of a sound run; a copy to tamper with."""
     witness = _ran(*these)
     return replace(witness, shafts=deepcopy(witness.shafts), frames=list(witness.frames), clock=None)
 

@@ -1,4 +1,4 @@
-"""What happened in one run on one simulated bus: the frames on the wire, and the truth at the motors.
+"""Events of one run on one simulated bus: the frames on the wire, and the truth at the motors.
 
 A witness only writes down; it is judged when the run is over. Its times are those of the simulated world [ns].
 """

@@ -1,4 +1,4 @@
-"""What a verdict claims, held against drawn loops that are simulated from event to event.
+"""Claims of a verdict, held against drawn loops that are simulated from event to event.
 
 Each loop has a device, a delay, a motor limit and one or two elements, some of them soft or stiff at other places than
 in the middle (`drawn`). "Stable" claims that a small knock dies at every place where the handle may rest, so knocks of

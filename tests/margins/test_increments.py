@@ -1,4 +1,4 @@
-"""What passivity asks of a damper that an estimator drives, and of friction beside an encoder."""
+"""Conditions of passivity for a damper that an estimator drives, and of friction beside an encoder."""
 
 import pytest
 

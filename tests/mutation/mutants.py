@@ -127,7 +127,7 @@ def scaled(file: str, source: bytes) -> Iterator[Mutant]:
 def _quantities(
     file: str, source: bytes, node: ast.AST, function: ast.FunctionDef | None
 ) -> Iterator[tuple[ast.expr, tuple[tuple[str, str], ...], str]]:
-    """What of a node is a quantity: the value, the factors to try, and its name if it has one."""
+    """Parts of a node that are a quantity: the value, the factors to try, and its name if it has one."""
     match node:
         case ast.Assign(targets=[ast.Name(id=name)], value=value) if name.isupper() and _is_quantity(source, value):
             yield value, FACTORS + (FIFTHS if name in STATED.get(file, ()) else ()), name
@@ -206,7 +206,7 @@ def _nodes(
 
 
 def _changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:
-    """What kinds of change a node allows: the kind, what is replaced, and by what text."""
+    """Kinds of change that a node allows: the kind, what is replaced, and by what text."""
     match node:
         case ast.Compare():
             for place, operator in enumerate(node.ops):

@@ -34,7 +34,7 @@ context = ${{MUTATION_TEST-}}
 
 @dataclass(frozen=True)
 class Reach:
-    """What was seen of one lane."""
+    """Observations of one lane."""
 
     lane: str
     lines: CoverageData
@@ -104,7 +104,7 @@ def _imports(tree: ast.Module, module: str, name: str) -> bool:
 
 
 def traced(tree: Path, folder: Path, lane: str, rooms: tuple[str, ...], environment: dict[str, str]) -> Reach:
-    """What one lane reaches: from the folder, or else by a run, which takes minutes."""
+    """Code that one lane reaches: from the folder, or else by a run, which takes minutes."""
     kept = folder / lane
     if not (kept / "all").exists():
         kept.mkdir(parents=True, exist_ok=True)
@@ -175,7 +175,7 @@ class Tracer:
 
 
 def _forget() -> None:
-    """What helpers of tests keep for the next test: each shall reach what it needs by itself."""
+    """State that helpers of tests keep for the next test: each shall reach what it needs by itself."""
     for name in [name for name in sys.modules if name.startswith("tests.")]:
         for value in vars(sys.modules[name]).values():
             if hasattr(value, "cache_clear"):

@@ -1,4 +1,4 @@
-"""What the integrators claim: orders measured, spectral radii by formula, digits at both ends of the step size."""
+"""Claims of the integrators: orders measured, spectral radii by formula, digits at both ends of the step size."""
 
 import itertools
 import math

@@ -40,7 +40,7 @@ def test_the_damping_needed_is_that_of_the_worst_motion_of_all_aliases(angle: fl
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_spring_is_hardest_at_low_frequency(seed: int) -> None:
-    """What `margins.passive_limit` rests on."""
+    """Basis of `margins.passive_limit`."""
     random = np.random.default_rng(seed)
     angle = np.concatenate([np.geomspace(1e-5, 0.1, 50), np.linspace(0.1, math.pi, 200)])
     for _ in range(100):

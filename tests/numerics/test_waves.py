@@ -39,7 +39,7 @@ def test_after_a_billion_seconds_a_sine_is_as_exact_as_at_the_start(frequency: f
 
 
 def test_a_clock_in_floating_point_would_not_do() -> None:
-    """What whole numbers are for: at 32 years seconds as a float are 0.1 µs apart."""
+    """Reason for whole numbers: at 32 years seconds as a float are 0.1 µs apart."""
     frequency, elapsed = 1234.5678, LONG + 1
     naive = (elapsed / SECOND * frequency) % 1.0
     assert abs(naive - float(exact(elapsed, frequency, 0.0))) > 1e-5

@@ -24,14 +24,14 @@ DRIVES = ("maxon_epos4@5", "generic_cia402@6")
 SEED = 473
 """With it node 5 has a serial number with few ones: canopen's fastscan waits for a time-out at each."""
 STYLE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-"""What makes text on a terminal bold, or clears a line."""
+"""Codes that make text on a terminal bold, or clear a line."""
 STARTS_WITHIN = 60.0
 """[s] A Python process with numpy, on a busy machine."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What `can.Bus` or `canopen.Network.connect` is given, and the node that the master is to talk to."""
+    """Arguments of `can.Bus` or `canopen.Network.connect`, and the node that the master is to talk to."""
 
     options: dict[str, Any]
     node: int

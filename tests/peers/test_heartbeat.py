@@ -19,7 +19,7 @@ pytestmark = [
 ]
 
 HEARTBEAT, LOST_AFTER = 0.1, 0.3
-"""What the master asks of the drive, and three of them [s]."""
+"""Requests of the master to the drive, and three of them [s]."""
 
 
 def test_no_thread_receives_while_the_loop_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

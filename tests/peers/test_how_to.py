@@ -1,4 +1,4 @@
-"""What docs/how-to/test_your_canopen_software.md shows works as it stands there."""
+"""Examples of docs/how-to/test_your_canopen_software.md work as it stands there."""
 
 import re
 import signal

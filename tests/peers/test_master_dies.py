@@ -132,7 +132,7 @@ def pushing_master(
 
 
 def stated(rig: Path, cause: EndCause) -> float:
-    """What the plan of this run states [s]."""
+    """Times that the plan of this run states [s]."""
     compiled = plan("wall", rig=rig, rate=RATE, settings=dict([SETTING]))
     return next(each.seconds for each in compiled.deadlines if each.cause is cause)
 

@@ -1,4 +1,4 @@
-"""What is assumed of a drive stands beside every result that rests on it."""
+"""An assumption about a drive stands beside every result that rests on it."""
 
 from dataclasses import replace
 

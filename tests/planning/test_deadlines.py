@@ -1,4 +1,4 @@
-"""What one of several drives costs the others: the times until torque is zero when its feedback is lost."""
+"""Costs of one of several drives to the others: the times until torque is zero when its feedback is lost."""
 
 import math
 

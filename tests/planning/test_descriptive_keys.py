@@ -27,7 +27,7 @@ from haptic_fieldbus.signals import Signal, Workspace
 from tests.builders import shipped
 
 NAMES = {"bus", "node", "profile", "mechanism.kind", "i_know"}
-"""What something is called, and of which values a person is sure."""
+"""Names, and the values of which a person is sure."""
 PERMISSIONS = {
     *(f"limits.{each.name}" for each in fields(Limits)),
     *(f"permissions.{each.name}" for each in fields(Permissions)),
@@ -37,7 +37,7 @@ PERMISSIONS = {
     "raise_max_torque",
     "emergency_stop",
 }
-"""What a person permits, and what a run or a person has seen."""
+"""Permissions of a person, and what a run or a person has seen."""
 DESCRIPTIVE = {
     "encoder_counts_per_revolution",
     "rated_torque",

@@ -1,4 +1,4 @@
-"""What the ledger of an axis is granted, by the elements and couplings that act on it, and whether it has one."""
+"""Energy granted to the ledger of an axis by the elements and couplings that act on it, and whether it has one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a plan knows of a guard: the proof that counts, the reason for a new one, and the cap without one."""
+"""Knowledge of a plan about a guard: the proof that counts, the reason for a new one, and the cap without one."""
 
 from collections.abc import Mapping
 from dataclasses import replace

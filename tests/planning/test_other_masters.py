@@ -1,4 +1,4 @@
-"""What a plan says of set-points of another master: the time that they act, and what is not seen of them."""
+"""Statements of a plan about set-points of another master: the time that they act, and what is not seen of them."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a plan and a refusal say of elements without bounds of their own."""
+"""Statements of a plan and a refusal about elements without bounds of their own."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a plan says of the places at which its loop was judged."""
+"""Statements of a plan about the places at which its loop was judged."""
 
 import haptic_fieldbus
 from haptic_fieldbus.planning.explain import explain

@@ -1,4 +1,4 @@
-"""What files of each protocol may say, for editors."""
+"""Schemas of the files of each protocol, for editors."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -38,7 +38,7 @@ def test_every_statusword_of_16_bits_gets_the_state_of_the_standard() -> None:
 
 
 def test_bits_outside_the_mask_never_change_the_state() -> None:
-    """What the loop relies on: it looks again only when one of these bits has changed."""
+    """Assumption of the loop: it looks again only when one of these bits has changed."""
     assert CIA402.mask == 0x6F
     for word in range(0x1_0000):
         assert CIA402.state(word & CIA402.mask) is CIA402.state(word)

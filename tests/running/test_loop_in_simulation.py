@@ -31,7 +31,7 @@ CONTACT = 0.6
 
 
 class Frames:
-    """What was on the wire, by the end of each frame."""
+    """Frames on the wire, by the end of each frame."""
 
     def __init__(self) -> None:
         self.frames: list[tuple[int, int, bytes]] = []

@@ -1,4 +1,4 @@
-"""What a run writes of a proof into the rig file, what it leaves there, and what it says when it cannot write."""
+"""Text that a run writes about a proof into the rig file, text that it leaves there, and its message when it cannot."""
 
 import errno
 import os
@@ -254,7 +254,7 @@ bench.run()
 def test_after_a_power_cut_the_rig_is_that_of_before_or_has_the_whole_proof(
     rig: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is renamed over the rig has reached the disk as a whole before."""
+    """A file that is renamed over the rig has reached the disk as a whole before."""
     on_disk: dict[int, bytes] = {}
     fsync, rename = os.fsync, os.replace
     renamed: dict[Path, bytes] = {}

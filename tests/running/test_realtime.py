@@ -1,4 +1,4 @@
-"""What is changed about the interpreter while the loop runs, and put back after."""
+"""Changes to the interpreter while the loop runs, put back afterwards."""
 
 import gc
 import sys

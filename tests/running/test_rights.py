@@ -1,4 +1,4 @@
-"""What a run in real time asks of the system: each right as the system itself tells it, and all put back afterwards."""
+"""Rights that a run in real time requests from the system: each as the system itself tells it, all put back."""
 
 import os
 import subprocess

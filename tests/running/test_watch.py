@@ -1,4 +1,4 @@
-"""What is shown of an axis that is watched, against values worked out by hand; and the pace of the looks."""
+"""Values shown of an axis that is watched, against values worked out by hand; and the pace of the looks."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What a kind of element claims, so that one contract test can hold every kind to it."""
+"""Claims of a kind of element, so that one contract test can hold every kind to it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Motion:
 
     @property
     def moves(self) -> Array:
-        """What the position changes by in each period, shape (n − 1,)."""
+        """Change of the position in each period, shape (n − 1,)."""
         return np.diff(self.position, axis=0)
 
 

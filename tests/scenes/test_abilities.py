@@ -1,4 +1,4 @@
-"""What an element may say beyond its law: one list, one way to ask, one page for those who write elements."""
+"""Abilities of an element beyond its law: one list, one way to ask, one page for those who write elements."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What every element must be, whatever it is: run over all of the registry, each kind with its sheet of claims."""
+"""Contract of every element: run over all of the registry, each kind with its sheet of claims."""
 
 import dataclasses
 import math
@@ -209,7 +209,7 @@ class TestEveryElement:
 
     @of_every_example
     def test_is_linearised_to_the_slopes_that_its_force_has_there(self, kind: str, element: AnyElement) -> None:
-        """What stability is judged by, beside difference quotients of the law; states have no time to move."""
+        """Linear model by which stability is judged, beside difference quotients of the law; states stand still."""
         motion, way = SHEETS[kind].stiffest(element)
         before = moved_on(element, motion, 0, 0.0, 0.0)
         for column in range(2 * axes_of(element)):
@@ -307,7 +307,7 @@ def test_an_element_that_needs_motion_hides_no_number_that_is_none(kind: str, el
 
 @each_example(lambda kind, element: set(element.needs) & {Signal.POSITION, Signal.VELOCITY})
 def test_an_element_takes_a_motion_without_end(kind: str, element: AnyElement) -> None:
-    """What comes of it is judged by the cycle, which trips on a force that is not finite."""
+    """Judge of the result is the cycle, which trips on a force that is not finite."""
     count = axes_of(element)
     for end in (math.inf, -math.inf):
         felt = law(element)

@@ -121,7 +121,7 @@ def test_it_takes_more_than_it_stores_at_every_speed_and_stretch(speed: float, s
 
 
 def test_a_constant_damping_of_the_bristle_would_give_energy() -> None:
-    """What the fall of σ1 is for: a bristle at breakaway that is suddenly fast; the same inequality, broken."""
+    """Purpose of the fall of σ1: a bristle at breakaway that is suddenly fast; the same inequality, broken."""
     stretch, speed = 1.6 / 800.0, 5.0
     rate = speed - 800.0 * speed * stretch / level(speed)
     constant = -(800.0 * stretch + 8.0 * rate + 0.5 * speed)

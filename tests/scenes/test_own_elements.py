@@ -154,7 +154,7 @@ class Broken:
         monkeypatch.syspath_prepend(str(self.folder))
 
     def refused(self, module: str, kind: str = "own", at: str = "Own") -> str:
-        """What is said of a scene that names its element, without the place in the file."""
+        """Message about a scene that names its element, without the place in the file."""
         install(self.folder, self.package, f"{kind} = {self.package}{f':{at}' if at else ''}", module)
         written = f'{AXIS}[[element]]\nkind = "{kind}"\nname = "own"\naxis = "handle"\nstiffness = 300\n'
         with pytest.raises(SceneError) as caught:

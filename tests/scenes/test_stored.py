@@ -1,4 +1,4 @@
-"""What each element says of its energy, against the work of its own force: quadrature, and motions at random."""
+"""Statements of each element about its energy, against the work of its own force: quadrature, and motions at random."""
 
 import itertools
 from typing import Any, cast

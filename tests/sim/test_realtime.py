@@ -1,4 +1,4 @@
-"""What is kept out of garbage collection while drives are hosted in real time."""
+"""Objects kept out of garbage collection while drives are hosted in real time."""
 
 import gc
 

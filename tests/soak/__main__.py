@@ -30,13 +30,13 @@ that replaces its processes by itself (`max_tasks_per_child`) stands still in th
 
 
 def commit() -> str:
-    """What is checked out; empty where nobody knows."""
+    """Commit that is checked out; empty where it is unknown."""
     command = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
     return subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def known(file: Path) -> list[Found]:
-    """What an earlier soak of the same size and commit has found; a line that was cut off is left out."""
+    """Findings of an earlier soak of the same size and commit; a line that was cut off is left out."""
     found: list[Found] = []
     for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         try:

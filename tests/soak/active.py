@@ -72,7 +72,7 @@ class Stated(Uneven):
 
 @dataclass(frozen=True)
 class ActiveCase:
-    """What one run is made of."""
+    """Parts of one run."""
 
     seed: int
     element: Uneven

@@ -50,7 +50,7 @@ REPEATED = 10
 
 @dataclass(frozen=True)
 class Case:
-    """What one run is made of."""
+    """Parts of one run."""
 
     seed: int
     scene: str
@@ -64,7 +64,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found in one run."""
+    """Findings of one run."""
 
     seed: int
     broken: tuple[tuple[str, str], ...]

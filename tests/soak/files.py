@@ -78,7 +78,7 @@ def _eds(path: Path) -> object:
 
 @cache
 def _recordings() -> tuple[str, ...]:
-    """What a run records of an axis, as `estimate` and `response` read it, and with the columns of a whole row."""
+    """Record of a run about an axis, as `estimate` and `response` read it, and with the columns of a whole row."""
     rows = [(0.001 * number, 0.03 * sin(0.02 * number)) for number in range(200)]
     narrow = "".join(f"{time:.3f},{position:.9f}\n" for time, position in rows)
     wide = "".join(f"{time:.3f},39,{position:.9f},-{position:.6f}\n" for time, position in rows)

@@ -38,7 +38,7 @@ def search(count: int) -> dict[str, object] | None:
 
 
 def judged(first: int, count: int, duration: float) -> list[str]:
-    """What is broken in the runs of these seeds; each failing seed with its faults as the text of a file."""
+    """Laws broken in the runs of these seeds; each failing seed with its faults as the text of a file."""
     told = []
     for case in (case_of(seed, duration) for seed in range(first, first + count)):
         for law, sentence in run_case(case).broken:

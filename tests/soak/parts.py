@@ -22,7 +22,7 @@ LONGEST_HOUR_MEMORY = 300.0
 """[MB]; what a run of any length may take, as stated for one of half an hour."""
 
 Found = dict[str, Any]
-"""What a chunk has found: at least `broken`, a list of sentences."""
+"""Findings of a chunk: at least `broken`, a list of sentences."""
 
 
 @dataclass(frozen=True)

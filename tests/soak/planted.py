@@ -112,7 +112,7 @@ def copy_of(project: Path, tree: Path) -> Path:
 
 
 def called(tree: Path, *arguments: str) -> str:
-    """What `python -m tests.soak.find` prints in a tree; raises CalledProcessError."""
+    """Output of `python -m tests.soak.find` in a tree; raises CalledProcessError."""
     command = [sys.executable, "-m", "tests.soak.find", *arguments]
     environment = os.environ | {"PYTHONPATH": str(tree)}
     return subprocess.run(
@@ -121,7 +121,7 @@ def called(tree: Path, *arguments: str) -> str:
 
 
 def kept() -> list[dict[str, Any]]:
-    """What was found of each bug: seed, law, sentence, and the text of the shrunk faults."""
+    """Findings about each bug: seed, law, sentence, and the text of the shrunk faults."""
     found: list[dict[str, Any]] = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else []
     return found
 

@@ -124,9 +124,8 @@ def test_a_line_a_scene_says_what_it_leaves_out() -> None:
     text = plain_text(cost.lines(plans, costs).replace("<td", "|<td"))
     assert "|wall|velocity, estimator, integrator, virtual states|1.79 (1.78 to 1.85)" in text
     assert "|virtual_shaft|integrator, virtual states|6.47 (6.47 to 6.47)" in text
-    assert "of wall takes 1.8 µs of computing, one of virtual_shaft (2 axes) 6.5 µs" in plain_text(
-        cost.scenes_finding(plans, costs)
-    )
+    told = "of wall takes 1.8 µs of computing, one of virtual_shaft (2 axes) 6.5 µs"
+    assert told in plain_text(cost.scenes_finding(plans, costs))
     reasons = cost.reasons(plans)
     assert "no element needs it" in reasons
     assert "<td>12</td>" in reasons, "8 octets in and 4 out for each axis"

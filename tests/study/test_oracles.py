@@ -14,9 +14,9 @@ from haptic_fieldbus.study.oracles.events import states_of
 
 ROOM = Path(oracles.__file__).parent
 NUMBERS = {"math", "numpy", "numpy.typing", "decimal"}
-"""What an oracle computes with; `decimal` has more digits than `math`."""
+"""Modules with which an oracle computes; `decimal` has more digits than `math`."""
 WORDS = {"collections.abc", "dataclasses", "functools", "typing"}
-"""What computes nothing."""
+"""Modules that compute nothing."""
 
 
 def imported(text: str) -> set[str]:
@@ -36,7 +36,7 @@ def test_an_oracle_imports_numpy_and_math_and_other_oracles_alone(path: Path) ->
 
 
 def borrowed(text: str) -> dict[str, set[str]]:
-    """What the bodies of functions named `…_by_hand` use of the package, other than oracles."""
+    """Names that the bodies of functions named `…_by_hand` use of the package, other than oracles."""
     tree = ast.parse(text)
     foreign = {
         alias.asname or alias.name

@@ -27,7 +27,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Checkout:
 
 
 def judged(checkout: Checkout, *cases: str) -> dict[str, tuple[bool, str, str]]:
-    """What each case says there: whether it passed, by which oracle, and what it measured."""
+    """Result of each case there: whether it passed, by which oracle, and what it measured."""
     done = checkout.call(sys.executable, "-c", JUDGED, *cases)
     assert done.returncode == 0, done.stderr
     found: dict[str, tuple[bool, str, str]] = json.loads(done.stdout)

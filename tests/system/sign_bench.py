@@ -60,7 +60,7 @@ def unseen_plan(task: Task, **changes: Any) -> Plan:
 
 @dataclass
 class Outcome:
-    """What came of a run."""
+    """Result of a run."""
 
     plan: Plan
     cycle: Cycle

@@ -1,4 +1,4 @@
-"""What docs/how-to/couple_two_drives.md shows works as it stands there; its `sh` blocks are run with all others."""
+"""Examples of docs/how-to/couple_two_drives.md work as they stand there; its `sh` blocks are run with all others."""
 
 import re
 from pathlib import Path

@@ -242,7 +242,7 @@ class Worlds:
             master.close()
 
     def motor_torque(self, axis: str, t_ns: int) -> float:
-        """What the motor truly gave at an instant [N·m]."""
+        """Torque that the motor truly gave at an instant [N·m]."""
         drive = next(each for each in self.plan.axes if each.name == axis)
         _, _, torque = self.worlds[drive.rig.bus].trajectory(drive.node).sample(np.array([t_ns]))
         return float(torque[0])

@@ -1,4 +1,4 @@
-"""What goes wrong on the simulated bus, seen by who called: torque zero on the wire first, then cause, time, status."""
+"""Failures on the simulated bus, seen by the caller: torque zero on the wire first, then cause, time, status."""
 
 import json
 import struct

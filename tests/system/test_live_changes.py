@@ -80,7 +80,7 @@ def test_no_step_of_the_command_is_larger_than_motion_and_ramp_explain(tmp_path:
 
 @pytest.mark.thorough("a long run")
 def test_damping_that_is_changed_live_is_what_the_handle_feels(tmp_path: object) -> None:
-    """What is felt beyond Hooke's law, over the velocity that was estimated."""
+    """Force beyond Hooke's law, over the velocity that was estimated."""
     _, rows = rendered(tmp_path, "damped_wall", duration=1.5, changes=[(0.9, {"wall.damping": 9.0})])
     wall = vars(load_scene("damped_wall").elements[0])
     for part, damping in ((slice(600, 900), wall["damping"]), (slice(1000, 1500), 9.0)):

@@ -1,4 +1,4 @@
-"""What docs/how-to/change_a_running_scene.md shows works as it stands there."""
+"""Examples of docs/how-to/change_a_running_scene.md work as they stand there."""
 
 import re
 import shlex

@@ -48,7 +48,7 @@ def test_half_the_limit_is_rendered_as_a_wall(bus: str, hand: str, feels: str) -
 @pytest.mark.thorough("every shipped Modbus drive")
 @pytest.mark.parametrize("drive", usable())
 def test_every_shipped_drive_renders_a_wall(drive: str) -> None:
-    """Those without a watchdog give at most a twentieth of their torque, so nobody pushes them here."""
+    """Drives without a watchdog give at most a twentieth of their torque, so nobody pushes them here."""
     result = run("wall", drive=drive, bus=RTU, settings=HALF, hand="none", duration=1.0)
     assert (result.trips, result.missed_cycles) == ((), 0)
     assert result.warnings == ()

@@ -126,8 +126,8 @@ def test_drives_that_are_stopped_end_the_run_and_are_free_when_they_go_on(bus: s
 
 
 GONE = {
-    TCP: "closed the connection|reset the connection|nobody listens",
-    RTU: "adapter is gone|feedback lost|not answer",
+    TCP: "closed the connection|reset the connection|no server at this address",
+    RTU: "adapter is gone|feedback lost|no feedback|not answer",
 }
 
 

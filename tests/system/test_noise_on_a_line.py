@@ -22,7 +22,7 @@ from tests.sim.modbus.units import DEMAND, STATUS
 from tests.system.test_modbus_two_processes import ENABLED, RTU, running, simulated
 
 Noise = Callable[[Random, int], bytes]
-"""What becomes of an octet."""
+"""Fate of an octet."""
 KINDS: dict[str, Noise] = {
     "inserted": lambda random, octet: bytes((random.randrange(256), octet)),
     "deleted": lambda random, octet: b"",

@@ -1,4 +1,4 @@
-"""What docs/how-to/prove_the_guard.md shows works as it stands there."""
+"""Examples of docs/how-to/prove_the_guard.md work as they stand there."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What docs/how-to/use_several_buses.md shows works as it stands there."""
+"""Examples of docs/how-to/use_several_buses.md work as they stand there."""
 
 import re
 from pathlib import Path

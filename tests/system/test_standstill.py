@@ -53,7 +53,7 @@ LEANT_ON = (
 )  # fmt: skip
 """Scenes of the library that hold a hand of 6 N; through the others it goes, or they move it."""
 AT_LENGTH = ("wall", "damped_wall", "end_stops", "kelvin_voigt")
-"""Those that are leant on for all of the ten minutes here."""
+"""Scenes that are leant on for all of the ten minutes here."""
 SLOWLY = 100.0
 """[Hz]; the rate makes the tests fast, and the wall softer where it would be unstable."""
 FASTER = {"teleoperation": 250.0}

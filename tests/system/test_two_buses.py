@@ -89,7 +89,7 @@ class TwoWorlds:
         return [struct.unpack("<Hh", data)[1] for _, can_id, data in self.frames[bus] if can_id == 0x200 + node]
 
     def motor_torque(self, bus: str, t_ns: int) -> float:
-        """What the motor truly gave at an instant [N·m]."""
+        """Torque that the motor truly gave at an instant [N·m]."""
         _, _, torque = self.worlds[bus].trajectory(1).sample(np.array([t_ns]))
         return float(torque[0])
 

@@ -254,7 +254,7 @@ MEASURED: dict[EndCause, tuple[Callable[[str, float, float], float], ...]] = {
     EndCause.NO_EFFECT: (_without_effect,),
     EndCause.END: (_interrupted, _ended),
 }
-"""What is done for each cause, more than one thing where there are several."""
+"""Actions for each cause, more than one thing where there are several."""
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,7 @@ class Rendering:
     rate: float
 
     def stated(self, cause: EndCause) -> float:
-        """What the plan of this run states [s]."""
+        """Times that the plan of this run states [s]."""
         compiled = plan("wall", rig=self.rig, rate=self.rate, settings=dict([SETTING]))
         return next(each.seconds for each in compiled.deadlines if each.cause is cause)
 

@@ -1,4 +1,4 @@
-"""What docs/how-to/test_on_vcan.md shows works as it stands there."""
+"""Examples of docs/how-to/test_on_vcan.md work as they stand there."""
 
 import re
 import shlex

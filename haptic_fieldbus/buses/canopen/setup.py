@@ -315,8 +315,8 @@ class Setup:
             ) from error
         if device_type & 0xFFFF != DRIVE_PROFILE:
             raise BusConfigurationError(
-                f"{self.node.label} is not a CiA 402 drive: its device type 1000h is {device_type:08X}h; that of a drive "
-                f"ends in {DRIVE_PROFILE:04X}h"
+                f"{self.node.label} is not a CiA 402 drive: its device type 1000h is {device_type:08X}h; that of a "
+                f"drive ends in {DRIVE_PROFILE:04X}h"
             )
 
     def _check_identity(self) -> tuple[int, int]:

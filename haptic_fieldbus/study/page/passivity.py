@@ -224,4 +224,4 @@ def _limit_text(found: Sequence[Decay], *, controlled: bool) -> str:
     if limit is None:
         return f"at no stiffness up to {rounded(found[-1].share)} times the limit of stability"
     below, above = limit
-    return f"at {rounded(above)} times its limit of stability, and not at {rounded(below)} times"
+    return f"at {rounded(above)} times the limit of stability, and not at {rounded(below)} times"

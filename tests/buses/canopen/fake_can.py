@@ -202,7 +202,7 @@ class FakeDrive:
 
 
 def epos4_objects(node: int, rated_torque_micro: int = 400_000) -> dict[Key, bytes]:
-    """What such a drive holds after power-on: PDO 1 valid, type 255, and inhibit times."""
+    """Values of such a drive after power-on: PDO 1 valid, type 255, and inhibit times."""
     objects: dict[Key, bytes] = {
         (0x1000, 0): (0x0002_0192).to_bytes(4, "little"),
         (0x1005, 0): (0x80).to_bytes(4, "little"),

@@ -1,4 +1,4 @@
-"""What is asked on a CANopen bus apart from the exchange, and that nothing is asked while somebody else commands."""
+"""Requests on a CANopen bus apart from the exchange, and that nothing is asked while somebody else commands."""
 
 from collections.abc import Iterator
 from dataclasses import replace

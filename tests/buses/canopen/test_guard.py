@@ -181,7 +181,7 @@ class TestRequests:
         assert bench.bus.warnings == []
 
     def test_a_guard_that_the_drive_keeps_is_told(self) -> None:
-        """What was written is read back."""
+        """Written values are read back."""
         bench = guarded().open()
         exchange(bench, 5)
         bench.drive.forgets.add((0x100D, 0))
@@ -274,7 +274,7 @@ def request_of_somebody_else(bench: Bench, delay_ns: int = 0) -> None:
 
 
 class TestSomebodyElse:
-    """Who asks a drive under life guarding feeds its guard, also when we are dead."""
+    """Requests to a drive under life guarding feed its guard, also when we are dead."""
 
     def test_a_request_in_the_loop_is_a_command(self) -> None:
         bench = guarded().open()

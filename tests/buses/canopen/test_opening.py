@@ -58,7 +58,7 @@ def test_a_daemon_is_found_at_its_host_and_port() -> None:
 
 
 def greet(server: socket.socket) -> list[str]:
-    """What a client says in answer to the greeting of the daemon."""
+    """Text of a client in answer to the greeting of the daemon."""
     server.settimeout(10.0)
     connection, _ = server.accept()
     heard = []

@@ -1,4 +1,4 @@
-"""What a profile asks of a drive beyond its mode and PDOs: written in order, read back, refused where it cannot be."""
+"""Writes that a profile requires beyond mode and PDOs: in order, read back, refused where it cannot be."""
 
 from dataclasses import replace
 from typing import Any

@@ -50,7 +50,7 @@ class TwoDrives:
         return (self.clock.now_ns() - self.stopped_ns) / MS
 
     def sent(self) -> list[tuple[int, int, bytes]]:
-        """What the master sent since the stop began."""
+        """Frames that the master sent since the stop began."""
         return self.can.sent[self._before :]
 
 

@@ -74,9 +74,7 @@ def test_a_profile_that_cannot_render_force_is_named_and_not_proposed(two: TwoPr
     useless = replace(PROFILES[0], name="useless", drive=replace(PROFILES[0].drive, usable=False))
     generic = scan_bus(two.wire, 0.1, 1_000_000, [useless]).nodes[1]
     assert generic.profile is None
-    assert (generic.sure or "").startswith(
-        "no matching profile: none; it cannot render force by useless (possible match"
-    )
+    assert (generic.sure or "").startswith("no matching profile: none; it cannot render force by useless (possible")
     sure = replace(useless, name="sure", identity=IdentitySection(0xFB))
     epos = scan_bus(two.wire, 0.1, 1_000_000, [sure, PROFILES[0]]).nodes[0]
     assert epos.profile == "generic_cia402"
@@ -168,7 +166,7 @@ def test_an_empty_bus_has_no_nodes_and_one_that_only_beats_is_told() -> None:
 
 
 def test_a_bus_of_nothing_but_error_frames_is_not_asked() -> None:
-    """What one sends at a wrong bit rate destroys the frames of others."""
+    """A frame at a wrong bit rate destroys the frames of others."""
     with can.Bus(interface="virtual", channel="noise") as bus, can.Bus(interface="virtual", channel="noise") as other:
         for _ in range(3):
             other.send(can.Message(is_error_frame=True, arbitration_id=0x08, dlc=8, data=bytes(8)))

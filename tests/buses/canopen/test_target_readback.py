@@ -162,7 +162,7 @@ class TestAnswers:
     def test_a_drive_that_does_not_let_it_be_read_is_refused_before_anything_is_written(self) -> None:
         bench = Bench(plan_of(profile=ASKED))
         del bench.drive.objects[0x6071, 0]
-        words = r'reading 6071h:00 target torque: refused: .*; its profile has torque\.echo = "asked".*limited to 5 % of rat'
+        words = r'reading 6071h:00 target torque: refused: .*; its profile has torque\.echo = "asked".*limited to 5 %'
         with pytest.raises(BusConfigurationError, match=words):
             bench.open()
         assert bench.written() == []

@@ -52,7 +52,7 @@ def frame(can_id: int, data: bytes = b"") -> can.Message:
 
 
 class FrameCounts:
-    """What reaches the handlers and the log of a wire."""
+    """Frames that reach the handlers and the log of a wire."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, *, echoes: bool = False) -> None:
         self.logged: list[int] = []

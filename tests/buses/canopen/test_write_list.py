@@ -54,7 +54,7 @@ def written_by_master(path: Path, plan: Plan) -> list[Write]:
 
 
 def network(path: Path, plan: Plan, eds: Eds) -> str:
-    """What dcfgen is told: the same mapping, identifiers and types, and that all other PDOs are off."""
+    """Input of dcfgen: the same mapping, identifiers and types, and that all other PDOs are off."""
     drive: dict[str, object] = {"dcf": str(path), "node_id": NODE, "heartbeat_consumer": 0x1016 in eds}
     drive["heartbeat_producer"] = can_traffic(plan).node_heartbeat_ms
     used = {(pdo.direction, pdo.number): pdo for pdo in pdos_of(plan)}
@@ -101,7 +101,7 @@ def _concise(data: bytes) -> Iterator[Write]:
 
 
 def compared(writes: list[Write], eds: Eds) -> list[Write]:
-    """Those of heartbeat and PDOs in the order of the standard, without what the drive holds already."""
+    """Writes of heartbeat and PDOs in the order of the standard, without what the drive holds already."""
     held = {(entry.index, entry.subindex): _default(eds, entry.index, entry.subindex) for entry in eds}
     found: list[Write] = []
     for index, subindex, value in writes:

@@ -37,7 +37,7 @@ class TwoPrograms:
             pass
 
     def forget(self) -> None:
-        """What has come so far reaches the reader no more, as if it joined the bus now."""
+        """Frames that came so far reach the reader no more, as if it joined the bus now."""
         self.wire.drain(self.clock.now_ns() + 1_000_000_000)
 
     def enable(self, node: int) -> None:
@@ -50,7 +50,7 @@ class TwoPrograms:
             self.put(node, 0x6040, 0, controlword, 2)
 
     def sent(self) -> list[can.Message]:
-        """What the reader has sent since the other looked last."""
+        """Frames that the reader has sent since the other looked last."""
         heard = iter(lambda: self.other.recv(0.0), None)
         return [frame for frame in heard if frame.is_remote_frame or frame.arbitration_id & 0x780 in FROM_MASTERS[2:]
                 or frame.arbitration_id in FROM_MASTERS[:2]]  # fmt: skip

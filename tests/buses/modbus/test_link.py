@@ -10,7 +10,7 @@ PERIOD_NS = 7_000_000
 
 
 def torn(value: WideValue, counts: int, period: int) -> bool:
-    """What is said of a position of this period, the high word first."""
+    """Verdict on a position of this period, the high word first."""
     return value.torn(pack(">i", counts), period * PERIOD_NS)
 
 

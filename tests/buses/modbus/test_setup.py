@@ -1,4 +1,4 @@
-"""What is looked at before anything is written, what is then written, and what is put back, on a real connection."""
+"""Values read before anything is written, values written then, and values put back, on a real connection."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack

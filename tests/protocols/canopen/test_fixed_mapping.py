@@ -201,7 +201,7 @@ class TestFromTheVendorsFile:
 
 
 class TestOfTheDriveItself:
-    """What uploads show: a record without a mapping entry beyond those that it uses is fixed."""
+    """Result of uploads: a record without a mapping entry beyond those that it uses is fixed."""
 
     @staticmethod
     def on(rpdos: Mappings = RPDOS, tpdos: Mappings = TPDOS, *, free: bool = False) -> CanopenProfile:

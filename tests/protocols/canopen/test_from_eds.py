@@ -23,7 +23,7 @@ PERMILLE = "permille_of_rated_torque"
 
 
 def refusals(eds: Eds, mode: int | None = None) -> list[str]:
-    """What is told of a file that describes no drive of CiA 402, or one that is not usable for force."""
+    """Messages about a file that describes no drive of CiA 402, or one that is not usable for force."""
     try:
         profile = profile_from_eds(eds, mode)
     except EdsError as error:

@@ -33,7 +33,7 @@ def acting(control_period: float, acts: str = "reception") -> CanTraffic:
 
 
 def guarding(profile: CanopenProfile = PROFILE, rate: float = 1000.0, **changes: Any) -> list[str]:
-    """What is written for the guard of a drive of this profile."""
+    """Writes for the guard of a drive of this profile."""
     rig: RigAxis = replace(plan_of().axes[0].rig, **changes)
     traffic = replace(TRAFFIC, members=(replace(MEMBER, profile=profile),), rate=rate)
     return list(traffic.guarding("handle", rig))

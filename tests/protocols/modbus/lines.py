@@ -22,7 +22,7 @@ def on(bus: str, rate: float | None = None, **task: Any) -> Plan:
 
 
 def traffic_of(plan: Plan, place: int = 0) -> ModbusTraffic:
-    """What one line of a plan carries."""
+    """Requests that one line of a plan carries."""
     traffic = plan.buses[place].traffic
     assert isinstance(traffic, ModbusTraffic)
     return traffic

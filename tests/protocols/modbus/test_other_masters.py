@@ -1,4 +1,4 @@
-"""What shows a set-point of another master before ours replaces it, and the time for which it acts unseen, by hand."""
+"""Signals that show a set-point of another master before ours replaces it, and its time unseen, by hand."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def test_else_the_target_is_read_back_by_a_request_of_its_own(profile: ModbusPro
 
 
 def test_a_torque_actual_that_another_request_reads_comes_too_late_to_show_it() -> None:
-    """What is read behind function 23 is read behind our own set-point."""
+    """A value read behind function 23 is read behind our own set-point."""
     assert GENERIC.torque.actual is not None
     apart = drive(ONE, actual=replace(GENERIC.torque.actual, address=0x500))
     assert seen(apart).shown_by is Signal.TARGET_ASKED

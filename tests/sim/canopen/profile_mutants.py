@@ -134,7 +134,7 @@ def _inline(value: Any) -> str:
 
 
 def told_by(mutant: Mutant, original: CanopenProfile, sheets: Iterable[Eds], folder: Path) -> str:
-    """Who notices: "load", "check" beside any of the files of the drive, or "drive"; empty for nobody."""
+    """Places that notice: "load", "check" beside any of the files of the drive, or "drive"; empty for nobody."""
     path = folder / f"{original.name}.toml"
     path.write_text(mutant.text, encoding="utf-8")
     try:

@@ -1,4 +1,4 @@
-"""What lets a canopen client run without a thread of its own."""
+"""Helpers that let a canopen client run without a thread of its own."""
 
 from queue import Empty
 
@@ -8,7 +8,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 
 
 class Responses:
-    """What a canopen client waits on: `get` receives from the bus, in virtual time, until there is a response."""
+    """Queue on which a canopen client waits: `get` receives from the bus, in virtual time, until a response."""
 
     def __init__(self, network: canopen.Network, bus: SimulatedBus) -> None:
         self._network = network

@@ -212,7 +212,7 @@ class TestReceive:
 
 
 class TestSend:
-    """What the wire takes."""
+    """Frames that the wire takes."""
 
     @pytest.mark.parametrize(
         "message",

@@ -50,7 +50,7 @@ class Foreign:
         return node
 
     def hear(self, duration_ns: int) -> list[can.Message]:
-        """What comes for a while; canopen gets it too."""
+        """Frames that come for a while; canopen gets it too."""
         end_ns, heard = self.clock.now_ns() + duration_ns, []
         while (rest_ns := end_ns - self.clock.now_ns()) > 0:
             message = self.bus.recv(rest_ns * 1e-9)

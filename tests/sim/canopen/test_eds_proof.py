@@ -58,7 +58,7 @@ def told(eds: Eds, **changes: object) -> dict[str, str]:
 
 
 def plain() -> Eds:
-    """What the generic profile says, and nothing beyond it."""
+    """Content of the generic profile, and nothing beyond it."""
     return without(changed(generic(), 0x1018, 2, default=0), 0x1006, 0x60C2)
 
 

@@ -159,7 +159,7 @@ class TestWhatIsBuiltBeforeReady:
         assert abs(plants[0].position) > 0.1
 
     def test_while_nothing_is_asked_the_shafts_are_followed(self) -> None:
-        """What a silence of minutes leaves to be done would hold up the first answer."""
+        """Work that a silence of minutes leaves would hold up the first answer."""
         hosted = Hosted(5, hand="push", led=True)
         (slave,) = hosted.host._rack.slaves.values()
         for _ in range(50):

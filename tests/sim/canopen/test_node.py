@@ -75,7 +75,7 @@ class TestBoot:
 
 
 class TestStates:
-    """What works in which state."""
+    """Services that work in each state."""
 
     @pytest.mark.parametrize(
         ("commands", "state"),

@@ -117,7 +117,7 @@ class Watched:
             raise AssertionError(f"{frame} led from {before} to {state}")
 
     def _check_sent(self, before: NmtState | None) -> None:
-        """What may be sent in a state; before: the state at the time, None: time passed and it may have changed."""
+        """Frames that may be sent in a state; before: the state at the time, None: it may have changed."""
         number, state = self.node.number, self.node.state
         for _, frame in self.bench.sent:
             self.heard.add(frame.can_id & 0x780)

@@ -27,7 +27,7 @@ def _master(
 
 
 class TestTime:
-    """Who moves the clock, and when frames come."""
+    """Mover of the clock, and times of frames."""
 
     def test_a_receive_without_frame_moves_the_clock_to_its_deadline(self) -> None:
         clock = VirtualClock()

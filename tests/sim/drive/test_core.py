@@ -182,7 +182,7 @@ class TestModes:
 
 
 class TestObjects:
-    """What stands in the dictionary."""
+    """Values in the dictionary."""
 
     @pytest.mark.parametrize("name", PROFILES)
     def test_everything_that_a_profile_names_is_there(self, name: str) -> None:
@@ -468,7 +468,7 @@ class TestHandsClock:
     @pytest.mark.thorough("a run for each hand", quick=2)
     @pytest.mark.parametrize("name", [name for name, hand in HANDS.items() if hand is not None])
     def test_a_hand_rests_while_the_drive_is_off_and_does_the_same_again(self, name: str) -> None:
-        """What a hand does in 2.5 s is what it does in the next 2.5 s, and nothing moves by itself meanwhile."""
+        """Motion of a hand in 2.5 s is repeated in the next 2.5 s, and nothing moves by itself meanwhile."""
         bench = DriveBench(hand=HANDS[name])
         bench.operational()
         forces = []

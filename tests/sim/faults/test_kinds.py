@@ -1,4 +1,4 @@
-"""What each kind of fault of bus, drive, host and hand does, seen from the wire and at the shaft.
+"""Effects of each kind of fault of bus, drive, host and hand, seen from the wire and at the shaft.
 
 Kinds that are older are tried in `tests.sim.canopen.test_world`.
 """
@@ -47,7 +47,7 @@ def _torques(master: Master) -> np.ndarray:
 
 
 class TestFrames:
-    """What arrives of a frame that was sent."""
+    """Frames that arrive of one that was sent."""
 
     def test_dropped_tpdos_are_missing(self) -> None:
         assert _played(faults.FrameDropped("frame_dropped", AT, "tpdo", 3)).missed == 3

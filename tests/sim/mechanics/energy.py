@@ -26,7 +26,7 @@ class Balance:
 
     @property
     def error(self) -> float:
-        """What does not add up, as a share of the energy turned over."""
+        """Energy that does not add up, as a share of the energy turned over."""
         return abs(self.supplied - self.lost - self.stored) / self.turned_over
 
 

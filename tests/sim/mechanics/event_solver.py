@@ -92,7 +92,7 @@ class EventSolver:
         ]
 
     def _pressing(self, flank: int) -> Function:
-        """What the spring presses on a flank when it touches, positive towards it."""
+        """Force of the spring on a flank when it touches, positive towards it."""
         coupling, half = self.load.mechanics.coupling, self.load.half_play
 
         def pressing(_t: float, y: Matrix) -> float:

@@ -1,4 +1,4 @@
-"""What is kept of a motion."""
+"""Samples that are kept of a motion."""
 
 import numpy as np
 import pytest

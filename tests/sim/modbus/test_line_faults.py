@@ -18,7 +18,7 @@ TOOK = 21 * 11 / 115200 + 1.95e-3
 
 
 def answers(fault: faults.AnswerFault, count: int = 3, serial: bool = True) -> list[bytes]:
-    """What comes of so many requests, of which the fault concerns the first `fault.count`."""
+    """Answers to so many requests, of which the fault concerns the first `fault.count`."""
     line, clock = virtual_line(serial=serial)
     line.let_happen(NUMBER, fault)
     clock.sleep_until(1_000_000)

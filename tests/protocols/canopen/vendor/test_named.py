@@ -1,4 +1,4 @@
-"""What a profile names and a file shows otherwise: units, guards by requests, and the period that a drive is told."""
+"""Values that a profile names and a file shows otherwise: units, guards by requests, and the period of a drive."""
 
 from dataclasses import replace
 

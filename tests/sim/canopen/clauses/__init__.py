@@ -1,1 +1,1 @@
-"""What the standards say, as conversations between a master and a drive; written apart from the drive."""
+"""Clauses of the standards, as conversations between a master and a drive; written apart from the drive."""

@@ -154,7 +154,7 @@ class TestStorage:
 
 
 class TestTakenOver:
-    """What the drive works with keeps its behaviour and takes the rest from the file."""
+    """An object that the drive works with keeps its behaviour and takes the rest from the file."""
 
     def test_a_drive_of_its_own_sheet_is_the_same_drive(self) -> None:
         assert own(profile_from_eds(generic())).objects == generic().objects

@@ -78,7 +78,7 @@ def test_an_abort_and_a_frame_that_is_not_eight_octets_long_are_not_answered() -
 
 
 def _upload(server: SdoServer) -> bytes:
-    """What a client does that knows segments."""
+    """Transfers of a client that knows segments."""
     response = _ask(server, bytes.fromhex("40 08 10 00 00 00 00 00"))
     if response[0] & 0x02:
         return response[4 : 8 - (response[0] >> 2 & 3)]
