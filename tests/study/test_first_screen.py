@@ -161,7 +161,7 @@ def test_the_walls_error_is_the_same_in_a_quick_report_and_is_that_of_its_delay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sources, "FEW_SCENES", ("wall",))
-    monkeypatch.setattr(sources, "scene_names", lambda: ("wall",))
+    monkeypatch.setattr(sources, "library_scenes", lambda: ("wall",))
     quick, full = (
         sources.sources_section(Context(TOOLS, bench_of(api.plan("wall")), quick)) for quick in (True, False)
     )
