@@ -127,7 +127,7 @@ def test_facts_warnings_and_restarts_are_those_of_all_buses() -> None:
     bench.read()
     assert bench.bus.causes == dict.fromkeys(("left", "right"), (LinkFlag.BOOT_UP, 0))
     bench.bus.stop()
-    assert len([sentence for sentence in bench.bus.warnings if "its guard on" in sentence]) == 2
+    assert len([sentence for sentence in bench.bus.warnings if "watchdog armed" in sentence]) == 2
 
 
 def test_a_wrong_drive_on_the_second_bus_leaves_the_first_untouched() -> None:

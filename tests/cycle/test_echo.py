@@ -225,7 +225,7 @@ def test_torque_that_the_drive_cuts_trips(way: SlowDown, rate: float) -> None:
     error = trip_error(trip, plan, 0)
     assert isinstance(error, DriveFaultError)
     shown = "torque demand" if way == "demand" else "torque actual"
-    for words in ("set-points do not act", "10.1 N was sent", f"{shown} of node 1 says 5.03 N"):
+    for words in ("set-points do not act", "10.1 N was sent", f"{shown} of node 1 is 5.03 N"):
         assert words in str(error)
 
 

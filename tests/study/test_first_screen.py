@@ -201,7 +201,7 @@ def test_the_first_screen_has_the_questions_the_findings_and_what_is_assumed(who
     answers = [finding for finding in report["findings"] if finding in text]
     assert len(answers) == len(QUESTIONS)
     assert all(re.search(r"\d", answer) for answer in answers)
-    assert "Assumed." in text
+    assert "Assumptions." in text
     assert all(f">{scene}<" in first for scene in FEW_SCENES)
     assert all(finding in plain_text(rest) for finding in report["findings"] if finding not in answers)
     assert strange_numbers(text) == []

@@ -51,7 +51,7 @@ class Watched(SimulatedDrives):
 def test_set_points_without_effect_take_the_torque_away_in_the_stated_time(name: str, rate: float) -> None:
     these = (faults.MissingRpdos("missing_rpdos", LOST_AT),) if name == "lost" else ()
     rack = Watched(rate, these)
-    with pytest.raises(DriveFaultError, match=r"set-points do not act.*the target torque asked of node 1 says"):
+    with pytest.raises(DriveFaultError, match=r"set-points do not act.*the target torque asked of node 1 is"):
         rack.run(6.0, lambda: None if these else rack.tool(TOOLS["RPDO switched off"]))
     assert rack.ended >= (LOST_AT if these else CONTACT)
     assert rack.waited() <= rack.plan.axes[0].limits.echo

@@ -221,7 +221,7 @@ def test_one_reversed_drive_of_two_keeps_force_from_both(wrong: str) -> None:
     outcome = rendered(plan, HELD_BY["pushed"], [second])
     assert outcome.contradicted
     assert outcome.largest <= SMALL + ROUNDING
-    assert str(outcome.error).startswith(f"axis {plan.axes[1].name}: pulses of")
+    assert f"axis {plan.axes[1].name}: motor direction wrong: test pulses of" in str(outcome.error)
 
 
 def test_one_sign_that_is_hidden_of_two_keeps_force_from_both() -> None:

@@ -291,5 +291,5 @@ def test_a_file_of_faults_names_the_bus_where_node_ids_repeat(tmp_path: Path) ->
 
 
 def test_a_fault_on_a_bus_that_is_not_there_is_refused() -> None:
-    with pytest.raises(UsageError, match='"silence" is on the bus "can_up"; this run has: can_left, can_right'):
+    with pytest.raises(UsageError, match='"silence" names the bus "can_up"; this run has: can_left, can_right'):
         run(SCENE, rig(), faults=[faults.Silence("silence", 0.2, bus="can_up")])

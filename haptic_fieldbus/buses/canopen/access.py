@@ -272,7 +272,7 @@ def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfi
         listen(wire, section.listen, one, wire.name).refuse(one.master_node)
         yield {name: Node(wire, axis.node, f"node {axis.node} (axis {name})") for name, (axis, _) in drives.items()}
     except BusTimeoutError as error:
-        raise BusTimeoutError(f"{error}. {NO_ANSWER_ADVICE}") from error
+        raise BusTimeoutError(f"{error}; {NO_ANSWER_ADVICE}") from error
     finally:
         can_bus.shutdown()
 

@@ -61,6 +61,6 @@ def test_a_profile_of_no_particular_drive_is_fitted_to_the_drive_on_the_bus_and_
 
 def test_a_drive_that_does_not_answer_is_told_with_advice() -> None:
     with pytest.raises(
-        BusTimeoutError, match=r"node 99 \(axis handle\), reading 6041h.*check that the drive has power"
+        BusTimeoutError, match=r"node 99 \(axis handle\), reading 6041h.*; check the power and the node-ID"
     ):
         ACCESS.fitted(CanSection("haptic_sim", "maxon_epos4@5", listen=0.01), AXES)

@@ -59,7 +59,7 @@ def test_another_fault_is_told_and_left_as_it_is(code: int) -> None:
 def test_a_fault_that_stays_is_told() -> None:
     bench = faulted(LOST_MASTER)
     bench.drive.power_stays = FAULT
-    with pytest.raises(DriveFaultError, match=r"stays in fault 0\.5 s after"):
+    with pytest.raises(DriveFaultError, match=r"still in fault 0\.5 s after"):
         bench.bus.acknowledge()
 
 

@@ -318,7 +318,7 @@ def test_a_dead_interface_raises_and_stopping_still_tries_every_axis() -> None:
     with pytest.raises(BusError, match="Network is down"):
         bench.bus.write(bytes(8))
     assert bench.bus.stop() is False
-    assert sum("was not sent" in sentence for sentence in bench.bus.warnings) == 2
+    assert sum("set-point of zero torque" in sentence for sentence in bench.bus.warnings) == 2
     bench.bus.close()
     assert bench.can.is_shut_down
 
@@ -400,7 +400,7 @@ def test_a_guard_that_cannot_be_released_is_a_warning() -> None:
     bench = Bench().open()
     bench.drive.aborts[0x1016, 1] = 0x0800_0022
     assert bench.bus.stop() is True
-    assert any("its guard on" in sentence for sentence in bench.bus.warnings)
+    assert any("watchdog armed" in sentence for sentence in bench.bus.warnings)
 
 
 def test_a_bus_that_was_never_opened_may_be_stopped_and_closed() -> None:

@@ -77,7 +77,7 @@ def test_the_modes_are_those_of_the_profile_and_6502h_shows_them() -> None:
 
 
 def test_a_pdo_that_maps_what_is_not_there_is_told_in_words() -> None:
-    with pytest.raises(UsageError, match="1601h:01 maps 20120020h, which the drive does not have"):
+    with pytest.raises(UsageError, match="1601h:01 maps 20120020h, which the drive lacks"):
         bench_of({"1601:01": SimulatedObject(value=0x2012_0020)})
 
 
