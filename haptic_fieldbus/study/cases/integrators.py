@@ -28,7 +28,7 @@ from haptic_fieldbus.study.oracles.textbook import DIGITS, RADII, RULES, free_mo
 
 LARGEST = 2**1024
 """Smallest power of two that is no finite double."""
-SENTENCE = "expected a number above 0"
+SENTENCE = "expected a number from 1e-12 to 1e9"
 """Part of the message with which a mass is refused."""
 COUNTS, PERIODS = 10, 400
 """Counts by which the puck is moved in period 1, and number of periods in the run."""
