@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning.live_changes import RampingChange
+    from haptic_fieldbus.planning.live_changes import Change, RampingChange
 
 
 # Record of a run: rows of numbers in a preallocated ring buffer.
@@ -98,6 +98,8 @@ class LoopReport:
     foreign_load: Mapping[str, float] = field(default_factory=dict)
     """By axis, the share of its bus that frames of other devices took."""
     changes: "list[RampingChange]" = field(default_factory=list)
+    unmade: "tuple[Change, ...]" = ()
+    """Changes that were due and never began."""
     # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
     """One row of `SAMPLES` for each period in operation enabled; of a very long run, for the last ones."""

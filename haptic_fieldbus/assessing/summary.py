@@ -21,9 +21,10 @@ from haptic_fieldbus.assessing.travel import Travels
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import GapCounts
 from haptic_fieldbus.margins import Verdict
-from haptic_fieldbus.numerals import exactly, in_unit
+from haptic_fieldbus.numerals import exactly, in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import why_not_asked
+from haptic_fieldbus.planning.limits import START_SHARE
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import Signal
 
@@ -223,6 +224,11 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             )
         if stalls:
             yield _stood_still(axis, stalls, plan.period)
+    for change in report.unmade:
+        yield (
+            f"the change of {', '.join(change.settings)} was not made. A change waits for the end of the one before, "
+            f"and while it would alter the force at the handle by more than {percent(START_SHARE, 2)} of the limit"
+        )
 
 
 def _clipped(axis: AxisPlan, share: float, asked: float) -> str:

@@ -179,6 +179,21 @@ class AxisCycle:
         """
         return field_of(element, self._period, self._axis.method, self.sensed)
 
+    def thrown_by(self, before: Sequence[Element], after: Sequence[Element]) -> Callable[[], bool]:
+        """Return a function: would these elements throw the handle from where it is, if they came now?
+
+        They would if the force at rest changes by more than a scene may ask for in its first period. The result
+        must be called between two periods.
+        """
+        old, new = at_rest(before, self._period), at_rest(after, self._period)
+        largest = START_SHARE * self._axis.limits.effort
+
+        def throws() -> bool:
+            position = self.state.position - self.permission.shift
+            return abs(new(position) - old(position)) > largest
+
+        return throws
+
     def exchange(self, fields: Mapping[int, Field], elements: Sequence[Element], periods: int) -> None:
         """Replace the fields at these places along a ramp of `periods`; the other fields keep their state.
 

@@ -121,29 +121,34 @@ class Cycle:
         """Age of the oldest feedback when it was used [ns]."""
         return max([axis.state.feedback[AGE_NS] for axis in self.axes.values()])
 
-    def prepare(self, before: Plan, after: Plan, periods: int) -> Callable[[], None]:
+    def prepare(self, before: Plan, after: Plan, periods: int) -> Callable[[], bool]:
         """Return a function that begins the ramp from the elements of `before` to those of `after`.
 
         Both are plans of this loop. `prepare` may be called from any thread; its result must be called between two
-        periods. Elements that are equal in both plans keep their state. Each changed element starts afresh and is
-        faded in over `periods`, while the old one is faded out.
+        periods. It does nothing and returns False while the new elements would throw a handle from where it is.
+        Elements that are equal in both plans keep their state. Each changed element starts afresh and is faded in over
+        `periods`, while the old one is faded out.
         """
-        exchanges = []
+        exchanges, throws = [], []
         for old, new in zip(before.axes, after.axes, strict=True):
             axis = self.axes[new.name]
+            throws.append(axis.thrown_by(old.elements, new.elements))
             both = enumerate(zip(old.elements, new.elements, strict=True))
             fields = {place: axis.field_of(to) for place, (was, to) in both if to != was}
             exchanges.append((axis, fields, new.elements))
         couplings = enumerate(zip(before.scene.couplings, after.scene.couplings, strict=True))
         pairs = {place: self._pair(to, after.period) for place, (was, to) in couplings if to != was}
 
-        def change() -> None:
+        def change() -> bool:
+            if any(throw() for throw in throws):
+                return False
             for ledger in self.ledgers:
                 ledger.exchange(*ledger_elements(after, ledger.axes), periods)
             for axis, fields, elements in exchanges:
                 axis.exchange(fields, elements, periods)
             for place, pair in pairs.items():
                 self._pairs[place] = blended_pair(self._pairs[place], pair, periods)
+            return True
 
         return change
 

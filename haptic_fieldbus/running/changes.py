@@ -34,7 +34,8 @@ class ReadyChange:
     """A change and the function that begins its ramp."""
 
     change: Change
-    begin: Callable[[], None]
+    begin: Callable[[], bool]
+    """Returns False, and begins nothing, while the change would throw the handle."""
 
 
 class Changes:
@@ -78,7 +79,8 @@ class Changes:
     def request(self, settings: Mapping[str, Setting]) -> Change:
         """Check new values, pass them to the loop and return the change. Any thread may call it during the run.
 
-        The ramp to the new values begins with the next period, or when the ramp of the change before is over. Raises
+        The ramp to the new values begins with the next period, or when the ramp of the change before is over. It waits
+        while the new values would change the force at the handle by more than a quarter of the limit. Raises
         SceneError, UsageError or PlanError for settings that `run` would refuse, UnstableSceneError included, and
         UsageError when nothing runs or scheduled changes are still to come. The old values stay then.
         """
@@ -130,12 +132,13 @@ class Changes:
             self._last = change.plan
         self._cycle = cycle  # last, because `request` takes it as the sign that all else is ready
 
-    def close(self) -> None:
-        """Refuse further requests: the run is over."""
+    def close(self, duration: float) -> tuple[Change, ...]:
+        """Refuse further requests, and return the changes that were due within `duration` [s] and never began."""
         self._cycle = None
+        return tuple(ready.change for ready in self.waiting if ready.change.time < duration)
 
     def make(self, coming_ns: int, after_ns: int, period_ns: int) -> None:
-        """Begin the first waiting change if it is due and the ramp before it is over.
+        """Begin the first waiting change if it is due, the ramp before it is over, and it would not throw the handle.
 
         The loop calls this between two periods while a change waits. `coming_ns` is the latch instant of the coming
         period from operation enabled, `after_ns` that of the last period on the clock of the loop.
@@ -144,8 +147,9 @@ class Changes:
         # Half a period of tolerance makes the change begin with the period nearest to its time.
         if coming_ns + period_ns // 2 < max(self._free_ns, round(change.time * 1e9)):
             return
-        ready = self.waiting.popleft()
-        ready.begin()
+        if not self.waiting[0].begin():
+            return
+        self.waiting.popleft()
         periods = self._periods(period_ns)
         self._free_ns = coming_ns + periods * period_ns
         self.applied.append(RampingChange(change, coming_ns * 1e-9, after_ns, periods))

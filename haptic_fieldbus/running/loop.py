@@ -116,7 +116,7 @@ def run_loop(
         report.foreign_load = bus.foreign_load
         report.released = bus.stop()
         if changes is not None:
-            changes.close()
+            report.unmade = changes.close(report.duration)
     if cycle.trip is not None:
         # After `bus.stop`, which may have received the emergency or boot-up message of a node that had fallen silent.
         cycle.trip = explained(cycle.trip, bus.causes)

@@ -77,5 +77,5 @@ def test_a_handle_that_goes_the_other_way_is_refused_with_the_key(tmp_path: Path
     status, seen = first_start(rig, -0.02)
     assert status == 2, seen
     assert "axis.handle.mechanism.sign" in seen
-    assert "it must be -1" in seen
+    assert "write sign = -1" in seen
     assert load_rig(rig).axis["handle"].seen.direction is None

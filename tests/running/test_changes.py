@@ -121,11 +121,17 @@ def test_requests_are_for_the_time_of_a_run() -> None:
         _ = changes.scene
     with pytest.raises(UsageError, match="no run uses these changes"):
         changes.request({"wall.stiffness": 800.0})
-    begun(changes).close()
+    begun(changes).close(10.0)
     with pytest.raises(UsageError, match="no run uses these changes"):
         changes.request({"wall.stiffness": 800.0})
     with pytest.raises(UsageError, match="belong to another run"):
         begun(changes)
+
+
+def test_what_was_due_and_never_began_is_returned_at_the_end() -> None:
+    changes = begun(Changes([(1.0, {"wall.stiffness": 700.0}), (1.05, {"wall.stiffness": 800.0})]))
+    run_to(changes, 1, 1060)
+    assert [dict(change.settings) for change in changes.close(1.06)] == [{"wall.stiffness": 800.0}]
 
 
 def test_while_scheduled_changes_are_to_come_nobody_else_changes_what_they_were_judged_on() -> None:

@@ -207,3 +207,26 @@ def test_a_change_amid_a_doubt_about_the_sign_gives_no_more_than_a_hand_may_hold
     _, rows = rendered(tmp_path, rig=rig, duration=4.0, changes=changes, faults=[blow])
     assert np.abs(rows["handle.command"][1600:]).max() <= 0.1 * 50.3 + STEP, "5 N of the pulses, 2.5 N from then on"
     assert np.abs(rows["handle.command"][2400:]).max() <= 0.05 * 50.3 + STEP
+
+
+EFFORT = 0.4 * 2.0 * math.pi / 0.05
+"""[N]; the limit of the shipped bench: its rated torque at the handle."""
+
+
+def test_a_wall_that_is_moved_past_the_handle_waits_instead_of_throwing_it(tmp_path: object) -> None:
+    """Before, it came within the ramp: up to 25 N on a hand that leaned with 6 N."""
+    result, rows = rendered(tmp_path, duration=3.0, changes=[(2.0, {"wall.position": -0.06})])
+    assert (result.trips, result.changes) == ((), ())
+    assert np.abs(rows["handle.command"][2000:]).max() <= 6.5
+    assert [sentence for sentence in result.warnings if sentence.startswith("the change of wall.position was not made")]
+
+
+def test_it_comes_once_it_changes_the_force_at_the_handle_by_a_quarter_of_the_limit_at_most(tmp_path: object) -> None:
+    moved = -0.005
+    result, rows = rendered(tmp_path, hand="release", duration=4.0, changes=[(1.5, {"wall.position": moved})])
+    (made,) = result.changes
+    assert made.time > 2.0, "the hand lets go 2 s after it began"
+    period = round(made.time * 1e3)
+    wall = np.maximum(rows["handle.position"] - moved, 0.0) - np.maximum(rows["handle.position"] - SURFACE, 0.0)
+    assert (600.0 * wall[1500 : period - 1] > 0.25 * EFFORT).all()
+    assert 600.0 * wall[period] <= 0.25 * EFFORT

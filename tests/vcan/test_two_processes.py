@@ -100,7 +100,7 @@ def test_torque_is_gone_in_time_and_the_reason_is_named(name: str, vcan: Link, r
 FAULTS = {
     "missing_tpdos": ("count = 100000", "feedback lost", "feedback lost: the last from node 5"),
     "node_reset": ("", "node reset", "node 5 restarted"),
-    "heartbeat_lost": ("", "heartbeat lost", "the heartbeat of node 5 stayed away"),
+    "heartbeat_lost": ("", "heartbeat lost", "the heartbeat of node 5 was lost"),
     "missing_rpdos": ("count = 100000", "set-points do not act", "set-points do not act"),
 }
 

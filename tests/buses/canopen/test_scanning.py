@@ -58,7 +58,7 @@ def test_each_shipped_drive_is_taken_for_itself() -> None:
     assert [node.profile for node in found] == names
     for node, profile in zip(found, profiles, strict=True):
         if profile.drive.usable:
-            assert (node.sure or "").startswith("sure") is bool(profile.identity.product_codes)
+            assert (node.sure or "").startswith("certain") is bool(profile.identity.product_codes)
         else:
             assert f"it cannot render force by {profile.name}" in (node.sure or "")
 
