@@ -53,7 +53,7 @@ class Reach:
             self._ends[changes] = min(lowest, float(here.min())), max(highest, float(here.max()))
 
     def travel(self, axis: str, workspace: Workspace, acted: Sequence[Iterable[Element]]) -> Travel | None:
-        """Return how far and how deep; `acted` are the elements after so many changes. None before any position."""
+        """Return travel and depths; None without positions. `acted` has the elements by the number of changes."""
         if not self._ends:
             return None
         depth: dict[str, float] = {}

@@ -25,7 +25,7 @@ Profile = TypeVar("Profile", bound=DriveProfile)
 
 
 class Observer(Protocol):
-    """Somebody who reads from drives and writes nothing; it listens only as soon as somebody else commands them."""
+    """Reads from drives and writes nothing. While another master commands them, it only listens."""
 
     @property
     def listened(self) -> str:
@@ -33,7 +33,7 @@ class Observer(Protocol):
 
     @property
     def masters(self) -> str:
-        """Sentence about somebody else who commands, because of whom nothing is asked; empty while there is none."""
+        """Sentence about another master. While there is one, the drives are not asked. Empty without one."""
 
     def look(self) -> Mapping[str, DriveReading]:
         """Return what each drive says now, by the name of its axis; raises BusError only when the bus is dead."""
@@ -65,7 +65,7 @@ class BusAccess(Protocol):
         return None
 
     def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
-        """Return, by axis, the profiles of no particular drive with what their drives have; others are not in it.
+        """Return, by axis, each general profile fitted to its drive; axes with another profile are left out.
 
         Nothing is written. Raises UsageError or BusError, as `rated_torque` does.
         """
@@ -138,7 +138,7 @@ def look_at(
     silent: str,
     refused: Callable[[Entry], str] = lambda entry: "",
 ) -> DriveReading:
-    """Read all that is shown of a drive; without the first answer no other is waited for.
+    """Read all values that `watch` shows of a drive; if the first answer does not come, the rest is not read.
 
     `arrived_ns` is the instant of the last answer. `silent` and `refused` add to the note about a drive that does not
     answer, and about an entry that it does not give. Raises BusError when the bus is dead.

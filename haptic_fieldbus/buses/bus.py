@@ -48,9 +48,9 @@ class Bus(Protocol):
 
     @property
     def causes(self) -> Mapping[str, tuple[LinkFlag, int]]:
-        """By axis, what came since `start` that explains other faults, with its code: the most telling alone.
+        """By axis, the event since `start` that best explains other faults, with its code.
 
-        It may have come later than the trip. What our own `stop` has caused is not among it.
+        It may have come later than the trip. Events that our own `stop` caused are left out.
         """
 
     @property
@@ -83,13 +83,13 @@ class Bus(Protocol):
         """Send the output image; set-points that cannot be sent are dropped, never queued."""
 
     def ask(self, axis: str) -> int | None:
-        """Ask a drive for its statusword apart from the exchange, and give no proof of life by it.
+        """Read the statusword of a drive outside of the exchange. This does not feed the drive's watchdog.
 
         None without an answer in some milliseconds. Raises BusError only when the bus itself is dead.
         """
 
     def acknowledge(self) -> None:
-        """Clear the faults into which the drives of a stopped bus went because they had lost us.
+        """Clear the faults of drives on a stopped bus that lost their master.
 
         Raises DriveFaultError for a fault of another origin, which is left as it is, or BusError.
         """
@@ -123,9 +123,9 @@ class StepwiseBus(Bus, Protocol):
         """Begin `stop`: take the torque away by every way that needs no answer. Raises nothing."""
 
     def settle(self) -> bool:
-        """Look for some milliseconds whether the drives are free; True when they are, or the time is over.
+        """Wait some milliseconds for the drives to be free; True when they are, or the time is over.
 
-        No proof of life is given meanwhile, so that the guard of a silent drive acts. Raises nothing.
+        Meanwhile nothing feeds the drives' watchdogs, so that a silent drive switches itself off. Raises nothing.
         """
 
     def leave(self) -> bool:
@@ -137,7 +137,7 @@ class InSteps:
 
     @property
     def foreign_load(self) -> Mapping[str, float]:
-        """Nothing is known of other devices, unless a bus says more."""
+        """Empty: a bus that can hear other devices overrides this."""
         return {}
 
     def open(self: Bus, plan: Plan) -> None:

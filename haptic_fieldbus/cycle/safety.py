@@ -286,7 +286,7 @@ def bind_limiter(
 
 
 def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Callable[[int], float]:
-    """Return what gives the permitted force of a period without feedback, by how many have been missing in a row.
+    """Return a function: number of periods in a row without feedback → permitted force.
 
     While the sign is looked for, the cap of a long gap is `limits.before_sign`: the force before may be a pulse's.
     """

@@ -102,7 +102,7 @@ class Axis:
 
     @property
     def own_stiffness(self) -> float:
-        """Largest stiffness of its own elements, as far as it is known of places [N/m or N·m/rad]."""
+        """Largest stiffness of its own elements at the places that were judged [N/m or N·m/rad]."""
         return max(float(self.environment.stiffness.max()), 0.0) if isinstance(self.environment, Places) else 0.0
 
     def damping_needed(self, places: Places, period: float) -> float:

@@ -88,7 +88,7 @@ class SampledLaw:
         return tuple(found)
 
     def at(self, place: float) -> Local:
-        """Return force, slopes to either side, and change per speed, of a handle at rest; not-a-number: no force."""
+        """Return force, slopes to both sides, and damping for a handle at rest; not-a-number without a force."""
         if place not in self._read:
             self._read[place] = self._felt(place)
         return self._read[place]

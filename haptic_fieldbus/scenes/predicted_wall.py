@@ -87,7 +87,7 @@ class PredictedWall:
 
     @property
     def increments(self) -> tuple[float, float]:
-        """Return the stiffness, and what the prediction adds per speed; a deadbeat release takes off twice as much."""
+        """Return the stiffness and the damping that the prediction adds; a deadbeat release takes twice that away."""
         share = 2.0 if self.release == "deadbeat" else 1.0
         return self.stiffness, self.damping + share * self.stiffness * self._ahead
 

@@ -54,7 +54,7 @@ LONGEST_DRAIN_NS = 10_000_000
 
 
 class BusObserver:
-    """A look at the drives of one bus; it listens for this time [s] before it sends anything. Raises BusError."""
+    """Observer of the drives of one bus. It listens for this time [s] before it sends anything. Raises BusError."""
 
     def __init__(
         self, wire: Wire, drives: Mapping[str, tuple[int, CanopenProfile]], listening: float, master_node: int
@@ -118,7 +118,7 @@ class BusObserver:
 
 
 def _error_code(node: Node, values: Mapping[Signal, int]) -> int | None:
-    """Return the code of the fault that a drive is in; an emergency tells it where there is no 603Fh."""
+    """Return the error code of a drive in fault; from its emergency message where it has no 603Fh."""
     if CIA402.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS:
         return None
     try:
@@ -226,9 +226,9 @@ class CanopenAccess(BusAccess):
 
 
 def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
-    """Return a profile of no particular drive with what the drive has; nothing is written.
+    """Return a general profile, fitted to the objects of this drive; nothing is written.
 
-    Raises BusError, BusConfigurationError for no CiA 402 drive.
+    Raises BusError, and BusConfigurationError when the node is no CiA 402 drive.
     """
     # Imported here, because a run with the profile of a drive needs no reader of object dictionaries.
     from haptic_fieldbus.protocols.canopen.upload import uploaded
@@ -260,7 +260,7 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
 
 @contextmanager
 def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfile]]) -> Iterator[dict[str, Node]]:
-    """Open a bus to ask drives by SDO before a plan is made, once it is heard that nobody else commands.
+    """Open a bus to read from drives by SDO before a plan is made. First it listens for another master.
 
     Raises UsageError, BusError or ForeignMasterError.
     """
@@ -278,7 +278,7 @@ def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfi
 
 
 def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
-    """Check that nobody else commands, and only then ask a drive for the round trip; raises BusError."""
+    """Check that there is no other master, then measure the round trip to a drive; raises BusError."""
     nodes = [axis.node for axis in axes.values()]
     master_node = section.master_node or MASTER_NODES[0]
     heard = listen(wire, section.listen, OneMaster(nodes, master_node), wire.name)

@@ -48,7 +48,7 @@ class Guard:
         return dict(guard_objects(self.section, self.milliseconds, self.master_node, self.node_heartbeat_ms))
 
     def hear(self) -> None:
-        """Let the drive give its sign of life: by heartbeats of its own, or by answers; raises BusError."""
+        """Set how the drive shows that it is alive: by heartbeats or by answers; raises BusError."""
         if not self.section.life_guarding:
             self.node.write(PRODUCER_HEARTBEAT, self.objects[PRODUCER_HEARTBEAT])
             return
@@ -71,7 +71,7 @@ class Guard:
 
     @property
     def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
-        """Entries and values that switch the guard off, so that leaving is no error."""
+        """Entries and values that switch the guard off, so that the end of the run is no fault."""
         if self.section.life_guarding:
             return ((LIFE_TIME_FACTOR, 0),)
         index = self.section.heartbeat_consumer

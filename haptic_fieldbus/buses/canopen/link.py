@@ -100,7 +100,7 @@ class Answers:
         self.pending = self.doubted = self.wary = self.usual_ns = 0
 
     def ask(self, window: int) -> None:
-        """Expect an answer to the next SYNC; what was owed at the end of each of `window` periods is lost."""
+        """Expect an answer to the next SYNC; answers that are more than `window` periods late count as lost."""
         self.fresh, self.alone = False, None
         self.least = min(self.least, self.owed)
         if self.answered:
@@ -128,7 +128,7 @@ class Answers:
         return self.alone is True
 
     def settle(self, took_ns: int) -> None:
-        """End an exchange that took so long with its sample; answers that are still owed are lost."""
+        """End an exchange that took this long for its sample; answers that have not come count as lost."""
         self.doubted = 0
         if self.pending:
             self.pending, self.wary = 0, WARY
@@ -208,7 +208,7 @@ class Link:
             wire.listen(slot.cob_id, slot.take)
 
     def forget(self) -> None:
-        """Forget what was received: the node is configured anew, and what it said before is true no more."""
+        """Forget all that was received: the node is configured anew, and earlier values no longer hold."""
         self._latched_ns = None
         for slot in self._slots:
             slot.forget()
@@ -253,7 +253,7 @@ class Link:
         AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, emergency)
 
     def accuse(self, foreign: int | None, doubled: int | None) -> None:
-        """Add the COB-ID of somebody else's command, else of feedback that came twice, to the header of the axis."""
+        """Write the COB-ID of another master's command, or else of duplicate feedback, into the header."""
         age_ns, flags, code = AXIS_HEADER.unpack_from(self._image, self._header)
         if doubled in [slot.cob_id for slot in self._slots]:
             flags, code = flags | DUPLICATE, doubled
@@ -265,7 +265,7 @@ class Link:
 class OutgoingPdo:
     """One RPDO: where its octets are in the output image, and what a fixed mapping sends beside them.
 
-    Objects that nobody asked for keep what they hold: it is read before the first set-point, and sent in each.
+    Objects that the plan does not use keep their values: these are read before the first set-point and sent in each.
     """
 
     def __init__(self, node: Node, pdo: Pdo, offset: int) -> None:
@@ -277,7 +277,7 @@ class OutgoingPdo:
         self._wanted, self._unneeded = _wanted(pdo), pdo.unneeded
 
     def hold(self) -> None:
-        """Read what the objects hold that nobody asked for; raises BusError."""
+        """Read the values of mapped objects that the plan does not use; raises BusError."""
         for entry, place in self._unneeded:
             self.torque_free[place] = entry.type.pack(self._node.read(entry))
 

@@ -294,7 +294,7 @@ class CanopenBus(InSteps):
         return asked_statusword(next(setup.node for setup in self._setups if setup.axis.name == axis))
 
     def acknowledge(self) -> None:
-        """Clear the faults by which the stopped drives say that they lost us; raises DriveFaultError or BusError."""
+        """Clear the faults of stopped drives that lost their master; raises DriveFaultError or BusError."""
         for setup in self._setups:
             acknowledge(setup.node)
 
@@ -304,7 +304,7 @@ class CanopenBus(InSteps):
             self._release.begin()
 
     def settle(self) -> bool:
-        """Look once more whether the drives are free; True when they are, or the time is over. Raises nothing."""
+        """Check once more whether the drives are free; True when they are, or the time is over. Raises nothing."""
         return self._release is None or self._release.look()
 
     def leave(self) -> bool:
@@ -329,7 +329,7 @@ class CanopenBus(InSteps):
 
     @property
     def causes(self) -> dict[str, tuple[LinkFlag, int]]:
-        """By axis, what came that explains other faults of the link, with its code."""
+        """By axis, the event that explains other faults of the link, with its code."""
         off = (LinkFlag.BUS_OFF, 0) if self._wire.error_frames.bus_off else None
         found = {setup.axis.name: off or setup.node.cause for setup in self._setups}
         return {axis: cause for axis, cause in found.items() if cause is not None}

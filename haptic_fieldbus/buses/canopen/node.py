@@ -177,7 +177,7 @@ class Node:
         wire.listen(EMCY_COB_ID + node_id, self._on_emergency)
 
     def on_response(self, data: bytes | bytearray) -> None:
-        """Take an SDO response for the request that waits for one."""
+        """Take the SDO response to the open request."""
         if len(data) == 8:  # as every SDO response has (CiA 301 7.2.4); SdoClient would fail on a shorter one
             self._responses.put(bytes(data))
 
@@ -241,7 +241,7 @@ class Node:
             raise self._explained(translate(error, f"{self.label}, writing {_shown(value)} to {entry}")) from error
 
     def _explained(self, error: BusError) -> BusError:
-        """Return the error of a request; an answer that did not come is explained by what came before."""
+        """Return the error of a request. If no answer came, events before it are the explanation."""
         code = self.emergency
         said = {
             "the CAN controller went bus-off": self._wire.error_frames.bus_off,

@@ -43,7 +43,7 @@ CAN_ID = 0x7FF
 
 
 class Severity(Enum):
-    """How much a frame of somebody else matters."""
+    """Severity of a frame that another device sent."""
 
     COMMAND = "command"
     QUESTION = "question"
@@ -81,7 +81,7 @@ class OneMaster:
 
 
 class ForeignMaster:
-    """Watch for somebody else, by handlers on the wire; in a period without such frames it does nothing."""
+    """Watch for another master by handlers on the wire; a period without such frames costs nothing."""
 
     def __init__(self, wire: Wire, one: OneMaster, warn: Callable[[str], None]) -> None:
         self.cob_id: int | None = None
@@ -98,7 +98,7 @@ class ForeignMaster:
         return None if self.cob_id is None else code_of(self.cob_id)
 
     def refuse(self, bus: str, done: str) -> None:
-        """Raise ForeignMasterError when a command came since we listened; `done` tells how far we got."""
+        """Raise ForeignMasterError when a command came since we listen; `done` is a sentence on what was done."""
         if self.cob_id is not None:
             raise ForeignMasterError(
                 f"another master on {bus}: received {frame_words(self.cob_id)} during setup. "
@@ -127,7 +127,7 @@ def code_of(can_id: int) -> int:
 
 
 def advice(masters: Collection[int], master_node: int) -> str:
-    """Return what to do about somebody else, by the frames that were heard."""
+    """Return advice about another master, chosen by the frames that were heard."""
     only = set(masters) == {HEARTBEAT_COB_ID + master_node}
     words = "A bus has one master: end the other one, and put axes that share a bus into one rig"
     if only:

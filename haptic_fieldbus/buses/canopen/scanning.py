@@ -113,7 +113,7 @@ def _receive(wire: Wire, duration_ns: int) -> None:
 
 
 def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) -> FoundNode:
-    """Ask a node that is there for the rest."""
+    """Read the remaining facts of a node that answered."""
     device_type = _unless_refused(lambda: node.read(DEVICE_TYPE))
     vendor, product, revision, serial = (
         _unless_refused(partial(node.read, entry)) for entry in (VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL)
@@ -140,7 +140,7 @@ def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) ->
 def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]]) -> tuple[str | None, str | None]:
     """Return the first profile whose objects the node has, and how sure it is; None and the reason without one.
 
-    A profile that cannot render force is told of, and not proposed.
+    A profile that cannot render force is named as such and not proposed.
     """
     lacking = {profile.name: _lacking(node, profile) for profile, _ in candidates}
     whole = [(profile, sureness) for profile, sureness in candidates if not lacking[profile.name]]

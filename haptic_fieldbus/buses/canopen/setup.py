@@ -92,7 +92,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
 
 
 def _left_out(profile: CanopenProfile) -> Iterator[str]:
-    """Yield a sentence with what a profile of no particular drive names and this drive lacks."""
+    """Yield a sentence with the objects that a general profile names and this drive lacks."""
     lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
     if lacking:
         yield f"{profile.title} is a generic profile, and this drive lacks {', '.join(lacking)}"
@@ -101,7 +101,7 @@ def _left_out(profile: CanopenProfile) -> Iterator[str]:
 def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
     """Yield a sentence when the drive's max motor speed is below the speed at which the run ends.
 
-    What a drive does there is not laid down for torque modes: it may take torque away, or fault.
+    No standard says what a drive does there in torque modes: it may reduce the torque, or go to fault.
     """
     if shown.object != MAX_MOTOR_SPEED or shown.unit != MOTOR_SPEED_UNIT:
         return
@@ -371,7 +371,7 @@ class Setup:
         return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
 
     def _guard_link(self) -> None:
-        """Arm the drive's guard on us, and set the reactions to our loss, which leave no torque."""
+        """Arm the drive's watchdog, and set reactions to the loss of the master that leave no torque."""
         if not self.member.profile.guarded:
             if self.axis.rig.emergency_stop == "power":
                 return  # the plan permits little torque then
@@ -406,7 +406,7 @@ class Setup:
         return Guard(self.node, section, self._deadline_ms, bus.master_node, bus.node_heartbeat_ms)
 
     def parting(self) -> tuple[tuple[ObjectEntry, int], ...]:
-        """Return what is written at the end: no watch on us, so that leaving is no error, and the limits of before."""
+        """Return the entries to write at the end: they switch the guard off and restore the former limits."""
         return (*self.guard.disarming, *self.torque_limits.restoring)
 
     @property

@@ -30,7 +30,7 @@ LARGEST_PERIODS = 0xFFFF
 
 
 def check_asked(node: Node, entry: ObjectEntry) -> None:
-    """Read the echo that the loop will ask for; raises BusConfigurationError, with advice, when the node refuses it."""
+    """Read once what the loop will read back; raises BusConfigurationError, with advice, when the node refuses it."""
     try:
         node.read(entry)
     except BusConfigurationError as error:

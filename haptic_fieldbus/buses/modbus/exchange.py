@@ -55,7 +55,7 @@ def listen(requester: Requester, seconds: float = LISTENING) -> str:
 
 
 def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable, done: str) -> PowerState:
-    """Return the power state of a drive that nobody commands; `done` tells how far we got.
+    """Return the power state of a drive without another master; `done` is a sentence on what was already done.
 
     Raises ForeignMasterError when its registers say that somebody does, or BusError.
     """

@@ -41,7 +41,7 @@ class StoredSetPoint:
         """Octets of the command that is under way; none while it is not."""
 
     def forget(self) -> None:
-        """Take nothing for sent or answered: the drive is configured anew."""
+        """Forget what was sent and answered: the drive is configured anew."""
         self.waiting, self._commanded, self._sent = False, b"", b""
 
     def store(self, image: bytes | bytearray) -> None:
@@ -226,7 +226,7 @@ class Times:
 class WideValue:
     """A value of two registers. A drive that tears it shows about 65536 counts more or less than its motion does.
 
-    The motion is known from the two samples before; a position that is as far away from where it leads is doubted.
+    The two samples before predict the position; one that is this far from the prediction is doubted.
     """
 
     def __init__(self, low_first: bool, start: int) -> None:

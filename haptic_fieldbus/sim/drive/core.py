@@ -301,7 +301,7 @@ class DriveLink(Protocol):
         """Report an error that the drive has detected."""
 
     def persists(self) -> bool:
-        """Return whether something outside of the drive is still wrong that has put it into *fault*."""
+        """Return whether the external cause of the *fault* is still there."""
 
     def clear_errors(self, t_ns: int) -> None:
         """Report that a fault was reset."""

@@ -52,7 +52,7 @@ class Recorder:
             del self.target_times_ns[: -self.longest], self.target_torques[: -self.longest]
 
     def angle_at(self, t_ns: int) -> float:
-        """Return the shaft angle at an instant that is not long ago [rad]; that of the first segment before it."""
+        """Return the shaft angle at a recent instant [rad]; before the first kept segment, the angle at its start."""
         columns = 2 + self.order
         for number in range(len(self.flow_of_segment) - 1, -1, -1):
             at = number * columns
