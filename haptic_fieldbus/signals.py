@@ -59,6 +59,6 @@ class LinkFlag(IntFlag):
     EXCEPTION = 0x40
     """The device answered with an exception (Modbus) or the bus refused a frame."""
     FOREIGN = 0x80
-    """Somebody else commands the drives of this bus; the identifier of the frame is in the header."""
+    """Another master commands the drives of this bus; the identifier of the frame is in the header."""
     DUPLICATE = 0x100
     """Feedback came more often than it was asked for; the identifier of the frame is in the header."""

@@ -102,13 +102,13 @@ class BusGroup(InSteps):
             bus.acknowledge()
 
     def release(self) -> None:
-        """Take the torque away on all buses, before any of them is listened to."""
+        """Send zero torque on all buses before listening to any of them."""
         self._unsettled = self._buses
         for bus in self._buses:
             self._tried(bus.release, None)
 
     def settle(self) -> bool:
-        """Look at each bus that is not settled yet; while it is listened to, answers gather on the others."""
+        """Listen to each bus that is not settled yet; answers on the other buses are kept meanwhile."""
         self._unsettled = tuple(bus for bus in self._unsettled if not self._tried(bus.settle, True))
         return not self._unsettled
 

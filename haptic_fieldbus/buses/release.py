@@ -75,7 +75,7 @@ def check_cleared(drive: PolledDrive, cleared: Callable[[], bool], how: str = ""
 
 
 class DriveRelease(Generic[Undone]):
-    """One drive on its way to zero torque; `last` gives what it held before the run, when it is asked for."""
+    """One drive on its way to zero torque; calling `last` gives the values to restore."""
 
     def __init__(self, label: str, last: Callable[[], Sequence[Undone]]) -> None:
         self.label = label
@@ -97,7 +97,7 @@ class DriveRelease(Generic[Undone]):
 
     @property
     def kept(self) -> list[str]:
-        """Objects or registers that are still as the run had written them."""
+        """Objects or registers that still have the values of the run."""
         return [*self.refused, *(str(each[0]) for each in self._undoing)]
 
 
@@ -127,7 +127,7 @@ class BusRelease(Generic[P]):
     def _confirmed(self) -> bool:
         """End the release; True when every drive said that its motor is off, or nothing was begun.
 
-        Each drive that did not is told, and each that keeps what the run had written.
+        Warns of each drive that did not, and of each that keeps values of the run.
         """
         if self._begun:
             self._begun = False

@@ -44,7 +44,7 @@ class Scan:
     listened: str
     """Sentence about what was heard before anything was sent."""
     masters: str = ""
-    """Sentence about somebody else who commands; then nothing was asked, and the nodes are those that were heard."""
+    """Sentence about another master. Nothing was asked then, and `nodes` are those that were heard."""
 
     def to_json(self) -> dict[str, Json]:
         nodes: list[Json] = [node.to_json() for node in self.nodes]
@@ -84,7 +84,7 @@ class DriveReading:
 
 
 def another_master(sentence: str) -> tuple[Check, Check]:
-    """Return the checks of a bus on which somebody else commands, so that nothing is measured."""
+    """Return the checks of a bus with another master, on which nothing is measured."""
     advice = "end the other master; until then nothing is requested, and the round trip is not measured"
     return Check("other_masters", False, sentence, advice), Check("round_trip", None, "not measured")
 
@@ -102,7 +102,7 @@ def timing_checks(
 ) -> tuple[Check, Check]:
     """Return the checks of the usual round trip and of its jitter, for a loop of this rate [Hz].
 
-    `times` are those of the answers [s], `silent` and `slow` what to do about none and about late ones.
+    `times` are those of the answers [s]; `silent` and `slow` are the advice for no answer and for slow ones.
     """
     if len(times) < 2:
         return (

@@ -84,7 +84,7 @@ class LimitedDrive(Protocol[ServerRequest]):
 
 @dataclass
 class TorqueLimits(Generic[Entry]):
-    """The torque limits of one drive, in its own steps: as they were, and as the axis needs them."""
+    """The torque limits of one drive in its own steps: the former ones and those that the axis needs."""
 
     node: LimitedDrive[Entry]
     axis: AxisPlan
@@ -148,7 +148,7 @@ class TorqueLimits(Generic[Entry]):
             )
 
     def _read_notes(self) -> "Changes":
-        """Return what is noted of the drive; warn, and return nothing, where that is not as a run has written it."""
+        """Return the notes of the drive; if somebody changed the file, warn and return nothing."""
         if self.notes is None:
             return {}
         try:
@@ -184,7 +184,7 @@ class TorqueLimits(Generic[Entry]):
                 self.warn(f"{error}: the drive keeps its own limit; only the loop applies the limit of the axis")
 
     def _note(self, notes: "RestoreFile") -> None:
-        """Write down both what is there and what comes, as this run may be killed before it writes to the drive."""
+        """Write former and new values to the file first: the run may be killed before it writes to the drive."""
         try:
             notes.write(
                 {str(each): ([self.wanted, self.left.get(each, self.wanted)], was) for each, was in self.before.items()}
@@ -278,5 +278,5 @@ class RestoreFile:
         write_file(self.path, json.dumps(held).encode())
 
     def _digest(self, changes: Mapping[str, object]) -> str:
-        """Return a digest of the changes, and of the drive whose they are."""
+        """Return a digest of the changes and the identity of their drive."""
         return digest_of((self.path.name, json.dumps(changes)))

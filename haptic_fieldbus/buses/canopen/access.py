@@ -45,7 +45,7 @@ from haptic_fieldbus.signals import Signal
 # A drive in fault would be refused, when a look at it is needed most. SDO uploads do none of this, and a look that is
 # late or ends leaves nothing behind (decision 0032).
 #
-# As soon as somebody else commands or asks on the bus, nothing more is sent: two SDO clients of one node mix up their
+# As soon as another master commands or asks on the bus, nothing more is sent: two SDO clients of one node mix up their
 # answers.
 #
 # Reference: CiA 301 7.2.4 (SDO), 7.2.8 (heartbeat).

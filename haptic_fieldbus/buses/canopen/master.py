@@ -136,7 +136,7 @@ class CanopenBus(InSteps):
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
-        """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
+        """Listen for another master, then check all drives without writing to them, and fill `facts`.
 
         Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was sent,
         BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
@@ -156,7 +156,7 @@ class CanopenBus(InSteps):
         self.facts = {each.axis.name: replace(each.inspect(), listened=heard.sentence()) for each in self._setups}
 
     def configure(self, plan: Plan) -> None:
-        """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands meanwhile."""
+        """Configure all inspected drives; raises BusError, ForeignMasterError on commands of another master."""
         # A person may have thought about the question for long: what came meanwhile is heard first.
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._foreign.refuse(self._wire.name, "Nothing was written")

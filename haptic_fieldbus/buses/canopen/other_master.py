@@ -1,4 +1,4 @@
-"""Frames by which somebody else commands our drives, or speaks in our name.
+"""Frames by which another master commands our drives, or sends with our identifiers.
 
 A CANopen bus has one master. A second one is dangerous even when it never touches our drives: its heartbeat feeds their
 guards when we are dead, its SYNC makes them latch and answer at instants that are not ours. So each frame is weighed
@@ -85,7 +85,7 @@ class ForeignMaster:
 
     def __init__(self, wire: Wire, one: OneMaster, warn: Callable[[str], None]) -> None:
         self.cob_id: int | None = None
-        """COB-ID of the first command of somebody else; None while there was none."""
+        """COB-ID of the first command of another master; None while there was none."""
         self._one = one
         self._warn = warn
         self._told: set[int] = set()

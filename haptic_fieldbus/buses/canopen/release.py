@@ -156,7 +156,7 @@ class Release(BusRelease[NodeRelease]):
         return self._over()
 
     def leave(self) -> bool:
-        """Set the nodes pre-operational; True when every drive said that its motor is off, or nothing was begun."""
+        """Set the nodes pre-operational; True when every drive reported its motor off, or nothing was begun."""
         for parting in self._partings:
             self._to_pre_operational(parting)
         return self._confirmed()
@@ -186,7 +186,7 @@ class Release(BusRelease[NodeRelease]):
         self._try(f"pre-operational was not sent to {parting.label}", parting.to_pre_operational)
 
     def _try(self, failure: str, action: Callable[[], object]) -> bool:
-        """Do something that must not keep anything else from being done; False, and a warning, when it failed."""
+        """Do one thing whose failure must not stop the rest; False, and a warning, when it failed."""
         try:
             action()
         except Exception as error:  # of the bus, of a driver, of the log of the frames

@@ -4,7 +4,7 @@ All 127 node-IDs are asked for their device type (1000h), which every device has
 a node-ID that nobody has costs no time-out. The NMT state comes from a heartbeat. A node that sends none is asked once
 by node guarding, unless it is set up for life guarding, which the question would begin.
 
-When somebody else commands on the bus nothing is asked, since two clients would mix up each other's answers. The nodes
+When another master commands on the bus nothing is asked, since two clients would mix up each other's answers. The nodes
 are then those whose frames were heard.
 
 Reference: CiA 301 7.2.4 (SDO), 7.2.8 (NMT), 7.5.2.1 (1000h), 7.5.2.7 (1008h), 7.5.2.21 (1018h).

@@ -63,7 +63,7 @@ class CanPort(Protocol):
 
 
 class PythonCanPort:
-    """Any interface of python-can; with `marks`, of one that gives back our frames without saying so.
+    """Any interface of python-can; with `marks`, one that returns our own frames unmarked.
 
     python-can's UDP datagrams pass on the channel of a frame, which means nothing there. To count what was sent would
     not do, because a lost echo would excuse the same frame of somebody else.
@@ -286,16 +286,16 @@ class Wire:
 
     @property
     def arrived_ns(self) -> int:
-        """Instant at which the frame arrived that is handled at present [ns]; where it is unknown, the earliest.
+        """Arrival of the present frame [ns]; where it is unknown, the earliest possible.
 
-        It came after the last look that found nothing. Whoever is heard too rarely must not count as heard later.
+        It came after the last look that found nothing. A rare sign of life must not count as a recent one.
         """
         known = self._port.arrived_ns(self._empty_ns)
         return self._empty_ns if known is None else known
 
     @property
     def taken_ns(self) -> int:
-        """Instant at which the frame arrived that is handled at present [ns]; where it is unknown, now."""
+        """Arrival of the present frame [ns]; where it is unknown, now."""
         known = self._port.arrived_ns(self._empty_ns)
         return self._now_ns() if known is None else known
 

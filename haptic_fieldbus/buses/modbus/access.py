@@ -98,7 +98,7 @@ Drive = tuple[int, ModbusProfile, PowerTable]
 
 
 class LineObserver:
-    """A look at the drives of one line; it listens before it sends anything. Raises BusError."""
+    """Observer of the drives of one line. It listens before it sends anything. Raises BusError."""
 
     def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
         self.masters = ""
@@ -136,7 +136,7 @@ class LineObserver:
 def _error_code(
     unit: UnitClient, profile: ModbusProfile, power: PowerTable, values: Mapping[Signal, int]
 ) -> int | None:
-    """Return the code of the fault that a drive is in; None where it has no register for it."""
+    """Return the error code of a drive in fault; None where it has no register for it."""
     if power.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS or profile.power.error is None:
         return None
     try:
@@ -197,7 +197,7 @@ def _answers(requester: Requester, unit: int) -> bool:
 
 
 def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode:
-    """Ask a unit that is there for the registers of the profiles."""
+    """Read the registers that the profiles name from a unit that answered."""
     fitting = [profile for profile in profiles if _fits(_unit(requester, number, profile), profile)]
     usable = [profile for profile in fitting if profile.drive.usable]
     # One that is known by its values comes before one that is known by its registers alone.
@@ -238,7 +238,7 @@ def _named(profile: ModbusProfile) -> str:
 
 
 def _lacks_others(unit: UnitClient, profile: ModbusProfile) -> bool:
-    """Return whether a unit refuses a register between those of a profile, as one does that has no others."""
+    """Return whether a unit refuses a register between those of a profile. A unit that has no other registers does."""
     taken = sorted((each.address, each.address + each.count) for each in profile.registers().values())
     gaps = [(end, begin) for (_, end), (begin, _) in pairwise(taken) if begin > end]
     widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:GAPS_TRIED]
@@ -356,7 +356,7 @@ def opened(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> Iterato
 
 
 def _on_the_line(requester: Requester, axis: RigAxis, profile: ModbusProfile, rate: float) -> tuple[Check, ...]:
-    """Check that nobody else uses the line, and only then ask a unit for the round trip; raises BusError."""
+    """Check that no other master uses the line, then measure the round trip to a unit; raises BusError."""
     try:
         alone = Check("other_masters", True if requester.transport.serial else None, listen(requester))
     except ForeignMasterError as error:

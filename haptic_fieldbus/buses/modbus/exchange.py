@@ -117,7 +117,7 @@ class Turns:
         `targets` are read back, one in each period.
         """
         self.foreign: int | None = None
-        """Address to which somebody else was heard to write; None while nobody was."""
+        """Address to which another master was heard to write; None without one."""
         self.late = self.slowest_ns = 0
         """Number of answers on TCP that came too late for their period, and the longest time that one took [ns]."""
         self._requester, self._readings, self._image = requester, readings, image
@@ -159,13 +159,13 @@ class Turns:
             self._give_up()
 
     def _take_late(self, form: FrameForm, until_ns: int) -> None:
-        """Take the answer to a request of an earlier period until then [ns], and note all of it but its sample."""
+        """Wait until then [ns] for the answer to a request of an earlier period; use all of it but its sample."""
         answer = self._requester.answer(until_ns)
         self._note_late(answer)
         self._accepted(self._owner, form.question, answer)
 
     def _give_up(self) -> None:
-        """Wait no more for an answer that has stayed away for long: the unit may have lost its question."""
+        """Stop waiting for an answer that is very late: the unit may have lost the question."""
         if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
             self._requester.forget()
 
@@ -232,7 +232,7 @@ class Turns:
         return form.question
 
     def _form(self, reading: Reading) -> tuple[FrameForm | None, bytes]:
-        """Return what is sent to a unit, with the octets that are written; no form when nothing can be."""
+        """Return the form to send to a unit and the octets to write; no form when nothing can be sent."""
         link, set_point, late = reading.link, reading.link.set_point, reading.link.late
         if self._requester.outstanding is not None:
             return None, b""
@@ -257,7 +257,7 @@ class Turns:
             self._asked = self._ask(reading)
 
     def _take(self, reading: Reading, form: FrameForm, until_ns: int) -> None:
-        """Take an answer, or that it stayed away; one to a question of an earlier period counts for its age."""
+        """Take an answer, or note that none came; an answer to an earlier question counts with its age."""
         link, requester = reading.link, self._requester
         answer = requester.answer(until_ns)
         if self._asked is None:
@@ -269,7 +269,7 @@ class Turns:
             link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
 
     def _accepted(self, link: UnitLink, asked: Question, answer: Answer | None) -> bool:
-        """Note what an answer says of the unit; False without one, and for an exception."""
+        """Note the state of the unit from an answer; False without an answer, and for an exception."""
         if answer is None:
             if self._requester.transport.serial:
                 self._requester.forget()
@@ -295,7 +295,7 @@ class Turns:
         HEADER.pack_into(self._image, 0, latch_ns)
 
     def _overhear(self) -> None:
-        """Look at octets that were no answers: is there a command of somebody else among them?"""
+        """Search octets that were no answers for a command of another master."""
         requester = self._requester
         for octets in (requester.unasked, requester.garbled):
             if requester.transport.serial and self.foreign is None:

@@ -147,7 +147,7 @@ class Framing:
         return frame
 
     def take(self, octets: bytes) -> tuple[int, Answer | DroppedOctets | None]:
-        """Return how many octets are done with, and what they were; (0, None) while a frame is not complete."""
+        """Return the number of octets used and the frame in them; (0, None) while a frame is not complete."""
         data = self.data_of(octets)
         if data is not None:
             return len(octets), Answer(data)

@@ -61,7 +61,7 @@ class StoredSetPoint:
         return Question(self._unit, READ_WRITE, read.address, read.count, (0,) * block.count, block.address)
 
     def take(self) -> tuple[int, bytes]:
-        """Return which block is to be written now, and its octets."""
+        """Return the block to write now, and its octets."""
         self.waiting = False
         if self._command and self._command != self._commanded:
             self._sent = self._command
@@ -70,7 +70,7 @@ class StoredSetPoint:
         return 0, self._octets
 
     def answered(self) -> None:
-        """Note that the drive has taken over what was sent last."""
+        """Note that the drive has confirmed the last set-point."""
         if self._sent:
             self._commanded, self._sent = self._sent, b""
 
@@ -116,7 +116,7 @@ class UnitLink:
         self._code = code
 
     def finish(self, now_ns: int, begun_ns: int, foreign: int | None) -> None:
-        """Write the header: age of the data [ns], flags, code of an exception or of somebody else's command."""
+        """Write the header: age of the data [ns], flags, code of an exception or of another master's command."""
         if not self.missing:
             self._latched_ns = self.latch_ns
             if self._code is None and foreign is None:
@@ -179,7 +179,7 @@ class Reading:
         return True
 
     def forget(self) -> None:
-        """Forget what was read: a statusword of before would count as that of now, until the first answer comes."""
+        """Forget what was read: until the first answer, an old statusword would count as the present one."""
         for place, start, end in self._copies:
             self._image[place : place + end - start] = bytes(end - start)
 

@@ -102,7 +102,7 @@ class ModbusBus(InSteps):
         self._exchange: Turns
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
-        """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
+        """Listen for another master, then check all drives without writing to them, and fill `facts`.
 
         Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was written,
         BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
@@ -116,7 +116,7 @@ class ModbusBus(InSteps):
         self.facts = {each.axis.name: each.inspect(listened) for each in self._set_ups}
 
     def configure(self, plan: Plan) -> None:
-        """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands by now."""
+        """Configure all inspected drives; raises BusError, ForeignMasterError when another master commands by now."""
         self._exchange.forget()
         self._plan = plan  # from here on `stop` has something to undo
         for each in self._set_ups:

@@ -46,7 +46,7 @@ class _Move:
 
 
 class UnitRelease(DriveRelease[Undone]):
-    """A drive that is to be freed; `last` gives what it held before, when it is asked for."""
+    """One drive on its way to zero torque; calling `last` gives the values to restore."""
 
     def __init__(
         self, unit: UnitClient, profile: ModbusProfile, power: PowerTable, last: Callable[[], Sequence[Undone]]
@@ -82,7 +82,7 @@ class UnitRelease(DriveRelease[Undone]):
         return not self._zeros
 
     def question(self) -> Question:
-        """Return what is to be asked next; the drive must not be settled."""
+        """Return the next request; the drive must not be settled."""
         if not self._to_do:
             self._to_do = self._undo(*self._undoing[0]) if self.free else self._freeing()
         return self._to_do[0].question
@@ -100,7 +100,7 @@ class UnitRelease(DriveRelease[Undone]):
             self._keep(f"exception {answer.exception}")
 
     def again(self) -> None:
-        """Begin with zero torque once more, on a line that was opened anew."""
+        """Begin again with zero torque, after the line was reopened."""
         self._to_do, self._zeros = [], MOST_ZEROS
 
     def _freeing(self) -> list[_Move]:
@@ -209,7 +209,7 @@ class LineRelease(BusRelease[UnitRelease]):
         return self._over()
 
     def leave(self) -> bool:
-        """Tell what is left to tell; True when every drive said that its motor is off, or nothing was begun."""
+        """Issue the remaining warnings; True when every drive reported its motor off, or nothing was begun."""
         if self._begun:
             self._requester.forget()
         return self._confirmed()
@@ -247,7 +247,7 @@ class LineRelease(BusRelease[UnitRelease]):
             parting.again()
 
     def _try(self, action: Callable[[], object]) -> bool:
-        """Do something that must not keep anything else from being done; False, and a warning, when it failed."""
+        """Do one thing whose failure must not stop the rest; False, and a warning, when it failed."""
         try:
             action()
         except Exception as error:  # of the line, or of a driver

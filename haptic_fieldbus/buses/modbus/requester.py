@@ -25,7 +25,7 @@ ECHO_ADVICE = "the adapter echoes sent octets: set echo = true in its table of t
 
 
 class Requester:
-    """The requests of one line; `echo` says that the adapter gives back what one sends."""
+    """The requests of one line; `echo` says that the adapter returns what is sent."""
 
     def __init__(self, transport: Transport, clock: Clock, *, echo: bool = False) -> None:
         self.transport = transport
@@ -107,7 +107,7 @@ class Requester:
         return answer
 
     def waiting(self) -> Answer | None:
-        """Return the answer that has come while nobody looked; the silence after it has passed as well."""
+        """Return an answer that has already arrived, and wait for the silence after it."""
         answer = self.answer(self.clock.now_ns())
         if answer is not None:
             self._free_ns = self.clock.now_ns()
@@ -155,7 +155,7 @@ class Requester:
         return None
 
     def _echo_taken(self) -> bool:
-        """Take our own octets off; False while they are not complete. They may be declared, or a surprise."""
+        """Remove our own octets, which the adapter returned; False while they are not complete."""
         frame, gathered = self._echo, self._gathered
         if not self.echo:
             # The answer to FC6 repeats its request in full, so for that function nothing can be told.
@@ -171,6 +171,6 @@ class Requester:
 
 
 def no_echo(requester: Requester) -> None:
-    """Raise BusError when the adapter gives back what one sends, and the rig does not say so."""
+    """Raise BusError when the adapter returns what is sent, and the rig does not say so."""
     if requester.echoes:
         raise BusError(f"{requester.name}: {ECHO_ADVICE}")

@@ -1,6 +1,6 @@
 """Configuration of one drive, register by register: inspect, then write and read back, then start.
 
-Inspection writes nothing, so a wrong drive, or one that somebody else commands, is refused untouched. What is written
+Inspection writes nothing, so a wrong drive, or one that another master commands, is refused untouched. What is written
 is read back, and nothing is stored for good.
 """
 
@@ -79,7 +79,7 @@ class SetUp:
             self.watchdog.arm()
 
     def parting(self) -> tuple[tuple[Register, int], ...]:
-        """Return what is written at the end: no watch on us, so that leaving is no fault, and the limits of before."""
+        """Return the entries to write at the end: they switch the watchdog off and restore the former limits."""
         return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.restoring)
 
     def _check_fault(self) -> None:
@@ -111,7 +111,7 @@ class SetUp:
         return known
 
     def _identity(self, known: dict[str, int], serial: int | None) -> Identity:
-        """Return what the drive tells of itself in the registers of its profile; Modbus itself has none for that."""
+        """Return the identity of the drive from registers that its profile names; Modbus itself defines none."""
         types = {each.name: each.type for each in self.profile.identity}
         vendor, product, revision = (
             known_number(known[name], types[name]) if name in known else None

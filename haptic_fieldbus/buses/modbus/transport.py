@@ -274,7 +274,7 @@ class SerialTransport:
 
 
 class Transport(Protocol):
-    """A line or a connection that carries octets; it is used in one thread, and nothing in it waits unasked."""
+    """A line or a connection that carries octets; it is used in one thread and waits only up to given deadlines."""
 
     name: str
     """Name of the bus, as users write it: `modbus-tcp:192.168.0.10`."""

@@ -142,7 +142,7 @@ STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
 
 
 class DriveWatch:
-    """The watch of one drive, set to `seconds`."""
+    """The watchdog of one drive, set to `seconds`."""
 
     def __init__(self, unit: UnitClient, section: WatchdogSection, seconds: float) -> None:
         self._unit, self._section = unit, section
@@ -154,7 +154,7 @@ class DriveWatch:
         self.words = f"on link loss {section.reaction} within {round(1e3 * seconds)} ms"
 
     def prepare(self) -> None:
-        """Choose the reaction, and note the time of before; raises BusError."""
+        """Choose the reaction, and note the former time; raises BusError."""
         for each in self._section.writes:
             self._unit.ensure(each, each.value)
         self._before = self._unit.read(self._section.time)
@@ -165,5 +165,5 @@ class DriveWatch:
 
     @property
     def disarming(self) -> tuple[tuple[Register, int], ...]:
-        """Registers and values that put back what was there before."""
+        """Registers and values that restore the former state."""
         return () if self._before is None else ((self._section.time, self._before),)
