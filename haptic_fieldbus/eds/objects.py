@@ -111,7 +111,7 @@ class ObjectReader:
             return ObjectCode.VAR
 
     def _type(self, section: FileSection, code: ObjectCode) -> EdsType | None:
-        """Return the data type; None when it is missing or not basic. A domain need not give one."""
+        """Return the data type; None when it is missing or not basic. A domain may leave it out."""
         if not section.text("DataType"):
             if code is not ObjectCode.DOMAIN:
                 self._fault(section, "DataType", "missing: the length of the value is not known")

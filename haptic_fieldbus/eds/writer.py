@@ -124,7 +124,7 @@ def _is_mapping(index: int) -> bool:
 
 
 def _is_lone(index: int, objects: Mapping[int, EdsObject]) -> bool:
-    """Return whether this is a record of a PDO that lacks its other one."""
+    """Return whether this is one of the two records of a PDO whose other record is missing."""
     if any(index in records for records in COMMUNICATION):
         return index + MAPPING not in objects
     return _is_mapping(index) and index - MAPPING not in objects

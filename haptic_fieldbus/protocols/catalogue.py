@@ -102,7 +102,7 @@ def profile_file(name: str | Path, profiles: str | Path | None = None) -> Path:
 def own_profile(name: str, profiles: str | Path | None = None) -> str:
     """Return the path of an own profile; the name of a shipped one, and a path, stay as they are.
 
-    Raises what `profile_file` raises of names that are own ones.
+    Raises the errors of `profile_file` for own names.
     """
     own = own_files(profiles)
     return str(profile_file(name, profiles)) if not is_path(name) and name in own else name

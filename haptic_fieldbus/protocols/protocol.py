@@ -130,9 +130,9 @@ class FieldbusProtocol(Protocol):
         """Return the traffic of a bus at `rate` [Hz], whose feedback waits for that of other buses, `waiting` in s."""
 
     def ways(self, section: BusSection, members: Members, rate: float | None, waiting: float) -> Sequence[BusTraffic]:
-        """Return the ways of the exchange that fit into a period; never none, and the youngest torque first.
+        """Return the ways of the exchange that fit into a period, at least one, the one with the shortest delay first.
 
-        Without a rate each is at the one that it has by itself. By default there is the way of `bus_traffic` alone.
+        Without a rate each has its own. By default `bus_traffic` is the only way.
         """
         return (self.bus_traffic(section, members, DEFAULT_RATE if rate is None else rate, waiting),)
 

@@ -97,7 +97,7 @@ class AxisTraffic(Protocol):
         """Return the messages exchanged on the bus of that name, by their key in `plan --json`."""
 
     def fault_text(self, flag: LinkFlag, code: int, bus: str = "the bus") -> str:
-        """Return the fault that a link flag stands for, in words; `code` is the code in the header."""
+        """Return the fault of a link flag in words; `code` is the code in the header."""
 
 
 class BusTraffic(Protocol):
@@ -141,7 +141,7 @@ class BusTraffic(Protocol):
         """Return the delay budget of an axis on this bus."""
 
     def guard(self, axis: str) -> float:
-        """Time after which the drive of an axis takes the torque away by itself, when nothing comes from us [s]."""
+        """Time after which the drive of an axis switches its torque off by itself when the master is silent [s]."""
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
         """Return what is written to the drive of an axis before its guard is proved, in a fixed order: an object or
@@ -153,7 +153,7 @@ class BusTraffic(Protocol):
 
     @property
     def waits_for_answers(self) -> bool:
-        """True when no set-point is sent while an answer stays away: the torque is held then, and does not fade."""
+        """True when no set-point is sent while an answer is missing: the torque is then held and does not fade."""
 
     @property
     def doubted_periods(self) -> int:

@@ -180,7 +180,7 @@ def _parse_can(text: str, interface: str, rest: str) -> BusName:
 
 
 def _value(text: str) -> Argument:
-    """Return a truth value or a number that a text says, else the text."""
+    """Return the truth value or number that a text stands for, else the text itself."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):

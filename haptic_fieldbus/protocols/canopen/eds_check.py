@@ -97,7 +97,7 @@ _MANUFACTURER = range(0x2000, 0x6000)
 
 
 def named_objects(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    """Yield what the file shows of each object that the profile names, of those with a value of their own first."""
+    """Compare each object that the profile names with the file; objects to which a value is written come first."""
     for row in sorted(OBJECTS, key=lambda row: row.use is Use.WRITTEN and row.value is None):
         if row.key in _UNITS:
             yield from _unit(row, profile, eds)
@@ -109,7 +109,7 @@ def named_objects(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
 
 
 def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    """Yield what the file shows of an object that the profile names, and of the values that are written to it."""
+    """Compare an object that the profile names, and the values written to it, with the file."""
     value = value_at(profile, row.key)
     if isinstance(value, OptionCode | WrittenObject):
         yield from _written(row.key, entry, value.value, eds)
@@ -290,7 +290,7 @@ def _rooms(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[
 
 
 def _types(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[Finding]:
-    """Yield the transmission types: those after power-on are taken, those beyond a limit of the file are not."""
+    """Yield the transmission types: types after power-on are permitted, types beyond a limit of the file are not."""
     own = profile.pdo.tpdo_types if direction is Direction.TPDO else profile.pdo.rpdo_types
     low, high = type_limits(eds, direction)
     place = f"{COMMUNICATION[direction].start:04X}h:02"
@@ -315,7 +315,7 @@ _EXPLANATION = re.compile(r"\([^)]*\)")
 
 
 def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    """Yield what the file has of each value; an object that stands twice is a slip of copying."""
+    """Compare each shown value with the file; an object that is named twice is a fault."""
     shown = profile.commissioning.shown
     places = [(each.object, each.subindex) for each in shown]
     for each, place in zip(shown, places, strict=True):

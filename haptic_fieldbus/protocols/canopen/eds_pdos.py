@@ -71,7 +71,7 @@ def _room(eds: Eds, index: int) -> int:
 
 
 def fixed_pdos(eds: Eds, direction: Direction) -> tuple[FixedPdo, ...]:
-    """Return the PDOs with a mapping that cannot be written, but that can be switched on and used as they are."""
+    """Return the PDOs with a read-only mapping that can be switched on and used as they are."""
     found = {number: _held(eds, index) for number, index in records(eds, direction).items() if not _room(eds, index)}
     first = COMMUNICATION[direction].start - 1
     return tuple(FixedPdo(number, maps) for number, maps in found.items() if maps and _is_usable(eds, first + number))
@@ -172,14 +172,14 @@ Lack = tuple[str, int | None]
 
 
 def automaton_lacks(eds: Eds) -> Iterator[Lack]:
-    """Yield each lack that makes this no drive of CiA 402: no controlword or statusword."""
+    """Yield a sentence for each missing object without which this is no CiA 402 drive: controlword, statusword."""
     for row in OBJECTS:
         if row.key == USABLE and row.use.direction is not None:
             yield from _object_lacks(eds, row)
 
 
 def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iterator[Lack]:
-    """Yield each lack that keeps the drive from rendering force; `velocity` replaces the position where it is given."""
+    """Yield a sentence for each missing object that force needs; `velocity` replaces the position where it is given."""
     for row in sorted(OBJECTS, key=lambda row: row.index):
         # Without a position it is integrated from the velocity.
         if row.is_needed and (velocity is None or row.key != "position.actual"):
@@ -201,7 +201,7 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
 def torque_mode(eds: Eds) -> int:
     """Return the mode of operation for torque: cyclic before profile torque, 0 when the drive has neither.
 
-    A file without supported drive modes is trusted to have the cyclic one.
+    If the file does not state the supported drive modes, the cyclic mode is assumed.
     """
     modes = supported_modes(eds)
     if not modes:

@@ -71,7 +71,7 @@ _LACKED = ("torque.actual", "torque.demand", "torque.rated", "torque.rated_curre
 
 
 def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
-    """Return the profile with what the drive has, by the objects that were uploaded from it.
+    """Return the profile fitted to the drive, by the objects that were uploaded from it.
 
     It is not usable for force where the drive lacks what force needs. Raises EdsError for no CiA 402 drive.
     """
@@ -139,13 +139,13 @@ def _link_loss(own: LinkLossSection, made: LinkLossSection, eds: Eds) -> LinkLos
 
 
 def _kept(named: Named | None, eds: Eds) -> Named | None:
-    """Return what the profile names where the drive has it."""
+    """Return the objects of the profile that the drive has."""
     subindex = named.subindex if isinstance(named, MappedObject) else 0
     return named if named is not None and eds.find(named.object, subindex) is not None else None
 
 
 def _sent(named: MappedObject | None, eds: Eds) -> MappedObject | None:
-    """Return what the profile names where a TPDO of the drive carries it, or can."""
+    """Return the objects of the profile that a TPDO of the drive carries or can carry."""
     entry = eds.find(named.object, named.subindex) if named is not None else None
     return named if entry is not None and carries(eds, Direction.TPDO, entry) else None
 

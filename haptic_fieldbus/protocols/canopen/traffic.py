@@ -171,7 +171,7 @@ class CanTraffic:
 
     @property
     def heartbeat_every(self) -> int:
-        """Periods between two proofs of our life, heartbeat or guarding request; the shortest guard spans several."""
+        """Periods between two signs of life of the master; the shortest guard spans several."""
         shortest = min(self.guard(member.axis) for member in self.members)
         return max(1, int(shortest / watch_traffic.PROOFS_PER_GUARD * self.rate + 1e-9))
 
@@ -181,7 +181,7 @@ class CanTraffic:
         return not all(member.profile.link_loss.life_guarding for member in self.members)
 
     def guard(self, axis: str) -> float:
-        """Time after which the drive misses us [s]: that of its profile, but five periods at least."""
+        """Time after which the drive detects the loss of the master [s]: that of its profile, at least five periods."""
         return watch_traffic.guard_time(self.member(axis).profile.link_loss, self.rate)
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:

@@ -113,7 +113,7 @@ def reactions(section: LinkLossSection, *, brakes: bool) -> tuple[tuple[OptionCo
 
 
 def guard_time(section: LinkLossSection, rate: float) -> float:
-    """Return the time after which the drive misses its master [s]: that of its profile, but five periods at least."""
+    """Return the time after which the drive detects the loss of its master [s], at least five periods."""
     milliseconds = math.ceil(max(section.deadline, PERIODS_PER_GUARD / rate) * 1e3 - 1e-9)
     if section.life_guarding:
         milliseconds = PROOFS_PER_GUARD * math.ceil(milliseconds / PROOFS_PER_GUARD)
@@ -126,7 +126,7 @@ def silence(section: LinkLossSection, rate: float, node_heartbeat_ms: int) -> fl
 
 
 def bits_a_second(profile: CanopenProfile, rate: float, proofs: float, node_heartbeat_ms: int) -> float:
-    """Return the bits a second of one drive beside the exchange; `proofs` are the proofs of our life a second."""
+    """Return the bits a second of one drive beside the exchange; `proofs` are signs of life of the master a second."""
     questions = 2 * worst_case_bits(8) * min(rate, 1.0 / ASK_EVERY) if is_asked(profile) else 0.0
     if profile.link_loss.life_guarding:
         return questions + _guarding_bits() * proofs

@@ -97,7 +97,7 @@ def _reads(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) 
 
 
 def _watching(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
-    """Return the blocks with torque actual beside the motion; none where it is there already, or cannot be."""
+    """Return the blocks with torque actual added to the motion; none if it is there already or impossible."""
     if profile.echo is None or Signal.TORQUE_ACTUAL in incoming or profile.torque.actual is None:
         return ()
     watching = _reads(profile, line, (*incoming, Signal.TORQUE_ACTUAL))
@@ -116,7 +116,7 @@ def _unwatched(profile: ModbusProfile, reads: tuple[Block, ...]) -> tuple[Transa
 
 
 def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:
-    """Return the most registers that are read through sooner than a request of their own is exchanged."""
+    """Return the largest gap that is quicker to read through than to skip by a second request [registers]."""
     if line.octet == 0.0:
         return profile.line.longest_read
     alone = line.exchange(RegisterRequest(READ_HOLDING, Block(0, 0, (), ())), profile.line.answer_time) + line.silence

@@ -356,7 +356,7 @@ def _check_full_scale(document: Document) -> None:
 
 
 def _check_power(document: Document) -> None:
-    """Note a power table that is not there, or that nobody reads."""
+    """Note a power table that is missing or not used."""
     rows, table = document.value("power", "rows"), document.value("power", "table")
     if table == "rows" and not rows:
         document.fault(("power", "rows"), 'missing; expected a row for each state, since power.table is "rows"')

@@ -43,7 +43,7 @@ class Block:
 
     @property
     def gaps(self) -> int:
-        """Registers that are read although nobody asked for them."""
+        """Registers that are read without being used, between two that are."""
         return self.count - sum(mapped.type.size for mapped in self.signals) // 2
 
     def has(self, signal: Signal) -> bool:

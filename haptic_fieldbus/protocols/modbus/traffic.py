@@ -163,12 +163,12 @@ class ModbusTraffic:
 
     @property
     def waits_for_answers(self) -> bool:
-        """On TCP requests would queue up behind one that is not answered, and be obeyed when they are old."""
+        """True on TCP: requests would queue behind one without an answer, and be executed late."""
         return self.wire.frame_octets == TCP_OCTETS
 
     @property
     def doubted_periods(self) -> int:
-        """A drive may tear a value of two registers: a jump by about 65536 counts is believed when it is seen twice."""
+        """A drive may tear a value of two registers: a jump by about 65536 counts counts only when it is seen twice."""
         return 1
 
     @property
