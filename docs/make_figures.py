@@ -16,7 +16,15 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators.tachometer import bind_position
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import BLUE, GREY, INK, VERMILION
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILION,
+    dress,
+    figure,
+    line,
+)
 from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.loops import loop_growth
@@ -24,7 +32,6 @@ from haptic_fieldbus.study.measure.problems import problems, step_counts
 from haptic_fieldbus.study.page import growth as growth_page
 from haptic_fieldbus.study.page import integrator as integrator_page
 from haptic_fieldbus.study.page import work_precision as work_precision_page
-from haptic_fieldbus.study.page.html import dress, figure, line
 
 PROJECT = Path(__file__).resolve().parents[1]
 FOLDER = PROJECT / "docs" / "images" / "lecture"

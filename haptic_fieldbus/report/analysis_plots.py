@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import Estimation
 from haptic_fieldbus.api.model import EnvironmentModel, poles_along, poles_of, step_growth
@@ -16,11 +14,29 @@ from haptic_fieldbus.api.open_loop import Response
 from haptic_fieldbus.api.stability_limits import Judgement
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import in_unit, rounded
+from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.report.analysis_texts import estimate_lines
-from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, line, thin
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    FAILS,
+    GREEN,
+    GREY,
+    NAME_SIZE,
+    ORANGE,
+    PURPLE,
+    SKY,
+    UNITS,
+    VERMILION,
+    dress,
+    figure,
+    line,
+    name_lines,
+    save,
+    thin,
+)
+from haptic_fieldbus.report.plot import limit_of
 from haptic_fieldbus.report.texts import parameter_units
 
 # Picture of a model: the poles of each method on the z-plane, and the growth of a free motion in a step.
@@ -43,15 +59,27 @@ def plot_model(model: EnvironmentModel, title: str, path: Path) -> None:
 
     Raises OSError when the file cannot be written.
     """
-    figure = Figure(figsize=(13.0, 6.4), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(f"{title} · poles by method", size=13, weight="bold", color=INK, x=0.01, ha="left")
-    plane, growth = figure.subplots(1, 2)
+    save(draw_model(model, title), path)
+
+
+def draw_model(model: EnvironmentModel, title: str) -> Figure:
+    """Return a figure of the poles on the z-plane, and of the growth of a step over the period."""
+    known = {method: growth for method, growth in model.growth.items() if growth is not None}
+    worst = max(known, key=lambda method: known[method])
+    drawn = figure(
+        6.6,
+        13.0,
+        f"{worst}: spectral radius {rounded(known[worst])}",
+        [f"{title}; markers at a period of {in_unit(model.period, 's')}, dots at other periods"],
+    )  # fmt: skip
+    plane, growth = drawn.subplots(1, 2, width_ratios=[1.0, 1.2])
     periods = _periods(model)
     _draw_plane(plane, model, periods)
     _draw_growth(growth, model, periods)
-    figure.legend(*growth.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    figure.savefig(path)
+    handles, labels = growth.get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=NAME_SIZE,
+                 title=f"spectral radius at {in_unit(model.period, 's')}", title_fontsize=NAME_SIZE)  # fmt: skip
+    return drawn
 
 
 def _periods(model: EnvironmentModel) -> Matrix:
@@ -63,7 +91,8 @@ def _periods(model: EnvironmentModel) -> Matrix:
 
 def _draw_plane(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
     turn = np.exp(2j * math.pi * np.linspace(0.0, 1.0, 361))
-    panel.fill(turn.real, turn.imag, color="#f2f5f7", zorder=0)
+    panel.set_facecolor(FAILS)
+    panel.fill(turn.real, turn.imag, color="white", zorder=0)
     panel.plot(turn.real, turn.imag, color=GREY, linewidth=1.0)
     even = np.linspace(periods[0], periods[-1], 2 * PATHS)
     for method in METHODS:
@@ -73,176 +102,210 @@ def _draw_plane(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
             panel.plot(poles.real.ravel(), poles.imag.ravel(), **look)
         for each in poles_along(model.integrated, np.array([model.period]), method):
             panel.plot(each.real, each.imag, **line(method) | {"linestyle": "none"}, zorder=3)
-    panel.set(xlim=(-VIEW, VIEW), ylim=(-VIEW, VIEW), aspect="equal", xlabel="Re z", ylabel="Im z")
-    panel.set_title(f"z-plane: markers at {in_unit(model.period, 's')}, paths over all periods", loc="left", size=10.5)
-    panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
+    panel.set(xlim=(-VIEW, VIEW), ylim=(-VIEW, VIEW), aspect="equal")
+    told = "z-plane: motion decays inside the circle"
+    dress(panel, told, "real part of the pole [1]", "imaginary part of the pole [1]")
 
 
 def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
     for method, at_period in model.growth.items():
         curve = [step_growth(model.integrated, period, method) for period in periods.tolist()]
-        told = "no step" if at_period is None else rounded(at_period, 9)
+        told = "no step" if at_period is None else rounded_limit(at_period)
         values = np.array([np.nan if value is None else value for value in curve])
         panel.plot(1e3 * periods, values, **line(method, f"{method}: {told}", marked=False))
         if at_period is not None:
             look = line(method)
             panel.plot([1e3 * model.period], [at_period], **look | {"linestyle": "none", "label": "_"})
     panel.axvline(1e3 * model.period, color=GREY, linewidth=1.0, linestyle=":")
-    panel.set(xscale="log", ylim=(0.0, GROWN), xlabel="period [ms]", ylabel="spectral radius, largest |z| [1]")
-    panel.set_title(
-        f"spectral radius per step; below, by method, at {in_unit(model.period, 's')}", loc="left", size=10.5
-    )
-    panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-    panel.spines[["top", "right"]].set_visible(False)
+    panel.axhspan(1.0, GROWN, color=FAILS, linewidth=0, zorder=0)
+    panel.set(xscale="log", ylim=(0.0, GROWN))
+    place = {"transform": panel.get_yaxis_transform(), "size": NAME_SIZE, "color": GREY}
+    panel.text(0.02, 0.93 * GROWN, "grows", **place)
+    panel.text(0.02, 0.05 * GROWN, "decays", **place)
+    dress(panel, "growth in a step", "period [ms]", "spectral radius, largest |z| [1]")
     panel.margins(x=0)
 
 
 # Picture of an open-loop response: positions, velocities and force over time, as in the figures of the lecture.
 
 COLOURS = (ORANGE, GREEN, PURPLE, SKY)
+OUTER = 0.02
+"""Share of the samples that may leave the panel of the force: an impulse in one period would hide everything else."""
 
 
 def plot_response(response: Response, title: str, path: Path) -> None:
     """Draw a response into a file, whose suffix tells the format; raises OSError when it cannot be written."""
+    save(draw_response(response, title), path)
+
+
+def draw_response(response: Response, title: str) -> Figure:
+    """Return a figure of positions, velocities and the force over time."""
+    units = UNITS[response.workspace]
     velocities = [name for name in response.states if name.endswith("velocity")]
-    figure = Figure(figsize=(10.0, 7.2 if velocities else 5.2), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    method = f" · {response.method}" if response.method else ""
-    figure.suptitle(f"{title}{method}", size=13, weight="bold", color=INK, x=0.01, ha="left")
-    panels = list(figure.subplots(3 if velocities else 2, 1, sharex=True))
-    length, effort = response.workspace.length_unit, response.workspace.effort_unit
-    _panel(
-        panels[0],
-        response,
-        [n for n in response.states if n not in velocities],
-        f"position [{length}]",
-        response.position,
-    )
+    method = f"; integrator {response.method}" if response.method else ""
+    size = f"{units.effort_name} {in_unit(float(np.abs(response.force).max()), units.effort)}"
+    few = "Diverges" if response.diverged else f"Largest {size}"
+    told = f"{title}{method}; period {in_unit(_period(response), 's')}"
+    drawn = figure(7.6 if velocities else 5.6, 10.0, few, [told])
+    panels = list(drawn.subplots(3 if velocities else 2, 1, sharex=True))
+    positions = {name: value for name, value in response.states.items() if name not in velocities}
+    _panel(panels[0], response, {"puck": response.position, **positions}, units.per_length)
+    dress(panels[0], "position", "", f"position [{units.length}]")
     if velocities:
-        _panel(panels[1], response, velocities, f"velocity [{length}/s]", None)
+        _panel(panels[1], response, {name: response.states[name] for name in velocities}, units.per_length)
+        dress(panels[1], "velocity of the virtual masses", "", f"velocity [{units.length}/s]")
     panels[-1].plot(*thin(response.time, response.force), color=BLUE, linewidth=1.6)
-    panels[-1].set_ylabel(f"{response.workspace.effort_name} on the puck [{effort}]")
-    panels[-1].set_xlabel("time [s]")
+    shown, beyond = _shown_range(response.force), ""
+    if shown is not None:
+        extreme = float(response.force[np.argmax(np.abs(response.force))])
+        beyond = f", an impulse of {rounded(extreme)} {units.effort} goes beyond the frame"
+        panels[-1].set_ylim(shown)
+    dress(panels[-1], f"{units.effort_name} on the puck{beyond}", "time [s]", f"{units.effort_name} [{units.effort}]")
     for panel in panels:
-        panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-        panel.spines[["top", "right"]].set_visible(False)
         panel.margins(x=0)
-    figure.savefig(path)
+        low, high = panel.get_ylim()
+        panel.set_ylim(min(low, 0.0), max(high, 0.0))
+    name_lines(drawn)
+    return drawn
 
 
-def _panel(panel: Axes, response: Response, names: list[str], label: str, puck: NDArray[np.float64] | None) -> None:
-    """Draw the named virtual states, and the puck unless it is None."""
-    if puck is not None:
-        panel.plot(*thin(response.time, puck), color=BLUE, linewidth=1.6, label="puck")
-    for name, colour in zip(names, cycle(COLOURS), strict=False):
-        panel.plot(*thin(response.time, response.states[name]), color=colour, linewidth=1.6, label=f"virtual {name}")
-    panel.set_ylabel(label)
-    panel.legend(frameon=False, fontsize=9, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
+def _period(response: Response) -> float:
+    """Return the period of the samples [s]."""
+    return float(response.time[1] - response.time[0]) if len(response.time) > 1 else 0.0
+
+
+def _panel(panel: Axes, response: Response, shown: dict[str, Array], per_length: float) -> None:
+    """Draw the puck and virtual states."""
+    colours = {"puck": BLUE, **dict(zip((name for name in shown if name != "puck"), cycle(COLOURS), strict=False))}
+    for name, values in shown.items():
+        label = name if name == "puck" else f"virtual {name}"
+        panel.plot(*thin(response.time, per_length * values), color=colours[name], linewidth=1.6, label=label)
+
+
+def _shown_range(force: Array) -> tuple[float, float] | None:
+    """Return the range of all but a few samples of the force; None where the others hide nothing."""
+    inner = np.quantile(force, (OUTER / 2, 1.0 - OUTER / 2))
+    room = 0.15 * float(np.ptp(inner))
+    low, high = float(inner[0]) - room, float(inner[1]) + room
+    return (low, high) if room and np.ptp(force) > 2.0 * (high - low) else None
 
 
 # Picture of an estimate: the signal above, what the estimator makes of it below.
 
-UNITS = {"position": "m or rad", "velocity": "m/s or rad/s"}
+ESTIMATE_UNITS = {"position": "m or rad", "velocity": "m/s or rad/s"}
 TOLD = ("noise", "delay", "drift")
 
 
 def plot_estimate(found: Estimation, file: str, path: Path) -> None:
     """Draw an estimate into a file, whose suffix tells the format; raises OSError when it cannot be written."""
-    figure = Figure(figsize=(10.0, 6.4), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(f"{file} · {found.estimator}", size=13, weight="bold", color=INK, x=0.01, ha="left")
-    panels = figure.subplots(2, 1, sharex=True)
-    signal, estimate = found.signal, found.estimate
-    drawn = ((signal.quantity, signal.values, BLUE), (f"estimated {estimate.quantity}", estimate.values, ORANGE))
-    for panel, (name, values, colour) in zip(panels, drawn, strict=True):
-        panel.plot(*thin(signal.times, values), color=colour, linewidth=1.4)
-        panel.set_ylabel(f"{name} [{UNITS[name.split()[-1]]}]")
-        panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.margins(x=0)
-    panels[-1].set_xlabel("time [s]")
+    save(draw_estimate(found, file), path)
+
+
+def draw_estimate(found: Estimation, file: str) -> Figure:
+    """Return a figure of a signal and its estimate over time."""
     told = dict(estimate_lines(found, file))
-    panels[-1].text(
-        0.0, -0.24, "\n".join(f"{key}: {told[key]}" for key in TOLD), transform=panels[-1].transAxes, size=9, va="top"
-    )
-    figure.savefig(path)
+    few = told["noise"].partition(":")[0]
+    notes = [f"{key}: {told[key]}" for key in TOLD]
+    drawn = figure(6.6, 10.0, f"Noise {few}", [f"{file}, estimator {found.estimator}", *notes])
+    panels = drawn.subplots(2, 1, sharex=True)
+    signal, estimate = found.signal, found.estimate
+    rows = (("measured", signal.quantity, signal, BLUE), ("estimated", estimate.quantity, estimate, ORANGE))
+    for panel, (which, quantity, shown, colour) in zip(panels, rows, strict=True):
+        panel.plot(*thin(signal.times, shown.values), color=colour, linewidth=1.4)
+        label = "" if panel is panels[0] else "time [s]"
+        dress(panel, f"{which} {quantity}", label, f"{quantity} [{ESTIMATE_UNITS[quantity]}]")
+        panel.margins(x=0)
+    return drawn
 
 
-# Picture of the stable and the passive region of a loop over virtual stiffness and damping.
+# Picture of the limit of a loop over virtual stiffness and damping.
 
-POINTS = 48
-"""Number of dampings at which limits are computed for each panel."""
+POINTS = 24
+"""Number of dampings at which limits are computed."""
+HEADROOM = 1.3
+"""Height of the picture over the largest stiffness that is marked at the damping of the scene."""
+DAMPINGS = 2.5
+"""Width of the picture over the damping of the scene, or of the device if that is larger."""
 
 
 def plot_region(judgement: Judgement, path: Path) -> None:
-    """Draw the limits of stiffness over damping: on the left the whole region, on the right around the scene.
+    """Draw the limits over damping, and the scene among them, into a file whose suffix tells the format.
 
-    The suffix of the file tells the format. Raises UsageError when no element of the scene has both parameters, and
-    OSError when the file cannot be written.
+    Raises UsageError when no element of the scene has both parameters, and OSError when the file cannot be written.
     """
-    element = judgement.group.stiffest
-    if element is None or not hasattr(element, "damping"):
+    save(draw_region(judgement), path)
+
+
+def draw_region(judgement: Judgement) -> Figure:
+    """Return a figure of the stiffness at which the loop becomes unstable over damping, the limit, and the scene.
+
+    The limit counts every value that is open, the onset has the values of rig and profile.
+
+    Raises UsageError when no element of the scene has both parameters.
+    """
+    element, stability = judgement.group.stiffest, judgement.stability
+    if element is None or not hasattr(element, "damping") or stability.stiffness is None:
         raise UsageError("--plot needs an element with stiffness and damping; this scene has none")
-    stability = judgement.stability
-    # The last term keeps the panel from having no width when neither device nor scene has damping.
-    near = 4.0 * max(stability.plant.damping, float(element.damping), 1e-9 * judgement.group.largest_damping)
-    figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(
-        f"{judgement.scene.name}: period {rounded(1e3 * stability.period_s)} ms, "
-        f"delay {rounded(1e3 * stability.delay_s)} ms",
-        size=12, weight="bold", color=INK, x=0.01, ha="left",
-    )  # fmt: skip
-    panels = figure.subplots(1, 2)
-    for panel, end in zip(panels, (_end(judgement), near), strict=True):
-        _draw(panel, judgement, end)
-        if stability.stiffness is not None:
-            panel.plot(
-                [float(element.damping)], [stability.stiffness], "o", color=VERMILION, label=stability.verdict.value
-            )
-    panels[0].set_title("the whole region", loc="left", size=10, color=INK)
-    panels[1].set_title("around the scene", loc="left", size=10, color=INK)
-    panels[1].legend(frameon=False)
-    figure.savefig(path)
-
-
-def _draw(panel: Axes, judgement: Judgement, end: float) -> None:
-    """Draw both limits for dampings from 0 to `end`."""
     units = parameter_units(judgement.workspace)
-    damping, stable, passive = _limits(judgement, end)
-    panel.fill_between(damping, stable, color=BLUE, alpha=0.16, linewidth=0)
-    panel.plot(damping, stable, color=BLUE, linewidth=1.8, label="stable below")
-    panel.fill_between(damping, passive, color=GREEN, alpha=0.25, linewidth=0)
-    panel.plot(damping, passive, color=GREEN, linewidth=1.8, label="passive with any hand")
-    panel.set_xlabel(f"virtual damping [{units['damping']}]")
-    panel.set_ylabel(f"virtual stiffness [{units['stiffness']}]")
-    panel.margins(x=0)
-    panel.set_ylim(bottom=0.0)
-    panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-    panel.spines[["top", "right"]].set_visible(False)
+    own = float(element.damping)
+    # The last term keeps the panel from having no width when neither device nor scene has damping.
+    end = DAMPINGS * max(stability.plant.damping, own, 1e-9 * judgement.group.largest_damping)
+    dampings = np.union1d(np.linspace(0.0, end, POINTS), [own])
+    onset = np.array([judgement.group.limit(value) for value in dampings.tolist()])
+    limit = np.minimum([_limit_at(judgement, value) for value in dampings.tolist()], onset)
+    at = int(np.searchsorted(dampings, own))
+    top = HEADROOM * max(each for each in (stability.stiffness, onset[at], limit[at]) if math.isfinite(each))
+    drawn = figure(5.6, 9.0, *_region_words(judgement, float(limit[at]), float(onset[at]), units["stiffness"]))
+    panel = drawn.subplots()
+    stable, inside = (np.where(np.isfinite(values), values, 2.0 * top) for values in (onset, limit))
+    _tint(panel, dampings, np.zeros_like(inside), inside, "#cfe9e0", "inside the limit", top)
+    _tint(panel, dampings, inside, stable, "#dbe9f3", "stable at the nominal values only", top)
+    _tint(panel, dampings, stable, np.maximum(stable, 2.0 * top), FAILS, "unstable", top)
+    panel.plot(dampings, stable, color=BLUE, linewidth=1.8)
+    panel.plot(dampings, inside, color=GREEN, linewidth=1.8)
+    bounded = zip(dampings.tolist(), onset.tolist(), strict=True)
+    passive = np.array([judgement.group.passive_limit(value, most) for value, most in bounded])
+    if passive.any():
+        below = np.where(np.isfinite(passive), np.minimum(passive, stable), 2.0 * top)
+        panel.plot(dampings, below, color=PURPLE, linewidth=1.4, linestyle="--", label="passive below")
+    panel.set(xlim=(0.0, end), ylim=(0.0, top or 1.0))
+    _mark(panel, own, (stability.stiffness, float(limit[at]), float(onset[at])), units["stiffness"])
+    dress(panel, "", f"virtual damping [{units['damping']}]", f"virtual stiffness [{units['stiffness']}]")
+    name_lines(drawn)
+    return drawn
 
 
-def _limits(judgement: Judgement, end: float) -> tuple[Array, Array, Array]:
-    """Return dampings from 0 to `end`, and for each the limits of stability and of passivity, each `(POINTS,)`."""
-
-    def both(damping: float) -> tuple[float, float]:
-        stable = _drawn(judgement.group.limit(damping))
-        return stable, min(stable, judgement.group.passive_limit(damping, stable))
-
-    dampings = np.linspace(0.0, end, POINTS)
-    limits = np.array([both(damping) for damping in dampings.tolist()])
-    return dampings, limits[:, 0], limits[:, 1]
+def _tint(panel: Axes, x: Array, low: Array, high: Array, tint: str, label: str, top: float) -> None:
+    """Tint an area, and give it a name if it takes a considerable part of the panel."""
+    share = float(np.mean(np.minimum(high, top) - np.minimum(low, top))) / (top or 1.0)
+    panel.fill_between(x, low, high, color=tint, linewidth=0, label=label if share > 0.05 else None)
 
 
-def _drawn(limit: float) -> float:
-    """Return the limit; 0 for an infinite one, which cannot be drawn."""
-    return limit if math.isfinite(limit) else 0.0
+def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -> tuple[str, list[str]]:
+    """Return the title of the picture of a region, and what stands below it."""
+    asked, stability = judgement.stability.stiffness or 0.0, judgement.stability
+    where = "inside the limit" if asked <= limit else ("above the limit" if asked <= onset else "unstable")
+    title = f"{judgement.scene.name}: {exactly(asked)} {unit} is {where}"
+    delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(stability.delay_s, 's')}"
+    margin = f"margin {rounded(limit / asked)}; " if asked and math.isfinite(limit) else ""
+    return title, [f"{margin}{delay}"]
 
 
-def _end(judgement: Judgement) -> float:
-    """Return a damping [N·s/m or N·m·s/rad] with which no stiffness is stable; at most about twice the largest one."""
-    scale = judgement.group.largest_damping
-    value = 1e-3 * scale
-    while value < 2.0 * scale and judgement.group.limit(value):
-        value *= math.sqrt(2.0)
-    return value
+def _mark(panel: Axes, damping: float, marked: tuple[float, float, float], unit: str) -> None:
+    """Mark scene, limit and onset at the damping of the scene."""
+    asked, limit, onset = marked
+    for value, colour, marker, label in (
+        (onset, BLUE, "_", f"unstable above {rounded_limit(onset)} {unit}"),
+        (limit, GREEN, "_", f"limit {rounded_limit(limit)} {unit}"),
+        (asked, VERMILION, "o", f"scene {exactly(asked)} {unit}"),
+    ):
+        if math.isfinite(value):
+            panel.plot([damping], [value], marker, color=colour, markersize=9, markeredgewidth=2.4, label=label,
+                       zorder=4, clip_on=False)  # fmt: skip
+
+
+def _limit_at(judgement: Judgement, damping: float) -> float:
+    """Return the limit [N/m or N·m/rad] with this damping of the stiffest element; ∞ where it has none."""
+    group = judgement.group
+    own = float(getattr(group.stiffest, "damping", 0.0))
+    return limit_of((group if damping == own else group._damped(damping)).stability)

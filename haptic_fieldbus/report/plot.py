@@ -1,37 +1,50 @@
 """Picture of a run: position and wall, force, and error, over the whole run and around the first force.
 
+Its title is the verdict in a few words and a number; the rest of the verdict stands below it.
+
 On real drives the error is not known; there the last panel shows how late the periods began and how old feedback was.
 """
 
+import math
+import re
 from collections.abc import Callable, Sequence
 from itertools import cycle, pairwise
 from pathlib import Path
-from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
 from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, Trace
-from haptic_fieldbus.numerals import percent
+from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.numerals import exactly, percent, rounded_limit
 from haptic_fieldbus.report.drawing import (
     BLUE,
     FELT,
     GREEN,
     GREY,
     INK,
+    NAME_SIZE,
+    NOT_NOTICED,
+    NOTE,
     ORANGE,
     PURPLE,
     SKY,
     UNITS,
     VERMILION,
+    WALL,
     AxisUnits,
+    dress,
+    envelope,
+    figure,
     held,
+    is_smear,
     kept,
+    name_lines,
+    save,
     thin,
 )
-from haptic_fieldbus.report.texts import key_figures
+from haptic_fieldbus.report.texts import key_figures, parameter_units
 from haptic_fieldbus.scenes.element import StaticElement
 from haptic_fieldbus.scenes.end_stop import EndStop
 from haptic_fieldbus.scenes.wall import Wall
@@ -58,25 +71,30 @@ def draw_law(panel: Axes, trace: Trace, elements: Sequence[object], effort: floa
     places = np.linspace(low - margin, high + margin, PLACES)
     law = law_at_rest(elements, places)
     if law is not None:
-        panel.plot(places * units.per_length, law, color=GREY, linewidth=1.0, linestyle="--", label="force at rest")
+        at_rest = f"{units.effort_name} at rest"
+        panel.plot(places * units.per_length, law, color=GREY, linewidth=1.0, linestyle="--", label=at_rest)
         for number, well in enumerate(wells(places, law)):
-            label = "well" if not number else None
+            label = "detent" if not number else None
             panel.axvline(well * units.per_length, color=GREEN, linewidth=1.0, linestyle=":", label=label)
-    _path(panel, trace.position, trace.force, units, SKY, 3.0)
+    _path(panel, trace.position, trace.force, units, SKY, 3.0, "rendered")
     asked = trace.force
     if trace.ideal is not None:
-        _path(panel, trace.position, trace.ideal, units, INK, 1.1)
+        _path(panel, trace.position, trace.ideal, units, INK, 0.9, "ideal")
         asked = trace.ideal
-    if effort is not None and np.abs(asked).max() > NEAR * effort:
-        for number, limit in enumerate((-effort, effort)):
-            panel.axhline(
-                limit, color=VERMILION, linewidth=1.2, linestyle="-.", label=None if number else "limit of the motor"
-            )
-    for number, stop in enumerate(_surfaces(elements, low - margin, high + margin)):
-        panel.axvline(stop * units.per_length, color=PURPLE, linewidth=1.2, label=None if number else "wall or stop")
+    shown = [float(np.concatenate([trace.force, asked]).min()), float(np.concatenate([trace.force, asked]).max())]
+    for limit in (-effort, effort) if effort is not None else ():
+        # The law may go far beyond what was rendered; the limit on the side of the force tells enough.
+        if limit * asked[np.argmax(np.abs(asked))] > 0.0 and np.abs(asked).max() > NEAR * abs(limit):
+            panel.axhline(limit, color=VERMILION, linewidth=1.2, linestyle="-.", label="motor limit")
+            shown.append(limit)
+    stops = _surfaces(elements, low - margin, high + margin)
+    for number, stop in enumerate(stops):
+        label = "wall" if any(isinstance(each, Wall) and each.position == stop for each in elements) else "stop"
+        panel.axvline(stop * units.per_length, color=PURPLE, linewidth=1.2, label=None if number else label)
+    room = AROUND * (max(shown) - min(shown) or 1e-3)
+    panel.set_ylim(min(shown) - room, max(shown) + room)
     panel.set_ylabel(f"{units.effort_name} [{units.effort}]")
-    if panel.get_legend_handles_labels()[1]:  # the colours of both paths are those of the force beside
-        panel.legend(fontsize=8, loc="best", framealpha=0.85, edgecolor="none")
+    panel.set_xlabel(f"position [{units.length}]")
 
 
 def law_at_rest(elements: Sequence[object], places: Array) -> Array | None:
@@ -114,10 +132,10 @@ def _surfaces(elements: Sequence[object], low: float, high: float) -> list[float
     return [place for place in found if low <= place <= high]
 
 
-def _path(panel: Axes, position: Array, force: Array, units: AxisUnits, colour: str, width: float) -> None:
+def _path(panel: Axes, position: Array, force: Array, units: AxisUnits, colour: str, width: float, label: str) -> None:
     shown = np.union1d(kept(force), kept(position))
     x, y = position[shown] * units.per_length, force[shown]
-    panel.plot(x, y, color=colour, linewidth=width, solid_capstyle="butt")
+    panel.plot(x, y, color=colour, linewidth=width, solid_capstyle="butt", label=label)
 
 
 ZOOM_BEFORE, ZOOM_AFTER = 12, 28
@@ -125,8 +143,10 @@ ZOOM_BEFORE, ZOOM_AFTER = 12, 28
 COUNTS = 0.05
 """Share of the greatest force from which a force is considerable."""
 
-SIZE = (13.5, 8.4)
-DPI = 110
+WIDTH, HEIGHT = 13.5, 8.0
+"""Size of the picture of one axis [inches]."""
+OPPOSES = 0.9
+"""Share of the considerable force against the way of the handle from which it pushes back."""
 
 
 def plot_run(result: Result, path: Path) -> None:
@@ -134,20 +154,49 @@ def plot_run(result: Result, path: Path) -> None:
 
     Raises OSError when the file cannot be written.
     """
-    # Places of the texts are shares of the figure, which is `axes` times as high as for one axis.
+    save(draw_run(result), path)
+
+
+def draw_run(result: Result) -> Figure:
+    """Return a figure of the traces of a run, one axis below the other."""
     axes = max(1, len(result.traces))
-    figure = Figure(figsize=(SIZE[0], SIZE[1] * axes), dpi=DPI, facecolor="white")
-    FigureCanvasAgg(figure)
-    title = fill(result.verdict or result.scene, 105)
-    below = 0.055 + 0.025 * title.count("\n")
-    figure.text(0.02, 1.0 - 0.015 / axes, title, size=14.5, weight="bold", color=INK, va="top")
-    figure.text(0.02, 1.0 - below / axes, key_figures(result), size=10.5, color="#555555", va="top")
-    for part, trace in zip(figure.subfigures(len(result.traces), 1, squeeze=False)[:, 0], result.traces, strict=True):
+    title, rest = headline(result)
+    drawn = figure(HEIGHT * axes, WIDTH, title, [each for each in (rest, key_figures(result)) if each])
+    for part, trace in zip(drawn.subfigures(len(result.traces), 1, squeeze=False)[:, 0], result.traces, strict=True):
         name = f"{trace.axis}: " if axes > 1 else ""
         elements = result.plan.scene.of_axis(trace.axis) if result.plan else ()
         times = [change.time for change in result.changes]
         draw_axis(part, trace, elements, times, name, result.periods, _limit(result, trace.axis))
-    figure.savefig(path)
+    name_lines(drawn)
+    return drawn
+
+
+def headline(result: Result) -> tuple[str, str]:
+    """Return the verdict in a few words and a number, and the rest of it; the name of the scene without a verdict."""
+    verdict = result.verdict or result.scene
+    for axis in result.plan.axes if result.plan and verdict.startswith("Unstable") else ():
+        found, unit = axis.stability, parameter_units(axis.workspace)["stiffness"]
+        if found is not None and found.stiffness is not None and found.stiffness_limit.stable is not None:
+            limit = min(found.stiffness_limit.stable, limit_of(found))
+            if found.stiffness > limit:
+                return (
+                    f"Unstable: {exactly(found.stiffness)} {unit}, limit {rounded_limit(limit)} {unit}",
+                    _capital(verdict.partition(": ")[2]),
+                )
+    few, _, rest = re.sub(r" \(|[,;.] |\.$", "|", verdict, count=1).partition("|")
+    # A bracket that was opened at the cut has no other half.
+    rest = re.sub(r"^([^(]*)\)", r"\1", rest)
+    return few, _capital(rest)
+
+
+def _capital(text: str) -> str:
+    """Return a text with a capital letter at its begin."""
+    return text[:1].upper() + text[1:]
+
+
+def limit_of(stability: Stability) -> float:
+    """Return the limit of an axis [N/m or N·m/rad]; ∞ where it has none."""
+    return math.inf if stability.cautious is None else stability.cautious.stable
 
 
 def _limit(result: Result, name: str) -> float | None:
@@ -173,30 +222,24 @@ def draw_axis(
     """
     window = first_force(trace)
     columns = 2 if window else 1
-    panels = figure.subplots(
-        3,
-        columns,
-        squeeze=False,
-        gridspec_kw={"width_ratios": [1.5, 1.0][:columns], "height_ratios": [1.15, 1.0, 0.8]},
-    )
-    figure.subplots_adjust(left=0.065, right=0.985, top=0.87, bottom=0.07, hspace=0.32, wspace=0.18)
+    ratios = {"width_ratios": [1.5, 1.0][:columns], "height_ratios": [1.15, 1.0, 0.8]}
+    panels = figure.subplots(3, columns, squeeze=False, gridspec_kw=ratios)
     walls = [element for element in elements if isinstance(element, Wall)]
     units = UNITS[trace.workspace]
-    _column(panels[:, 0], trace, walls, units, f"{name}the whole run", "time [s]", 1.0)
-    _mark_fade_in(panels[:, 0], trace, units)
+    _column(panels[:, 0], trace, walls, units, f"{name}whole run", "time [s]", 1.0)
+    _mark_fade_in(panels[:, 0], trace)
     _mark_changes(panels[:, 0], changes)
     if periods is not None:
         _draw_times(panels[2, 0], periods)
     elif trace.ideal is None:
         panels[2, 0].text(0.5, 0.5, "error unknown", transform=panels[2, 0].transAxes, ha="center")
-    _legends(panels[:, 0])
+        panels[2, 0].set_ylabel(f"error [{units.effort}]")
     if window:
         draw_law(panels[0, 1], trace, elements, effort, units)
-        _dress(panels[0, 1], f"{name}{units.effort_name} over position [{units.length}]")
+        _frame(panels[0, 1], f"{name}{units.effort_name} over position")
         close = cut(trace, *window)
-        _column(panels[1:, 1], close, walls, units, f"{name}detail, period by period", "time [ms]", 1e3)
-        panels[2, 1].set_ylabel(f"{units.effort_name} [{units.effort}]")
-        panels[0, 0].axvspan(*window, color=ORANGE, alpha=0.35, linewidth=0)
+        _column(panels[1:, 1], close, walls, units, f"{name}first force, period by period", "time [ms]", 1e3)
+        panels[0, 0].axvspan(*window, color=ORANGE, alpha=0.35, linewidth=0, label="first force")
 
 
 def _column(
@@ -211,29 +254,25 @@ def _column(
         draw(panel, trace, units, per_second)
         if panel is not panels[-1]:
             panel.sharex(panels[-1])
-        _dress(panel, title if panel is panels[0] else "")
+        _frame(panel, title if panel is panels[0] else "")
     _shade_walls(panels[0], walls, units)
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
     panels[-1].set_xlabel(time_label)
 
 
-def _dress(panel: Axes, title: str) -> None:
-    panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-    panel.set_axisbelow(True)
-    panel.spines[["top", "right"]].set_visible(False)
+def _frame(panel: Axes, title: str) -> None:
+    dress(panel, title, panel.get_xlabel(), panel.get_ylabel())
     panel.margins(x=0)
-    if title:
-        panel.set_title(title, loc="left", size=11, color=INK)
 
 
 def _draw_position(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     if trace.samples is not None and trace.sample_times is not None:
         times, samples = held(trace.sample_times, trace.samples, float(trace.times[-1]))
-        _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, f"{trace.sensor}, held for a period")
+        _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, trace.sensor)
     _line(panel, trace.times * per_second, trace.position * units.per_length, BLUE, 1.6, "handle")
     for (name, position), colour in zip(trace.virtual.items(), cycle((PURPLE, GREEN, SKY)), strict=False):
-        _line(panel, trace.times * per_second, position * units.per_length, colour, 1.4, f"virtual mass of {name}")
+        _line(panel, trace.times * per_second, position * units.per_length, colour, 1.4, f"mass of {name}")
     panel.set_ylabel(f"position [{units.length}]")
 
 
@@ -241,23 +280,38 @@ def _draw_force(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) 
     times = trace.times * per_second
     _line(panel, times, trace.force, SKY, 3.0, "rendered")
     if trace.ideal is not None:
-        _line(panel, times, trace.ideal, INK, 1.1, "ideal: continuous, exact")
-    panel.set_ylabel(f"{units.effort_name} on the handle [{units.effort}]")
+        _line(panel, times, trace.ideal, INK, 0.9, "ideal")
+    if pushes_back(trace):
+        low, high = panel.get_ylim()
+        panel.axhspan(low, min(0.0, high), facecolor="none", edgecolor="none", label="pushes back")
+        panel.set_ylim(low, high)
+    panel.set_ylabel(f"{units.effort_name} [{units.effort}]")
+
+
+def pushes_back(trace: Trace) -> bool:
+    """Return whether there is negative force, and nearly all considerable force points to the start of the handle."""
+    considerable = np.abs(trace.force) > COUNTS * float(np.abs(trace.force).max(initial=0.0))
+    force, way = trace.force[considerable], trace.position[considerable] - trace.position[0]
+    return bool((force < 0.0).any()) and float(np.mean(force * way < 0.0)) > OPPOSES
 
 
 def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     if trace.ideal is None:
         return
-    times = trace.times * per_second
+    times, error = trace.times * per_second, trace.force - trace.ideal
     at, felt = thin(times, FELT * np.abs(trace.ideal))
-    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{percent(FELT)}: not noticeable")
-    _line(panel, times, trace.force - trace.ideal, VERMILION, 1.0, "rendered − ideal")
+    panel.fill_between(at, -felt, felt, color=NOT_NOTICED, linewidth=0, label=f"below ±{percent(FELT)}: not noticed")
+    if is_smear(error):
+        at, low, high = envelope(times, error)
+        panel.fill_between(at, low, high, color=VERMILION, alpha=0.45, linewidth=0.6, label="error")
+    else:
+        _line(panel, times, error, VERMILION, 1.0, "error")
     panel.set_ylabel(f"error [{units.effort}]")
 
 
 def _draw_times(panel: Axes, periods: PeriodTimes) -> None:
-    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "feedback age")
-    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "late by")
+    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "age of the feedback")
+    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "start of the period late by")
     panel.set_ylabel("time [ms]")
     panel.set_ylim(bottom=0.0)
 
@@ -267,32 +321,32 @@ def _line(panel: Axes, times: Array, values: Array, colour: str, width: float, l
 
 
 def _shade_walls(panel: Axes, walls: list[Wall], units: AxisUnits) -> None:
-    """Draw the surface of each wall, and hatch the side on which a wall acts."""
-    # The hatching reaches to the edge of the panel, so the limits must be settled before.
+    """Draw the surface of each wall, and tint the side on which a wall acts."""
+    # The tint reaches to the edge of the panel, so the limits must be settled before.
     low, high = panel.get_ylim()
     for wall in walls:
         surface = wall.position * units.per_length
         low, high = min(low, surface), max(high, surface)
     margin = 0.12 * (high - low)
     low, high = low - margin, high + margin
-    for wall in walls:
+    for number, wall in enumerate(walls):
         surface = wall.position * units.per_length
         panel.axhline(surface, color=GREY, linewidth=1.2)
         if wall.sides == "unilateral":
             inside = (surface, high) if wall.side == "positive" else (low, surface)
-            panel.axhspan(*inside, facecolor="#ececec", edgecolor="#c4c4c4", hatch="///", linewidth=0, label="wall")
+            panel.axhspan(*inside, facecolor=WALL, linewidth=0, zorder=0, label=None if number else "wall")
     panel.set_ylim(low, high)
 
 
-def _mark_fade_in(panels: Array, trace: Trace, units: AxisUnits) -> None:
+def _mark_fade_in(panels: Array, trace: Trace) -> None:
     """Shade the fade-in, before the traces begin; the error is not computed there, only the encoder is shown."""
     if trace.sample_times is None or not trace.sample_times[0] < trace.times[0]:
         return
     first, last = float(trace.sample_times[0]), float(trace.times[0])
     for panel in panels:
         panel.axvspan(first, last, color="#f1f6fa", linewidth=0, zorder=0)
-    place = {"transform": panels[1].get_xaxis_transform(), "ha": "center", "va": "center", "rotation": 90, "size": 9}
-    panels[1].text((first + last) / 2, 0.5, "fade-in of the limit", color="#555555", **place)
+    place = {"transform": panels[1].get_xaxis_transform(), "ha": "center", "va": "center", "rotation": 90}
+    panels[1].text((first + last) / 2, 0.5, "force fades in", color=NOTE, size=NAME_SIZE, **place)
 
 
 def _mark_changes(panels: Array, changes: Sequence[float]) -> None:
@@ -300,23 +354,8 @@ def _mark_changes(panels: Array, changes: Sequence[float]) -> None:
     for time in changes:
         for panel in panels:
             panel.axvline(time, color=PURPLE, linewidth=1.2, linestyle=":")
-        place = {"transform": panels[1].get_xaxis_transform(), "ha": "right", "va": "bottom", "rotation": 90, "size": 9}
-        panels[1].text(time, 0.03, "changed ", color=PURPLE, **place)
-
-
-def _legends(panels: Array) -> None:
-    for panel in panels:
-        _legend(panel)
-
-
-def _legend(panel: Axes) -> None:
-    """Put a legend above a panel, where it hides no line."""
-    handles, labels = panel.get_legend_handles_labels()
-    if labels:
-        panel.legend(
-            handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=len(labels),
-            fontsize=9, frameon=False,
-        )  # fmt: skip
+        place = {"transform": panels[1].get_xaxis_transform(), "ha": "right", "va": "bottom", "rotation": 90}
+        panels[1].text(time, 0.03, "changed ", color=PURPLE, size=NAME_SIZE, **place)
 
 
 def first_force(trace: Trace) -> tuple[float, float] | None:

@@ -3,9 +3,9 @@
 import pytest
 
 from haptic_fieldbus import api
+from haptic_fieldbus.report.drawing import svg
 from haptic_fieldbus.study.measure.bench import Tools
 from haptic_fieldbus.study.page.buses import BUSES, BusPoint, best_of_each, bus_points, buses_table, draw
-from haptic_fieldbus.study.page.html import svg
 
 TOOLS = Tools(api.run, api.plan)
 CAN, TCP, FAST, SLOW = BUSES

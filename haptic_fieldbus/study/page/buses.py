@@ -10,23 +10,21 @@ from matplotlib.lines import Line2D
 
 from haptic_fieldbus import HapticFieldbusError, Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import BLUE, FELT, GREEN, GREY, ORANGE, VERMILION
-from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, Tools
-from haptic_fieldbus.study.measure.timing import Playback, Timed, in_turn
-from haptic_fieldbus.study.page.html import (
-    Cell,
-    Context,
-    Entry,
-    Section,
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    FELT,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
     dress,
     figure,
-    folded,
     look_of,
-    paragraph,
-    picture,
     svg,
-    table,
 )
+from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, Tools
+from haptic_fieldbus.study.measure.timing import Playback, Timed, in_turn
+from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, folded, paragraph, picture, table
 
 # Felt error of one scene on buses of both protocols: bus × velocity estimator × rate.
 #

@@ -10,15 +10,10 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import FELT, GREY, INK
-from haptic_fieldbus.study.measure import loops
-from haptic_fieldbus.study.measure.loops import Growth
-from haptic_fieldbus.study.page.html import (
-    CARD,
-    Card,
-    Cell,
-    Context,
-    Section,
+from haptic_fieldbus.report.drawing import (
+    FELT,
+    GREY,
+    INK,
     card_panel,
     dress,
     figure,
@@ -26,11 +21,11 @@ from haptic_fieldbus.study.page.html import (
     line,
     look_of,
     note,
-    paragraph,
-    picture,
     svg,
-    table,
 )
+from haptic_fieldbus.study.measure import loops
+from haptic_fieldbus.study.measure.loops import Growth
+from haptic_fieldbus.study.page.html import CARD, Card, Cell, Context, Section, paragraph, picture, table
 
 QUICK, FULL = 10**5, 10**7
 """Steps of each run."""

@@ -13,10 +13,19 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.planning.compile import grouped
-from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, VERMILION
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    FELT,
+    GREY,
+    INK,
+    VERMILION,
+    dress,
+    figure,
+    svg,
+)
 from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.bench import Bench, bench_of
-from haptic_fieldbus.study.page.html import Context, Entry, Section, dress, figure, paragraph, picture, svg, table
+from haptic_fieldbus.study.page.html import Context, Entry, Section, paragraph, picture, table
 
 # Impedance that a hand feels at the handle, Z(jω) = force of the hand over velocity, device included.
 #

@@ -9,25 +9,19 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import GREY, INK
-from haptic_fieldbus.study.measure import loops
-from haptic_fieldbus.study.measure.bench import Bench
-from haptic_fieldbus.study.measure.loops import HANDLES, LoopGrowth, flicked_free
-from haptic_fieldbus.study.page.html import (
-    Cell,
-    Context,
-    Entry,
-    Section,
+from haptic_fieldbus.report.drawing import (
+    GREY,
+    INK,
     dress,
     figure,
     legend,
     line,
-    number_text,
-    paragraph,
-    picture,
     svg,
-    table,
 )
+from haptic_fieldbus.study.measure import loops
+from haptic_fieldbus.study.measure.bench import Bench
+from haptic_fieldbus.study.measure.loops import HANDLES, LoopGrowth, flicked_free
+from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, number_text, paragraph, picture, table
 
 QUICK, FULL = 40, 160
 """Number of stiffnesses tried."""

@@ -9,10 +9,17 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus import Result, Rig, Scene, SceneAxis, Workspace
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.drawing import BLUE, INK, ORANGE
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    INK,
+    ORANGE,
+    dress,
+    figure,
+    svg,
+)
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.measure.bench import Tools
-from haptic_fieldbus.study.page.html import Context, Section, dress, figure, paragraph, picture, svg, table
+from haptic_fieldbus.study.page.html import Context, Section, paragraph, picture, table
 
 # What the passivity controller does to a wall: how its oscillation decays or grows, what it feels like, and its cost.
 #

@@ -7,21 +7,20 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus import HapticFieldbusError
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools, library_scenes
-from haptic_fieldbus.study.page.html import (
-    Cell,
-    Context,
-    Entry,
-    Section,
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
     dress,
     figure,
-    number_text,
-    paragraph,
-    picture,
     svg,
-    table,
 )
+from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools, library_scenes
+from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, number_text, paragraph, picture, table
 
 # Force error of the shipped scenes on the simulated bench, split by source.
 

@@ -10,22 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, VERMILION
-from haptic_fieldbus.study.case import Case, CaseResult
-from haptic_fieldbus.study.cases import CASES
-from haptic_fieldbus.study.page.html import (
-    WIDE_CARD,
-    Card,
-    Cell,
-    Context,
-    Section,
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILION,
     card_panel,
     figure,
-    paragraph,
-    picture,
     svg,
-    table,
 )
+from haptic_fieldbus.study.case import Case, CaseResult
+from haptic_fieldbus.study.cases import CASES
+from haptic_fieldbus.study.page.html import WIDE_CARD, Card, Cell, Context, Section, paragraph, picture, table
 
 # All stiff and extreme cases by margin, in one figure: how much of what is permitted each of them needs.
 

@@ -12,7 +12,21 @@ from matplotlib.lines import Line2D
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, ORANGE
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    FELT,
+    GREY,
+    INK,
+    ORANGE,
+    card_panel,
+    dress,
+    figure,
+    legend,
+    line,
+    look_of,
+    note,
+    svg,
+)
 from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.loops import Contact
 from haptic_fieldbus.study.measure.problems import Problem, problems, step_counts
@@ -24,18 +38,10 @@ from haptic_fieldbus.study.page.html import (
     Context,
     Entry,
     Section,
-    card_panel,
-    dress,
-    figure,
     folded,
-    legend,
-    line,
-    look_of,
-    note,
     number_text,
     paragraph,
     picture,
-    svg,
     table,
 )
 
