@@ -137,7 +137,7 @@ def _panel(panel: Axes, region: Region) -> None:
     panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=VERMILION)
     panel.set_xlim(0.0, region.damping[-1])
     panel.set_ylim(0.0, scale * region.stiffness[-1])
-    dress(panel, region.title, "virtual damping B [N·s/m]", "virtual stiffness K [N/mm]")
+    dress(panel, region.title, "virtual damping [N·s/m]", "virtual stiffness [N/mm]")
     panel.grid(visible=False)
 
 
