@@ -1,7 +1,7 @@
 # Two commands for newcomers:  make demo      renders a wall on a simulated drive and draws it
 #                              make test      the quick lane of the tests, and how much of the code they must cover
 # Before a commit:             make check     style, types, import contracts
-# After one thing is added:   make docs      pages, tables, schemas and the picture that follow from the code
+# After one thing is added:   make docs      pages, tables, schemas and pictures that follow from the code
 # Before a release:            make test-all  every test
 #                              make test-vendor   the tests that read vendors' EDS files
 #                              make soak      ten thousand seeded faulty runs, and more, within 90 minutes
@@ -81,6 +81,7 @@ docs: setup
 	$(BIN)/python docs/make_buses.py
 	$(BIN)/python docs/make_elements.py
 	$(BIN)/python docs/make_faults.py
+	$(BIN)/python docs/make_figures.py
 	$(BIN)/python docs/make_modbus_profiles.py
 	$(BIN)/python docs/make_rig_files.py
 	$(BIN)/python docs/make_tables.py

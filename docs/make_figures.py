@@ -1,15 +1,22 @@
-"""The figures of docs/explanation/lecture.md: `python docs/make_figures.py`.
+"""Pictures of the pages: `python docs/make_figures.py` draws all, and with names, such as `lecture/step.png`, these.
 
-Those that a command draws are drawn by that command; the others show parts that no command has by itself.
+A picture that a command draws is drawn by that command; the others show parts that no command has by itself. Each file
+tells as text what it shows (`report.drawing.content`); a test compares this with what would be drawn today.
 """
 
+import io
+import json
 import math
+import sys
 from collections.abc import Callable
-from os import chdir
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from haptic_fieldbus import api
 from haptic_fieldbus.cli import main
@@ -18,12 +25,15 @@ from haptic_fieldbus.numerics.estimators.tachometer import bind_position
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.drawing import (
     BLUE,
+    CONTENT,
     GREY,
     INK,
     VERMILION,
     dress,
     figure,
     line,
+    name_lines,
+    save,
 )
 from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
@@ -34,19 +44,21 @@ from haptic_fieldbus.study.page import integrator as integrator_page
 from haptic_fieldbus.study.page import work_precision as work_precision_page
 
 PROJECT = Path(__file__).resolve().parents[1]
-FOLDER = PROJECT / "docs" / "images" / "lecture"
-DPI = 80
+FOLDER = PROJECT / "docs" / "images"
+COLOURS = 128
+"""Colours of a file; more would make it larger, and not better to read."""
 
 COMMANDS = {
-    "step.png": "response sprung_mass --input step --amplitude 0.01",
-    "euler.png": "response sprung_mass --method forward-euler --amplitude 0.01 --duration 10",
-    "slow.png": "response sprung_mass --method trapezoidal --amplitude 0.01 --rate 10 --duration 3",
-    "poles.png": "response sprung_mass --model --rate 20",
-    "free_puck.png": "response free_puck --amplitude 0.01 --duration 2",
-    "wall.png": "run wall --duration 3",
-    "chatter.png": "run wall --set wall.stiffness=20000 --force --hand release --duration 3",
-    "coarse.png": "run wall --rig examples/lecture/coarse_encoder.toml --set wall.stiffness=1000 --duration 3",
-    "region.png": "stability damped_wall",
+    "demo.png": "run wall --drive maxon_epos4 --hand release --duration 3",
+    "lecture/step.png": "response sprung_mass --input step --amplitude 0.01",
+    "lecture/euler.png": "response sprung_mass --method forward-euler --amplitude 0.01 --duration 10",
+    "lecture/slow.png": "response sprung_mass --method trapezoidal --amplitude 0.01 --rate 10 --duration 3",
+    "lecture/poles.png": "response sprung_mass --model --rate 20",
+    "lecture/free_puck.png": "response free_puck --amplitude 0.01 --duration 2",
+    "lecture/wall.png": "run wall --duration 3",
+    "lecture/chatter.png": "run wall --set wall.stiffness=20000 --force --hand release --duration 3",
+    "lecture/coarse.png": "run wall --rig examples/lecture/coarse_encoder.toml --set wall.stiffness=1000 --duration 3",
+    "lecture/region.png": "stability damped_wall",
 }
 NOISE_RATE, NOISE_TIME = 100.0, 10.0
 ESTIMATORS = ("backward-difference", "low-pass:pole=0.97", "moving-average:window=63", "least-squares:window=63")
@@ -57,27 +69,28 @@ def noise() -> Figure:
     period = 1.0 / NOISE_RATE
     times = np.arange(0.0, NOISE_TIME, period)
     signal = np.sin(times) + 0.1 * np.sin(10.0 * times)
-    drawn = figure(5.2)
+    told = ["y = sin t + 0.1 sin 10t; the fast part is noise. Estimators that smooth more are later."]
+    drawn = figure(6.0, title="Noise 10 % becomes 100 %", subtitle=told)
     top, bottom = drawn.subplots(2, 1, sharex=True)
     top.plot(times, np.sin(times), color=GREY, linewidth=1.2, label="sin t")
-    top.plot(times, signal, color=BLUE, linewidth=1.6, label="y = sin t + 0.1 sin 10t")
-    bottom.plot(times, np.cos(times), color=GREY, linewidth=1.2, label="cos t, what is wanted")
+    top.plot(times, signal, color=BLUE, linewidth=1.6, label="y")
+    bottom.plot(times, np.cos(times), color=GREY, linewidth=1.2, label="exact, cos t")
     for name in ESTIMATORS:
         found = [estimate(value) for estimate in (estimators.bind(name, period),) for value in signal.tolist()]
         bottom.plot(times[1:], found[1:], **line(name.partition(":")[0], name, marked=False))
-    top.set_ylim(-1.4, 1.9)
-    bottom.set_ylim(-2.4, 3.6)
-    dress(top, "10 % of noise in the position …", "", "y [1]")
-    dress(bottom, "… is 100 % of noise in its derivative", "time [s]", "ẏ [1/s]")
+    dress(top, "position", "", "y [1]")
+    dress(bottom, "its derivative, by estimator", "time [s]", "derivative of y [1/s]")
     for panel in (top, bottom):
-        panel.legend(loc="upper right", frameon=False, fontsize=9, ncols=3)
-        panel.margins(x=0)
+        panel.margins(x=0, y=0.15)
+    name_lines(drawn)
     return drawn
 
 
 def tachometer() -> Figure:
     """Position by the trapezoid from a tachometer: slow signals are rounded away, fast ones are missed."""
-    drawn = figure(3.6)
+    drawn = figure(
+        4.4, title="Rounding down: 50 mm drift", subtitle=["Position from a tachometer by the trapezoid, at 1 kHz"]
+    )
     left, right = drawn.subplots(1, 2)
     period, step = 1e-3, 0.01
     times = np.arange(0.0, 10.0, period)
@@ -91,10 +104,9 @@ def tachometer() -> Figure:
     dress(left, "a slow motion, velocity in steps of 10 mm/s", "time [s]", "position [mm]")
     frequency = np.linspace(1.0, 500.0, 400)
     half = math.pi * frequency * period
-    right.plot(frequency, half / np.tan(half), color=BLUE, label="amplitude kept, at 1 kHz")
+    right.plot(frequency, half / np.tan(half), color=BLUE, label="amplitude that is left")
     dress(right, "fast motions", "frequency [Hz]", "share of the amplitude [1]")
-    for panel in (left, right):
-        panel.legend(frameon=False, fontsize=9)
+    name_lines(drawn)
     return drawn
 
 
@@ -117,27 +129,48 @@ def in_the_loop() -> Figure:
 
 
 DRAWN: dict[str, Callable[[], Figure]] = {
-    "noise.png": noise,
-    "tachometer.png": tachometer,
-    "cost.png": cost,
-    "growth.png": along_the_run,
-    "loop.png": in_the_loop,
+    "lecture/noise.png": noise,
+    "lecture/tachometer.png": tachometer,
+    "lecture/cost.png": cost,
+    "lecture/growth.png": along_the_run,
+    "lecture/loop.png": in_the_loop,
 }
 
 
-def make() -> None:
-    """All of them."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    chdir(PROJECT)  # commands name files of examples/
-    for name, words in COMMANDS.items():
+PICTURES = (*COMMANDS, *DRAWN)
+
+
+def draw(name: str, path: Path) -> None:
+    """Draw a picture into a file."""
+    if name in DRAWN:
+        save(DRAWN[name](), path)
+        return
+    with chdir(PROJECT), redirect_stdout(io.StringIO()):  # commands name files of examples/
         try:
-            main([*words.split(), "--plot", str(FOLDER / name)])
+            main([*COMMANDS[name].split(), "--plot", str(path)])
         except SystemExit as stopped:
             if stopped.code:
                 raise
-    for name, draw in DRAWN.items():
-        draw().savefig(FOLDER / name, dpi=DPI)
+
+
+def shown(path: Path) -> dict[str, Any]:
+    """Return what a picture shows, as its file tells; empty when it does not tell."""
+    with Image.open(path) as image:
+        found: dict[str, Any] = json.loads(getattr(image, "text", {}).get(CONTENT, "{}"))
+        return found
+
+
+def make(names: tuple[str, ...]) -> None:
+    """Draw pictures into the folder of the pages, in files as small as possible."""
+    for name in names:
+        path = FOLDER / name
+        draw(name, path)
+        words = PngInfo()
+        words.add_text(CONTENT, json.dumps(shown(path)), zip=True)
+        with Image.open(path) as image:
+            small = image.convert("RGB").quantize(COLOURS)
+        small.save(path, optimize=True, pnginfo=words)
 
 
 if __name__ == "__main__":
-    make()
+    make(tuple(sys.argv[1:]) or PICTURES)

@@ -362,10 +362,8 @@ def _points(artist: Artist) -> Array:
         steps = (np.abs(np.diff(corners, axis=0)).max(axis=1) // 5.0).astype(int) + 1
         starts = np.repeat(np.cumsum(steps) - steps, steps)
         share = ((np.arange(steps.sum()) - starts) / np.repeat(steps, steps))[:, None]
-        found += [
-            np.repeat(corners[:-1], steps, axis=0) * (1.0 - share) + np.repeat(corners[1:], steps, axis=0) * share
-        ]
-        found.append(corners[-1:])
+        before, after = (np.repeat(ends, steps, axis=0) for ends in (corners[:-1], corners[1:]))
+        found += [before * (1.0 - share) + after * share, corners[-1:]]
     return np.concatenate(found)
 
 
@@ -460,7 +458,8 @@ def _panel_content(panel: Axes) -> dict[str, Any]:
     rows = [[str(each.get_color()), str(each.get_linestyle()), float(each.get_linewidth()), str(each.get_marker()),
              [] if measured else _blocks(np.asarray(each.get_xydata(), float))] for each in panel.lines]  # fmt: skip
     areas = [_blocks(np.asarray(path.vertices, float)) for each in panel.collections for path in each.get_paths()]
-    return {"range": [] if measured else [float(f"{v:.6g}") for v in (*panel.get_xlim(), *panel.get_ylim())],
+    return {"scales": [panel.get_xscale(), panel.get_yscale()],
+            "range": [] if measured else [float(f"{v:.6g}") for v in (*panel.get_xlim(), *panel.get_ylim())],
             "lines": rows, "areas": [] if measured else areas}  # fmt: skip
 
 

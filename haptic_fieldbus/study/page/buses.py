@@ -170,8 +170,8 @@ def draw(points: Sequence[BusPoint]) -> Figure:
         panel.set_ylim(top=130.0 * CEILING)
         panel.set_yticks(TICKS, map(exactly, TICKS))
         panel.minorticks_off()
-    dress(left, "error over the cost of a period", "time on the bus and computing, a period [ms]", "felt error [%]")
-    dress(right, "work–precision: error over computing", "computing time for one second [µs]", "")
+    dress(left, "error over the cost of a period", "time on the bus and computing in a period [ms]", "felt error [%]")
+    dress(right, "error over computing", "computing time for one second of simulated time [µs]", "")
     seen = dict.fromkeys(point.estimator for point in points)
     handles = [Line2D([], [], color=colour, linewidth=3.0, label=name) for name, colour in COLOURS.items()]
     handles += [Line2D([], [], color=GREY, linestyle="none", marker=look_of(name).marker, label=name) for name in seen]

@@ -76,8 +76,8 @@ def draw(swings: Sequence[Growth]) -> Figure:
     left.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
     left.annotate("not noticeable", (0.01, FELT), xycoords=("axes fraction", "data"), va="bottom", size=8.5,
                   color="#666666")  # fmt: skip
-    dress(left, "force", "steps", "largest error / amplitude")
-    dress(right, "energy", "steps", "|energy / energy at the start − 1|")
+    dress(left, "error of the force", "steps [1]", "largest error over amplitude [1]")
+    dress(right, "drift of the energy", "steps [1]", "|energy / energy at the start − 1| [1]")
     legend(drawn, {swing.method: swing.method for swing in swings}, ncols=5)
     return drawn
 
@@ -92,7 +92,7 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
     note(panel, FELT, "noticeable above", right=False)
     panel.set_ylim(LOWEST, HIGHEST)
     panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
-    card_panel(panel, "", "steps of the loop", "largest error / amplitude")
+    card_panel(panel, "", "steps of the loop [1]", "largest error over amplitude [1]")
     _name_ends(panel, {swing.method: min(max(swing.error[-1], LOWEST), HIGHEST) for swing in swings})
     return drawn
 

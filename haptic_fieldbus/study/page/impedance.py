@@ -21,6 +21,7 @@ from haptic_fieldbus.report.drawing import (
     VERMILION,
     dress,
     figure,
+    name_lines,
     svg,
 )
 from haptic_fieldbus.study.analysis.batch import Array
@@ -177,10 +178,10 @@ def draw(impedances: Sequence[Impedance]) -> Figure:
         top_of = 1.5 * float(curve.ideal.real.max())
         bottom.set_ylim(-0.6 * top_of, top_of)
         first = curve is impedances[0]
-        dress(top, curve.scene, "", "|Z| [N·s/m]" if first else "")
-        dress(middle, "", "", "|Z / ideal − 1|" if first else "")
-        dress(bottom, "", "frequency [Hz]", "Re Z [N·s/m]" if first else "")
-    drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+        dress(top, curve.scene, "", "impedance |Z| [N·s/m]" if first else "")
+        dress(middle, "", "", "error |Z / ideal − 1| [1]" if first else "")
+        dress(bottom, "", "frequency [Hz]", "real part of Z [N·s/m]" if first else "")
+    name_lines(drawn, panels[0, :1])
     return drawn
 
 

@@ -16,6 +16,7 @@ from haptic_fieldbus.report.drawing import (
     figure,
     legend,
     line,
+    name_lines,
     svg,
 )
 from haptic_fieldbus.study.measure import loops
@@ -111,8 +112,13 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
     # Growing curves leave the frame; a frame around them would hide the stable ones.
     panel.set_ylim(-3.0 * largest, 3.0 * largest)
     panel.margins(x=0)
-    dress(panel, f"virtual mass of 0.5 kg on {stiffness:.0f} N/m, handle free", "time [s]", "force on the handle [N]")
-    panel.legend(loc="upper left", ncols=5, frameon=False, fontsize=9)
+    dress(
+        panel,
+        f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free",
+        "time [s]",
+        "force on the handle [N]",
+    )
+    name_lines(drawn)
     return drawn
 
 

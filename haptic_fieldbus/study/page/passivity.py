@@ -15,6 +15,7 @@ from haptic_fieldbus.report.drawing import (
     ORANGE,
     dress,
     figure,
+    name_lines,
     svg,
 )
 from haptic_fieldbus.scenes.wall import Wall
@@ -179,8 +180,8 @@ def draw(found: Sequence[Decay]) -> Figure:
         panel.plot([each.share for each in rows], [each.growth for each in rows], "o-", color=COLOURS[controlled],
                    label=name)  # fmt: skip
     panel.axhline(1.0, color=INK, linewidth=0.8, linestyle="--")
-    dress(panel, "a handle released beside a wall", "stiffness / stability limit [1]", "growth per swing [1]")
-    panel.legend(frameon=False, fontsize=9)
+    dress(panel, "a handle released beside a wall", "stiffness over the stability limit [1]", "growth per swing [1]")
+    name_lines(drawn)
     return drawn
 
 

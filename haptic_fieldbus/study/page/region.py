@@ -61,7 +61,12 @@ def _plane_panel(panel: Axes, plane: Plane) -> None:
     panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
     panel.set_xlim(0.0, LARGEST)
     panel.set_ylim(0.0, LARGEST)
-    dress(panel, f"released {exactly(plane.start)} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
+    dress(
+        panel,
+        f"released {exactly(plane.start)} counts away",
+        "damping over K·T: β = b/(K·T) [1]",
+        "friction over K·D: σ = fc/(K·D) [1]",
+    )
     panel.grid(visible=False)
 
 

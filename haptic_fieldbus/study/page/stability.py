@@ -109,11 +109,11 @@ def _frame(panel: Axes, rows: Sequence[str]) -> None:
     panel.axvspan(3.0 * FURTHEST, 10.0 * EXACT, color="#eef6f2", linewidth=0, zorder=0)
     panel.set_yticks(range(len(rows)), rows)
     panel.set_ylim(len(rows) - 0.4, -0.6)
-    card_panel(panel, "", "margin: deviation permitted over deviation found", "")
+    card_panel(panel, "", "margin: deviation permitted over deviation found [1]", "")
     ticks = [10.0**power for power in range(0, 11, 2)]
     panel.set_xticks([*ticks, EXACT], [*(rounded(tick) for tick in ticks), "exact"])
     panel.minorticks_off()
-    panel.text(0.32, len(rows) - 0.75, "fails", ha="center", size=7, color=GREY)
+    panel.text(0.32, -0.35, "fails", ha="center", va="center", size=7, color=GREY)
 
 
 # Section on stiff and extreme cases; a case that raises an error counts as failed, and the others go on.

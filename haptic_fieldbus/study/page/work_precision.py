@@ -17,6 +17,7 @@ from haptic_fieldbus.report.drawing import (
     FELT,
     GREY,
     INK,
+    MEASURED,
     ORANGE,
     card_panel,
     dress,
@@ -89,7 +90,7 @@ def draw_all(sets_of_problems: Sequence[Sequence[Set]]) -> Figure:
             _line(loops, curve(runs), color=colour, linewidth=0.9, marker="o", markersize=2.0)
     for panel in (alone, loops):
         _frame(panel)
-    card_panel(alone, f"step alone: median of {len(known)} problems", "", "rms error / largest force")
+    card_panel(alone, f"step alone: median of {len(known)} problems", "", "rms error over largest force [1]")
     card_panel(loops, "in the loop, held by a hand", "", "")
     drawn.supxlabel("computing time for one second of simulated time [µs]", size=8)
     _legend(drawn, [each.method for each in known[0]] if known else [])
@@ -233,8 +234,9 @@ def draw(sets: Sequence[Set]) -> Figure:
         panel.set_ylim(low, top)
     left.annotate("not noticeable", (0.995, FELT * peak), xycoords=("axes fraction", "data"), ha="right", va="top",
                   size=8.5, color="#666666", xytext=(0, -2), textcoords="offset points")  # fmt: skip
-    dress(left, "accuracy: error over step size", "period [ms]", "rms error of the force [N]")
-    dress(right, "work–precision: error over cost", "computing time for one second [µs]", "")
+    dress(left, "error over step size", "period [ms]", "rms error of the force [N]")
+    dress(right, "error over cost", "computing time for one second of simulated time [µs]", "")
+    right.set_gid(MEASURED)
     labels = {each.method: f"{each.method}  {order_words(each)}" for each in sets}
     legend(drawn, labels, ncols=3, title="method, and order observed (claimed)", title_fontsize=9)
     return drawn
