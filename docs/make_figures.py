@@ -45,7 +45,7 @@ from haptic_fieldbus.study.page import work_precision as work_precision_page
 
 PROJECT = Path(__file__).resolve().parents[1]
 FOLDER = PROJECT / "docs" / "images"
-COLOURS = 128
+COLOURS = 256
 """Colours of a file; more would make it larger, and not better to read."""
 
 COMMANDS = {
@@ -168,7 +168,7 @@ def make(names: tuple[str, ...]) -> None:
         words = PngInfo()
         words.add_text(CONTENT, json.dumps(shown(path)), zip=True)
         with Image.open(path) as image:
-            small = image.convert("RGB").quantize(COLOURS)
+            small = image.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
         small.save(path, optimize=True, pnginfo=words)
 
 

@@ -128,6 +128,8 @@ def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
 
 # Picture of an open-loop response: positions, velocities and force over time, as in the figures of the lecture.
 
+GROWS = 1.0 + 1e-6
+"""Spectral radius from which a motion grows, and does not only seem so by rounding."""
 COLOURS = (ORANGE, GREEN, PURPLE, SKY)
 OUTER = 0.02
 """Share of the samples that may leave the panel of the force: an impulse in one period would hide everything else."""
@@ -144,7 +146,8 @@ def draw_response(response: Response, title: str) -> Figure:
     velocities = [name for name in response.states if name.endswith("velocity")]
     method = f"; integrator {response.method}" if response.method else ""
     size = f"{units.effort_name} {in_unit(float(np.abs(response.force).max()), units.effort)}"
-    few = "Diverges" if response.diverged else f"Largest {size}"
+    grows = response.spectral_radius is not None and response.spectral_radius > GROWS
+    few = "Diverges" if response.diverged else f"{'Grows to a' if grows else 'Largest'} {size}"
     told = f"{title}{method}; period {in_unit(_period(response), 's')}"
     drawn = figure(7.6 if velocities else 5.6, 10.0, few, [told])
     panels = list(drawn.subplots(3 if velocities else 2, 1, sharex=True))

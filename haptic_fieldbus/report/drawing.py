@@ -3,7 +3,7 @@
 Lines of many points are thinned to the least and the greatest value of each bin, so that no spike is lost. Colours are
 from the palette of Okabe and Ito, which can be distinguished with any colour vision (https://jfly.uni-koeln.de/color/).
 
-Up to `NAMED` lines and areas of a panel have their names beside them instead of a legend. A name is tried at many
+Areas, and up to `NAMED` lines of a panel, have their names beside them instead of a legend. A name is tried at many
 places along its line, or inside its area. The place with the fewest points of other lines below it is taken, if it lies
 inside the panel and hides no other text; a panel in which a name has no such place gets a legend.
 
@@ -237,7 +237,7 @@ def side_by_side(items: Sequence[Item], draw: Callable[[Axes, Item], None], heig
 # Names beside lines and areas.
 
 NAMED = 6
-"""Largest number of lines and areas of a panel that have their names beside them instead of a legend."""
+"""Largest number of lines of a panel that have their names beside them instead of a legend."""
 GAP = 4.0
 """Distance of a name from its line [pixels]."""
 CELL = 3.0
@@ -258,7 +258,8 @@ def name_lines(drawn: Figure, panels: Iterable[Axes] | None = None) -> None:
         drawn.set_layout_engine("none")
     for panel in drawn.axes if panels is None else panels:
         handles, labels = panel.get_legend_handles_labels()
-        if 0 < len(labels) <= NAMED and not _name_all(panel, list(zip(handles, labels, strict=True))):
+        lines = sum(isinstance(each, Line2D) for each in handles)
+        if len(labels) > 0 and lines <= NAMED and not _name_all(panel, list(zip(handles, labels, strict=True))):
             panel.legend(fontsize=NAME_SIZE - 1.0, loc="best", framealpha=0.85, edgecolor="none")
 
 

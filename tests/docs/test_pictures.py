@@ -1,0 +1,115 @@
+"""Pictures of the pages: drawn by one command, as today's code draws them, small, and with texts that can be read."""
+
+import importlib.util
+import re
+from copy import deepcopy
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from haptic_fieldbus import api
+from haptic_fieldbus.report.drawing import content, dress, figure, name_lines
+from haptic_fieldbus.study.make_report import make_report
+from haptic_fieldbus.study.measure.bench import Tools
+from tests.pictures import differences, misplaced
+
+PROJECT = Path(__file__).resolve().parents[2]
+FOLDER = PROJECT / "docs" / "images"
+LARGEST = 150_000
+"""Size of a file [bytes]."""
+LINK = re.compile(r"!\[[^\]]+\]\(([^)\s]+\.png)\)")
+
+
+def load() -> ModuleType:
+    """The script that draws the pictures."""
+    spec = importlib.util.spec_from_file_location("make_figures", PROJECT / "docs" / "make_figures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+FIGURES = load()
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """All figures that are written into files."""
+    found: list[Figure] = []
+    write = Figure.savefig
+
+    def savefig(self: Figure, *args: Any, **words: Any) -> None:
+        found.append(self)
+        write(self, *args, **words)
+
+    monkeypatch.setattr(Figure, "savefig", savefig)
+    return found
+
+
+def test_every_picture_of_the_pages_is_drawn_by_make_docs_and_every_drawn_one_is_shown() -> None:
+    pages = [PROJECT / "README.md", *(PROJECT / "docs").rglob("*.md")]
+    shown = {(page.parent / link).resolve() for page in pages for link in LINK.findall(page.read_text("utf-8"))}
+    assert shown == {FOLDER / name for name in FIGURES.PICTURES}
+    assert shown == {*FOLDER.rglob("*.png")}
+    assert "docs/make_figures.py" in (PROJECT / "Makefile").read_text("utf-8")
+
+
+def test_files_are_small_and_tell_what_they_show() -> None:
+    for name in FIGURES.PICTURES:
+        assert (FOLDER / name).stat().st_size < LARGEST, name
+        assert FIGURES.shown(FOLDER / name)["panels"], name
+
+
+@pytest.mark.thorough("draws every picture", quick=("lecture/step.png", "lecture/tachometer.png"))
+@pytest.mark.parametrize("name", FIGURES.PICTURES)
+def test_a_picture_is_as_today_s_code_draws_it(name: str, drawn: list[Figure], tmp_path: Path) -> None:
+    FIGURES.draw(name, tmp_path / "now.png")
+    assert differences(FIGURES.shown(FOLDER / name), FIGURES.shown(tmp_path / "now.png")) == [], "run: make docs"
+    assert [misplaced(each) for each in drawn] == [[]]
+
+
+@pytest.mark.thorough("makes a report")
+def test_in_the_figures_of_a_report_no_texts_overlap_or_leave_the_canvas(drawn: list[Figure], tmp_path: Path) -> None:
+    report = make_report(tmp_path, Tools(api.run, api.plan), quick=True)
+    assert report.findings
+    assert len(drawn) > 15
+    assert {found for each in drawn for found in misplaced(each)} == set()
+
+
+def wave(name: str = "wave", height: float = 1.0) -> Figure:
+    picture = figure(3.0, 5.0, "Three words 1")
+    panel = picture.subplots()
+    panel.plot([0.0, 1.0, 2.0], [0.0, height, 0.0], label=name)
+    dress(panel, "a wave", "time [s]", "height [m]")
+    name_lines(picture)
+    return picture
+
+
+def test_a_stale_picture_is_found() -> None:
+    then = content(wave())
+    assert differences(then, content(wave())) == []
+    assert differences(then, content(wave(height=1.001))) == []
+    assert differences(then, content(wave("ripple")))
+    assert differences(then, content(wave(height=1.2)))
+    assert differences({}, then)
+    other = wave()
+    other.axes[0].axhline(0.5)
+    assert differences(then, content(other))
+    logarithmic = deepcopy(then)
+    logarithmic["panels"][0]["scales"] = ["linear", "log"]
+    assert differences(then, logarithmic)
+
+
+def test_texts_that_overlap_or_leave_the_canvas_are_found() -> None:
+    assert misplaced(wave()) == []
+    picture = wave()
+    picture.text(0.95, 0.5, "far out to the right")
+    assert misplaced(picture) == ["outside: 'far out to the right'"]
+    picture = wave()
+    for word in ("one", "other"):
+        picture.axes[0].text(1.0, 0.4, word)
+    assert misplaced(picture) == ["overlap: 'one' and 'other'"]
