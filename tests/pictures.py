@@ -1,4 +1,4 @@
-"""What is wrong with a picture: texts that overlap or leave the canvas, and files that today's code would not draw."""
+"""Faults of a picture: texts that overlap or leave the canvas, and files that today's code would not draw."""
 
 import math
 import re

@@ -174,10 +174,11 @@ def figure(height: float, width: float = WIDTH, title: str = "", subtitle: Seque
     drawn = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
     top = 0.1
-    for text, size, looks in ((title, TITLE_SIZE, {"weight": "bold", "color": INK}),
-                              ("\n".join(subtitle), SUBTITLE_SIZE, {"color": NOTE})):  # fmt: skip
-        # Letters are about 0.57 of their size wide; bold ones are larger, and their texts shorter.
-        lines = [fill(line, int((width - 0.4) * 72 / (0.57 * size))) for line in text.splitlines()]
+    bold: dict[str, Any] = {"weight": "bold", "color": INK}
+    # Letters are about so much of their size wide.
+    for text, size, share, looks in ((title, TITLE_SIZE, 0.7, bold),
+                                     ("\n".join(subtitle), SUBTITLE_SIZE, 0.57, {"color": NOTE})):  # fmt: skip
+        lines = [fill(line, int((width - 0.4) * 72 / (share * size))) for line in text.splitlines()]
         if lines:
             drawn.text(0.2 / width, 1.0 - top / height, "\n".join(lines), size=size, va="top", **looks)
             top += 1.35 * size / 72 * "\n".join(lines).count("\n") + 1.5 * size / 72

@@ -310,8 +310,8 @@ def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) 
 
 
 def _draw_times(panel: Axes, periods: PeriodTimes) -> None:
-    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "age of the feedback")
-    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "start of the period late by")
+    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "feedback age")
+    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "period starts late by")
     panel.set_ylabel("time [ms]")
     panel.set_ylim(bottom=0.0)
 

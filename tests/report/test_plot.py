@@ -8,12 +8,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, TorqueError, Trace
 from haptic_fieldbus.report.drawing import BINS, held, thin
-from haptic_fieldbus.report.plot import ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, plot_run
+from haptic_fieldbus.report.plot import (
+    ZOOM_AFTER,
+    ZOOM_BEFORE,
+    cut,
+    draw_axis,
+    draw_run,
+    first_force,
+    headline,
+    plot_run,
+    pushes_back,
+)
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from tests.pictures import misplaced
 
 PERIOD, POINTS = 1e-3, 16
 
@@ -69,30 +81,89 @@ def labels(figure: Figure, panel: int) -> set[str]:
 def test_position_wall_force_and_error_are_on_the_picture() -> None:
     figure = panels_of(push(), Wall("handle", 600.0, 0.02))
     assert len(figure.axes) == 6
-    assert labels(figure, 0) == {"encoder, held for a period", "handle", "wall"}
-    assert labels(figure, 2) == {"rendered", "ideal: continuous, exact"}
-    assert labels(figure, 4) == {"rendered − ideal", "±8 %: not noticeable"}
+    assert labels(figure, 0) == {"encoder", "handle", "wall", "first force"}
+    assert labels(figure, 2) == {"rendered", "ideal", "pushes back"}
+    assert labels(figure, 4) == {"error", "below ±8 %: not noticed"}
     assert [panel.get_ylabel() for panel in figure.axes] == [
         "position [mm]", "force [N]",
-        "force on the handle [N]", "position [mm]",
+        "force [N]", "position [mm]",
         "error [N]", "force [N]",
     ]  # fmt: skip
     assert [panel.get_title("left") for panel in figure.axes[1::2]] == [
-        "force over position [mm]", "detail, period by period", "",
+        "force over position", "first force, period by period", "",
+    ]  # fmt: skip
+    assert [panel.get_xlabel() for panel in figure.axes] == [
+        "", "position [mm]", "", "", "time [s]", "time [ms]",
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("side", "inside"), [("positive", 25.0), ("negative", 15.0)])
 def test_the_wall_is_shaded_where_its_material_is(side: str, inside: float) -> None:
     figure = panels_of(push(), Wall("handle", 600.0, 0.02, side="positive" if side == "positive" else "negative"))
-    (shade,) = [patch for patch in figure.axes[0].patches if patch.get_hatch()]
+    (shade,) = walls_of(figure)
+    assert not shade.get_hatch()
     low, high = shade.get_extents().transformed(figure.axes[0].transData.inverted()).intervaly
     assert low < inside < high
 
 
+def walls_of(figure: Figure) -> list[Patch]:
+    return [patch for patch in figure.axes[0].patches if patch.get_label() == "wall"]
+
+
 def test_a_bilateral_wall_is_a_line_without_material() -> None:
     figure = panels_of(push(), Wall("handle", 600.0, 0.02, sides="bilateral"))
-    assert not [patch for patch in figure.axes[0].patches if patch.get_hatch()]
+    assert not walls_of(figure)
+
+
+def test_names_stand_at_their_lines_and_nothing_overlaps() -> None:
+    figure = draw_run(result_of(push(), walls=(Wall("handle", 600.0, 0.02),)))
+    assert misplaced(figure) == []
+    assert [panel.get_legend() for panel in figure.axes] == [None] * 6
+    shown = [{text.get_text() for text in panel.texts} for panel in figure.axes]
+    assert all(labels(figure, number) <= texts for number, texts in enumerate(shown))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "few", "rest"),
+    [
+        ('Feels right: force error 1.4 % (people notice from 8 %), hand "tap".', "Feels right: force error 1.4 %",
+         'People notice from 8 %, hand "tap".'),
+        ("No contact in this run: nothing touched.", "No contact in this run: nothing touched", ""),
+        ("Feels right, 2 ms late (people notice from 30 ms): force error 3 %.", "Feels right",
+         "2 ms late (people notice from 30 ms): force error 3 %."),
+        (None, "wall", ""),
+    ],
+)  # fmt: skip
+def test_the_title_is_the_begin_of_the_verdict(verdict: str | None, few: str, rest: str) -> None:
+    assert headline(replace(result_of(push()), verdict=verdict)) == (few, rest)
+
+
+def test_the_title_of_an_unstable_run_has_the_limit() -> None:
+    limits = SimpleNamespace(stable=1492.0)
+    found = SimpleNamespace(stiffness=20000.0, stiffness_limit=limits, cautious=SimpleNamespace(stable=750.0))
+    axis = SimpleNamespace(name="handle", workspace=Workspace.LINEAR, stability=found)
+    plan = cast("None", SimpleNamespace(axes=(axis,)))
+    unstable = replace(result_of(push()), verdict="Unstable: above the limit. A hand may damp it.", plan=plan)
+    assert headline(unstable) == ("Unstable: 20000 N/m, limit 750 N/m", "Above the limit. A hand may damp it.")
+
+
+def test_force_towards_the_start_pushes_back_and_other_force_does_not() -> None:
+    trace = push()
+    assert pushes_back(trace)
+    assert not pushes_back(replace(trace, force=-trace.force))
+    assert not pushes_back(replace(trace, force=0.0 * trace.force))
+    assert not pushes_back(replace(trace, force=np.where(trace.times < 1.0, -1.0, 1.0)))
+
+
+def test_an_error_that_would_be_a_smear_is_an_envelope() -> None:
+    trace = push()
+    assert trace.ideal is not None
+    noise = 0.2 * np.sin(2 * np.pi * 300.0 * trace.times)
+    figure = panels_of(replace(trace, force=trace.ideal + noise))
+    assert "error" not in [line.get_label() for line in figure.axes[4].get_lines()]
+    (band,) = [each for each in figure.axes[4].collections if each.get_label() == "error"]
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == pytest.approx((-0.2, 0.2), rel=1e-3)
 
 
 def test_a_virtual_mass_is_drawn_beside_the_handle() -> None:
@@ -102,12 +173,12 @@ def test_a_virtual_mass_is_drawn_beside_the_handle() -> None:
             "handle", trace.workspace, trace.times, trace.position, trace.force, virtual={"sprung_mass": trace.position}
         )
     )
-    assert "virtual mass of sprung_mass" in labels(figure, 0)
+    assert "mass of sprung_mass" in labels(figure, 0)
 
 
 def test_a_rotary_axis_is_drawn_in_degrees_and_newton_metres() -> None:
     figure = panels_of(push(workspace=Workspace.ROTARY))
-    assert [figure.axes[panel].get_ylabel() for panel in (0, 2)] == ["position [°]", "torque on the handle [N·m]"]
+    assert [figure.axes[panel].get_ylabel() for panel in (0, 2)] == ["position [°]", "torque [N·m]"]
 
 
 def test_without_an_ideal_there_is_no_error_to_draw() -> None:
@@ -124,9 +195,9 @@ def test_of_a_run_on_real_drives_the_last_panel_shows_the_times_of_its_periods()
     figure = Figure()
     draw_axis(figure, trace, [], periods=PeriodTimes(times, late, np.full(10_000, 3e-4)))
     panel = figure.axes[2]
-    assert labels(figure, 2) == {"feedback age", "late by"}
+    assert labels(figure, 2) == {"feedback age", "period starts late by"}
     by_name = {line.get_label(): np.asarray(line.get_ydata()) for line in panel.get_lines()}
-    assert by_name["late by"].max() == pytest.approx(7.0)
+    assert by_name["period starts late by"].max() == pytest.approx(7.0)
     assert by_name["feedback age"].max() == pytest.approx(0.3)
     assert panel.get_ylabel() == "time [ms]"
 
@@ -142,7 +213,7 @@ def test_the_time_before_the_full_force_is_marked() -> None:
     whole = push()
     late = cut(whole, 0.5, 2.0)
     faded = replace(late, sample_times=whole.sample_times, samples=whole.samples)
-    assert "fade-in of the limit" in [text.get_text() for text in panels_of(faded).axes[2].texts]
+    assert "force fades in" in [text.get_text() for text in panels_of(faded).axes[2].texts]
     assert not panels_of(whole).axes[2].texts
 
 

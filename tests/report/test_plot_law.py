@@ -44,8 +44,8 @@ def test_the_limit_of_the_motor_is_drawn_where_it_matters(effort: float | None, 
     panel = Figure().subplots()
     draw_law(panel, trace, [DETENTS, STOP], effort, UNITS[Workspace.ROTARY])
     labels = panel.get_legend_handles_labels()[1]
-    assert ("limit of the motor" in labels) == told
-    assert {"force at rest", "well", "wall or stop"} <= set(labels)
+    assert ("motor limit" in labels) == told
+    assert {"torque at rest", "detent", "stop"} <= set(labels)
 
 
 def test_without_a_law_only_the_paths_are_drawn() -> None:
@@ -54,6 +54,15 @@ def test_without_a_law_only_the_paths_are_drawn() -> None:
     panel = Figure().subplots()
     draw_law(panel, trace, [], None, UNITS[Workspace.LINEAR])
     assert len(panel.lines) == 1
-    assert panel.get_legend() is None
+    assert panel.get_legend_handles_labels()[1] == ["rendered"]
     draw_law(panel, trace, [Wall("handle", 600.0, position=0.02)], None, UNITS[Workspace.LINEAR])
-    assert panel.get_legend() is not None
+    assert {"force at rest", "wall"} <= set(panel.get_legend_handles_labels()[1])
+
+
+def test_the_law_beyond_the_rendered_force_does_not_stretch_the_panel() -> None:
+    position: Array = np.linspace(0.0, 0.05, 500)
+    trace = Trace("handle", Workspace.LINEAR, position, position, -10.0 * position)
+    panel = Figure().subplots()
+    draw_law(panel, trace, [Wall("handle", 6e5, position=0.02)], None, UNITS[Workspace.LINEAR])
+    low, high = panel.get_ylim()
+    assert high - low < 2.0 * 0.5
