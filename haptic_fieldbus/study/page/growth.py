@@ -74,8 +74,7 @@ def draw(swings: Sequence[Growth]) -> Figure:
         _curve(left, swing, swing.error)
         _curve(right, swing, swing.energy)
     left.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
-    left.annotate("not noticeable", (0.01, FELT), xycoords=("axes fraction", "data"), va="bottom", size=8.5,
-                  color="#666666")  # fmt: skip
+    note(left, FELT, "noticeable above", right=False, size=8.5)
     dress(left, "error of the force", "steps [1]", "largest error over amplitude [1]")
     dress(right, "drift of the energy", "steps [1]", "|energy / energy at the start − 1| [1]")
     legend(drawn, {swing.method: swing.method for swing in swings}, ncols=5)
