@@ -39,7 +39,7 @@ def misplaced(drawn: Figure) -> list[str]:
 def _overlap(first: Bbox, second: Bbox) -> bool:
     wide = min(first.x1, second.x1) - max(first.x0, second.x0)
     high = min(first.y1, second.y1) - max(first.y0, second.y0)
-    return wide > TOUCH and high > TOUCH
+    return bool(wide > TOUCH and high > TOUCH)
 
 
 def _texts(drawn: Figure) -> Iterator[Text]:

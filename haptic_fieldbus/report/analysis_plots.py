@@ -119,9 +119,8 @@ def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
     panel.axvline(1e3 * model.period, color=GREY, linewidth=1.0, linestyle=":")
     panel.axhspan(1.0, GROWN, color=FAILS, linewidth=0, zorder=0)
     panel.set(xscale="log", ylim=(0.0, GROWN))
-    place = {"transform": panel.get_yaxis_transform(), "size": NAME_SIZE, "color": GREY}
-    panel.text(0.02, 0.93 * GROWN, "grows", **place)
-    panel.text(0.02, 0.05 * GROWN, "decays", **place)
+    for height, word in ((0.93, "grows"), (0.05, "decays")):
+        panel.text(0.02, height * GROWN, word, transform=panel.get_yaxis_transform(), size=NAME_SIZE, color=GREY)
     dress(panel, "growth in a step", "period [ms]", "spectral radius, largest |z| [1]")
     panel.margins(x=0)
 
@@ -212,9 +211,12 @@ def draw_estimate(found: Estimation, file: str) -> Figure:
     drawn = figure(6.6, 10.0, f"Noise {few}", [f"{file}, estimator {found.estimator}", *notes])
     panels = drawn.subplots(2, 1, sharex=True)
     signal, estimate = found.signal, found.estimate
-    rows = (("measured", signal.quantity, signal, BLUE), ("estimated", estimate.quantity, estimate, ORANGE))
-    for panel, (which, quantity, shown, colour) in zip(panels, rows, strict=True):
-        panel.plot(*thin(signal.times, shown.values), color=colour, linewidth=1.4)
+    rows = (
+        ("measured", signal.quantity, signal.values, BLUE),
+        ("estimated", estimate.quantity, estimate.values, ORANGE),
+    )
+    for panel, (which, quantity, values, colour) in zip(panels, rows, strict=True):
+        panel.plot(*thin(signal.times, values), color=colour, linewidth=1.4)
         label = "" if panel is panels[0] else "time [s]"
         dress(panel, f"{which} {quantity}", label, f"{quantity} [{ESTIMATE_UNITS[quantity]}]")
         panel.margins(x=0)

@@ -183,7 +183,7 @@ def figure(height: float, width: float = WIDTH, title: str = "", subtitle: Seque
             drawn.text(0.2 / width, 1.0 - top / height, "\n".join(lines), size=size, va="top", **looks)
             top += 1.35 * size / 72 * "\n".join(lines).count("\n") + 1.5 * size / 72
     if title:
-        drawn.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - top / height))  # type: ignore[union-attr]
+        drawn.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - top / height))
     return drawn
 
 
@@ -287,7 +287,7 @@ def _name_all(panel: Axes, named: list[tuple[Artist, str]]) -> bool:
             return False
         # In shares of the panel: the file may have another resolution.
         text.set_transform(panel.transAxes)
-        text.set_position(panel.transAxes.inverted().transform(centre))
+        text.set_position(tuple(panel.transAxes.inverted().transform(centre)))
         taken.append(text.get_window_extent())
     return True
 
@@ -359,8 +359,9 @@ def _points(artist: Artist) -> Array:
     """Return points along a line or an outline, at most 5 pixels apart, `(n, 2)`."""
     found = [np.zeros((0, 2))]
     for path in _paths(artist):
+        vertices = np.asarray(path.vertices, float)
         # Far outside of the panel a line needs no points.
-        corners = np.clip(path.vertices[np.isfinite(path.vertices).all(axis=1)], -1e4, 1e4)
+        corners = np.clip(vertices[np.isfinite(vertices).all(axis=1)], -1e4, 1e4)
         steps = (np.abs(np.diff(corners, axis=0)).max(axis=1) // 5.0).astype(int) + 1
         starts = np.repeat(np.cumsum(steps) - steps, steps)
         share = ((np.arange(steps.sum()) - starts) / np.repeat(steps, steps))[:, None]

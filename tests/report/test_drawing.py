@@ -69,7 +69,7 @@ def test_names_have_contrast_on_white_and_stand_inside_their_panel() -> None:
 
 
 def linear(colour: object) -> Array:
-    share = np.array(colors.to_rgb(colour))  # type: ignore[arg-type]
+    share: Array = np.array(colors.to_rgb(colour))  # type: ignore[arg-type]
     return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 

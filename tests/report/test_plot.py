@@ -162,7 +162,7 @@ def test_an_error_that_would_be_a_smear_is_an_envelope() -> None:
     figure = panels_of(replace(trace, force=trace.ideal + noise))
     assert "error" not in [line.get_label() for line in figure.axes[4].get_lines()]
     (band,) = [each for each in figure.axes[4].collections if each.get_label() == "error"]
-    heights = band.get_paths()[0].vertices[:, 1]
+    heights = np.asarray(band.get_paths()[0].vertices)[:, 1]
     assert (heights.min(), heights.max()) == pytest.approx((-0.2, 0.2), rel=1e-3)
 
 
