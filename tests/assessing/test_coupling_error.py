@@ -71,8 +71,8 @@ def test_the_picture_names_each_axis(tmp_path: Path) -> None:
     shaft = scene_of(SHAFT)
     plot_run(run(shaft, endless_rig(shaft), duration=1.0), tmp_path / "shaft.svg")
     text = (tmp_path / "shaft.svg").read_text(encoding="utf-8")
-    assert "left: the whole run" in text
-    assert "right: the whole run" in text
+    assert "left: whole run" in text
+    assert "right: whole run" in text
     wall = scene_of(Wall("handle", 300.0))
     plot_run(run(wall, endless_rig(wall), duration=1.0), tmp_path / "wall.svg")
     assert "<!-- the whole run -->" in (tmp_path / "wall.svg").read_text(encoding="utf-8")
