@@ -75,4 +75,4 @@ def test_the_picture_names_each_axis(tmp_path: Path) -> None:
     assert "right: whole run" in text
     wall = scene_of(Wall("handle", 300.0))
     plot_run(run(wall, endless_rig(wall), duration=1.0), tmp_path / "wall.svg")
-    assert "<!-- the whole run -->" in (tmp_path / "wall.svg").read_text(encoding="utf-8")
+    assert "<!-- whole run -->" in (tmp_path / "wall.svg").read_text(encoding="utf-8")
