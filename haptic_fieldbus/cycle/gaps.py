@@ -66,13 +66,19 @@ class LawPlace:
     ) -> None:
         self._permission, (self._least, self._largest) = permission, bounds
         self._resting, self._present = resting, present
+        self._clipped = 0
+        """Periods in which a limit had cut the force when it was looked at last."""
         self.moved: Callable[[float], None] = lambda before: None
         """Tells the energy ledger the shift before one by which the law was drawn back; the cycle sets it."""
 
     def follow(self, here: float, way: float, steps: int) -> None:
         """Take in that the handle came `here` by a `way` [m or rad] within so many periods, after a gap."""
         permission = self._permission
-        if permission.pauses and not (permission.returning and self._pushes(here - way, way)):
+        cut, self._clipped = permission.clipped != self._clipped, permission.clipped
+        pauses, held = permission.pauses, not permission.returning
+        if permission.keeps and permission.capped and cut and not pauses:
+            pauses, held = True, False
+        if pauses and (held or not self._pushes(here - way, way)):
             permission.shift += way
         before = permission.shift
         if before:
@@ -81,7 +87,7 @@ class LawPlace:
             self.moved(before)
         if abs(permission.shift) > self._largest and not permission.capped:
             permission.give_up_place()
-        permission.beside = permission.blind or permission.shift != 0.0
+        permission.beside = permission.blind or permission.shift != 0.0 or (permission.keeps and permission.capped)
         permission.gaps.shifted += permission.shift != 0.0
         permission.gaps.farthest = max(permission.gaps.farthest, abs(permission.shift))
 
@@ -101,8 +107,10 @@ class LawPlace:
 
     def _resists(self, place: float) -> bool:
         """Return whether the force at a place is against drawing the law back."""
-        shift = self._permission.shift
-        return not self._permission.capped and any(force * shift < 0.0 for force in self._forces(place))
+        permission = self._permission
+        if permission.capped and not permission.keeps:
+            return False
+        return any(force * permission.shift < 0.0 for force in self._forces(place))
 
     def _pushes(self, before: float, way: float) -> bool:
         """Return whether the law pushed the handle on its way [m or rad]: what it stores then falls on that way."""

@@ -155,7 +155,9 @@ class Permission:
     shift: float = 0.0
     """How far the scene stands beside its place after short gaps [m or rad]."""
     beside: bool = False
-    """Whether the place of the scene is to be looked after: `blind`, or a `shift`."""
+    """Whether the place of the scene is to be looked after: `blind`, a `shift`, or a cap on a law that `keeps`."""
+    keeps: bool = False
+    """Whether an element may keep energy that its place does not show, as a virtual mass does."""
     gaps: GapCounts = field(default_factory=GapCounts)
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
@@ -187,7 +189,7 @@ class Permission:
     @property
     def pauses(self) -> bool:
         """Whether the law of the scene pauses, because of a gap that is not over."""
-        return self.blind and self.proof is None and not self.capped
+        return self.blind and self.proof is None and (self.keeps or not self.capped)
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
@@ -195,9 +197,12 @@ class Permission:
         self.loosen()
 
     def cap_after_gap(self, cap: float, side: float) -> None:
-        """Permit no more than before a gap in the feedback, until contact is left; the scene goes back to its place."""
+        """Permit no more than before a gap in the feedback, until contact is left; the scene goes back to its place.
+
+        A law that `keeps` energy goes on pausing until the gap is over.
+        """
         self.gaps.long += 1
-        self.blind = False
+        self.blind = self.blind and self.keeps
         self.cap_at(cap, side)
         self.after_gap = True
 
@@ -219,7 +224,7 @@ class Permission:
 
     def come_back(self, *, arrived: bool, longest: int) -> None:
         """Feedback is back: end the gap when the force has `arrived` at that of the scene, or after so many periods."""
-        self.gaps.short += not self.returning
+        self.gaps.short += not self.returning and not self.capped
         self.returning += 1
         self.blind = not arrived and self.returning < longest
 
@@ -298,7 +303,7 @@ def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Ca
             return permission.before
         if missing == 2:
             permission.begin_gap()
-        if permission.blind and missing > soon:
+        if permission.blind and missing > soon and not (permission.keeps and permission.capped):
             if permission.proof is None:
                 permission.give_up_place()
             else:

@@ -13,9 +13,9 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.signals import LinkFlag, Workspace
 from tests.builders import plan_of, rig_of, scene_of
-from tests.cycle.test_cycle import COUNT, FADED_IN, UNIT, image, sent
+from tests.cycle.test_cycle import FADED_IN, image, sent
 
 PERIOD = 1e-3
 MASS, DAMPING = 0.63, 1.58
@@ -23,9 +23,14 @@ MASS, DAMPING = 0.63, 1.58
 FREE = Limits(speed=1.5, acceleration=1e12)
 
 
-def bench_plan(*elements: Element, **changes: Any) -> Plan:
-    scene = scene_of(*elements)
-    plan = plan_of(scene, rig=rig_of(scene, **{"limits": FREE, **changes}))
+LEVER = 0.05 / (2.0 * math.pi)
+"""Way of the linear bench per turn of its motor [m/rad]; the rotary bench is the same motor without it."""
+
+
+def bench_plan(*elements: Element, rotary: bool = False, **changes: Any) -> Plan:
+    scene = scene_of(*elements, workspace=Workspace.ROTARY if rotary else Workspace.LINEAR)
+    free = Limits(speed=FREE.speed / LEVER, acceleration=FREE.acceleration) if rotary else FREE
+    plan = plan_of(scene, rig=rig_of(scene, **{"limits": free, **changes}))
     # A loop that loses more than a margin permits is the subject here, and no reason to stop. A handle that is carried
     # whatever its torque is would be one with the wrong sign on a known bench.
     axes = tuple(replace(axis, stability=None, plant=None) for axis in plan.axes)
@@ -62,7 +67,9 @@ class Handled:
 
     def __post_init__(self) -> None:
         self.cycle = Cycle(self.plan)
-        self.axis = self.cycle.axes["handle"]  # the state of the axis, where the rows do not show it
+        (axis,) = self.plan.axes
+        self.axis = self.cycle.axes[axis.name]  # the state of the axis, where the rows do not show it
+        self._count, self._unit = axis.position_unit, axis.effort_unit
         zero = self.x
         for _ in range(FADED_IN):
             self._sample(0.0)
@@ -77,7 +84,7 @@ class Handled:
         self.period += 1
         flags = int(LinkFlag.STALE) if lost else 0
         t_ns = 1_000_000 * self.period
-        self.force = UNIT * sent(self.cycle(image(round(x / COUNT), t_ns=t_ns, flags=flags)))[1]
+        self.force = self._unit * sent(self.cycle(image(round(x / self._count), t_ns=t_ns, flags=flags)))[1]
 
     @property
     def tripped(self) -> str | None:
