@@ -28,7 +28,6 @@ from haptic_fieldbus.cycle.laws import (
     has_say,
     in_order,
     is_static,
-    keeps_energy,
     summed,
 )
 from haptic_fieldbus.cycle.plausibility import bind_echo, bind_other_masters, bind_sign_watch
@@ -133,7 +132,6 @@ class AxisCycle:
         self._changed_ns = 0
         """When the last change is over."""
         self._field = self._summed()
-        self.permission.keeps = keeps_energy((*axis.elements, *axis.couplings))
         steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
         self.place = LawPlace(
             self.permission,
@@ -204,7 +202,6 @@ class AxisCycle:
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
         self._field = self._summed()
-        self.permission.keeps = self.permission.keeps or keeps_energy(elements)
         self._resting = (*self._resting, at_rest(elements, self._period))
         self._changed_ns = self.state.feedback[T_NS] + round(1e9 * self._period * (periods + 1))
 

@@ -221,7 +221,7 @@ class Cycle:
         ports = [LedgerAxis(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
         ledger = Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
         for _, each in cycles:
-            each.forgive, each.place.moved = ledger.doubted, ledger.moved_by(each.permission)
+            each.forgive, each.place.moved = ledger.doubted, ledger.moved_by(each.permission, each.state)
         return ledger
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:

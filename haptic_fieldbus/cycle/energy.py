@@ -92,10 +92,10 @@ RECOVERY = 4.0
 """Periods in which the controller takes an excess back; the damping of one period is seen two periods later."""
 LEAKS = 2.0
 """Largest damping of the controller, in dampings that make up for the leak."""
-FADE_IN, CHANGE, GAP, STALL, SIGN, ECHO, PULSES = "fade-in", "change", "gap", "stall", "sign", "echo", "pulses"
+FADE_IN, CHANGE, STALL, SIGN, ECHO, PULSES = "fade-in", "change", "stall", "sign", "echo", "pulses"
 """Reasons for which energy is booked: changes and pulses are granted, the others are forgiven within a budget."""
 HELD = "held torque"
-"""Reason for which energy is charged to the account of all short gaps."""
+"""Reason for which energy is charged to the account of all gaps."""
 SECOND_NS = 1_000_000_000
 LIPSCHITZ = 0.25
 """Of K·Δx², by which the trapezoid of a law of the slope K is off at most."""
@@ -261,9 +261,9 @@ class Ledger:
                     return SIGN
                 if permission.fade < 1.0:
                     return FADE_IN
-                if math.isfinite(permission.cap):
-                    return GAP if permission.after_gap else SIGN if permission.after_doubt else STALL
-                return HELD if permission.blind and self._exact else GAP
+                if math.isfinite(permission.cap) and not permission.after_gap:
+                    return SIGN if permission.after_doubt else STALL
+                return HELD
         return None
 
     @property
@@ -299,7 +299,7 @@ class Ledger:
         else:
             ways = zip(self.axes, positions, self._opened, strict=True)
             back = sum(axis.limits.effort * abs(here - there) for axis, here, there in ways)
-            self.forgive(energy + min(self.stored(positions) - self._origin, back))
+            self.forgive(energy + min(self.stored(positions) - self._origin, back), self.reason or HELD)
         shown = self.law.finished()
         self.reason, self._origin, self._clipped = None, self.law.origin, self._cut()
         return shown
@@ -323,7 +323,7 @@ class Ledger:
         if self.reason is None or self.memory.silence:
             self.compare(energy - self.memory.reserve)
             return energy
-        self.forgive(energy - self.memory.reserve)
+        self.forgive(energy - self.memory.reserve, self.reason)
         return min(energy, self.memory.reserve)
 
     def remaining(self, energy: float, origin: float, stored: float) -> tuple[float, float]:
@@ -337,24 +337,39 @@ class Ledger:
         if excess > tally.limit:
             self._trip(excess, tally.limit)
 
-    def moved_by(self, permission: Permission) -> Callable[[float], None]:
-        """Return what takes in that the law of one axis was drawn back, from a shift before [m or rad]."""
+    def moved_by(self, permission: Permission, state: AxisState) -> Callable[[float], None]:
+        """Return what takes in that the law of one axis was drawn back, from a shift before [m or rad].
+
+        The law gives up energy then, which the handle does not get.
+        """
 
         def moved(before: float) -> None:
-            if self.reason is None and self._exact:
-                now, after = permission.shift, self.stored(self.here)
-                permission.shift = before
-                fallen = self.stored(self.here) - after
-                permission.shift = now
-                self._origin -= fallen
-                self.charge(-fallen)
+            if self.reason is not None:
+                return
+            now = permission.shift
+            if self.exact:
+                after, permission.shift = self.stored(self.here), before
+                given_up, permission.shift = self.stored(self.here) - after, now
+                self._origin -= given_up
+            else:
+                given_up = max(0.0, state.force * (before - now))
+            self.charge(-given_up)
 
         return moved
 
+    def fallen(self, before: Sequence[float]) -> float:
+        """Return by how much a weight fell since these positions [J]; a faded one gives between nothing and that."""
+        here = self.here
+        return max(0.0, self._after(before, here) - self._after(here, here))
+
     def charge(self, energy: float) -> None:
-        """Charge what held torque gave in a gap beyond the fall of the stored energy [J], and trip above the limit."""
+        """Charge what held torque gave in a gap beyond the fall of the stored energy [J], and trip above the limit.
+
+        A law that does not resist is on its way back, and gives up about its force times the shift.
+        """
         least = -sum(port.axis.limits.effort * abs(port.permission.shift) for port in self.ports)
-        held = self.tally.charge(energy, least, max(port.state.moved_ns for port in self.ports))
+        pending = sum(max(0.0, port.state.force * port.permission.shift) for port in self.ports)
+        held = self.tally.charge(energy, least, max(port.state.moved_ns for port in self.ports)) - pending
         if held > HELD_ENERGY:
             self._trip(held, HELD_ENERGY, TripKind.HELD)
 
@@ -362,11 +377,11 @@ class Ledger:
         """Forgive what a drive gave beyond what it was sent, by its echo [J]."""
         self.forgive(energy, ECHO)
 
-    def forgive(self, energy: float, reason: str | None = None) -> None:
+    def forgive(self, energy: float, reason: str) -> None:
         """Book energy [J] that the law alone would not have given, and trip above what is forgiven within a second."""
         if energy > 0.0:
             t_ns = max(port.state.moved_ns for port in self.ports)
-            second = self.tally.forgive(reason or self.reason or GAP, energy, t_ns)
+            second = self.tally.forgive(reason, energy, t_ns)
             if second > self.tally.budget:
                 self._trip(second, self.tally.budget, TripKind.FORGIVEN)
 
@@ -392,7 +407,8 @@ class Ledger:
         own = [each for of in elements for each in of]
         every: list[AnyElement] = [*own, *couplings]
         placed = [each for each in own if is_placed(each)]
-        self._exact = not couplings and all(is_static(each) and abilities(each).stored for each in placed)
+        self.exact = all(abilities(each).stored for each in (*placed, *couplings)) and all(map(is_static, placed))
+        """Whether the stored energy is that of the force."""
         terms = [axis_terms(axis, of, couplings, self.period) for axis, of in zip(self.axes, elements, strict=True)]
         return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)
 
@@ -414,6 +430,8 @@ class LawAccount:
         self._stored = self._stored_before = 0.0
         """Stored energy at the last place, and at the one before [J]."""
         self._shifts = list[float]()
+        self._work = 0.0
+        """Of the law along its way since the torque was looked at [J]."""
         self._unseen = False
         """Whether samples are missing on the way to the last place, or the law was drawn back there."""
         self._torques = [_Torque(port) for port in ledger.ports]
@@ -430,8 +448,6 @@ class LawAccount:
     def take(self) -> bool:
         """Take in the force at the last place, and the place of this period; return whether contact was left."""
         ledger, states = self._ledger, [port.state for port in self._ledger.ports]
-        if ledger.reason == HELD and ledger.unsettled() == GAP:
-            ledger.reason = GAP  # the gap became long
         forces = [state.force for state in states]
         for torque in self._torques:
             torque.take()
@@ -446,6 +462,10 @@ class LawAccount:
         self._places, self._forces, self._here = self._here, forces, ledger.here
         self._stored_before, self._stored = self._stored, ledger.stored(self._here)
         shifts, self._shifts = self._shifts, [port.permission.shift for port in ledger.ports]
+        moves = zip(ledger.terms, self._here, self._places, self._shifts, shifts, forces, strict=True)
+        for terms, here, there, now, before, force in moves:
+            way = here - there - (now - before)
+            self._work += force * way - terms.active * abs(way)
         self._unseen = any(state.steps > 1 for state in states) or shifts != self._shifts
         return left
 
@@ -487,15 +507,15 @@ class LawAccount:
             torque.given - terms.active * torque.path
             for torque, terms in zip(self._torques, self._ledger.terms, strict=True)
         )
-        # A weight that faded with the torque gives between nothing and all that it falls by.
-        ledger, here = self._ledger, self._ledger.here
-        placed = ledger.stored(here, self._here_at_gap)
-        risen = placed - self._stored_at_gap - max(0.0, placed - ledger.stored(here))
+        ledger, work = self._ledger, self._work
+        if ledger.exact:  # then that is what the stored energy fell by, without the leak of a period
+            work = self._stored_at_gap - ledger.stored(ledger.here, self._here_at_gap)
+        given -= work + ledger.fallen(self._here_at_gap)
         self._begin_gap()
-        return given + risen
+        return given
 
     def _begin_gap(self) -> None:
-        self._here_at_gap = self._ledger.here
+        self._work, self._here_at_gap = 0.0, self._ledger.here
         self._stored_at_gap = self._ledger.stored(self._here_at_gap)
         for torque in self._torques:
             torque.begin()

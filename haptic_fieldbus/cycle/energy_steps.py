@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.cycle.energy import LEAKS, RECOVERY, Ledger, LedgerAxis, shares
+from haptic_fieldbus.cycle.energy import HELD, LEAKS, RECOVERY, Ledger, LedgerAxis, shares
 from haptic_fieldbus.cycle.laws import PeriodStep
 from haptic_fieldbus.planning.energy import AxisTerms
 
@@ -225,22 +225,29 @@ class _Account:
 
     def _loose(self, work: float) -> None:
         """While another force may be sent, follow the contact of the law; `work` is that of the period."""
-        if self._ledger.memory.silence:
+        ledger = self._ledger
+        if ledger.memory.silence:
             sent = sum(side.port.state.target * side.unit * side.moved for side in self._sides)
             self._sent += sent
             self._beyond += sent - work
+            if ledger.reason == HELD:  # what is active goes on while the law pauses, and so does a weight
+                for side, terms in zip(self._sides, ledger.terms, strict=True):
+                    self._beyond -= terms.active * max(0.0, abs(side.moved) - abs(side.way))
+                self._beyond -= ledger.fallen([side.places[1] for side in self._sides])
             left = not any(side.acting * side.direction > 0.0 for side in self._sides)
         else:
-            left = self._ledger.law.take()
+            left = ledger.law.take()
         if left:
             self._begin()
-        elif self._ledger.settles:
+        elif ledger.settles:
             self._settle()
 
     def _settle(self) -> None:
         """Follow the law again within a contact."""
         ledger = self._ledger
         if ledger.memory.silence:
+            if ledger.reason == HELD:
+                self._forgive()
             ledger.reason = None
         else:
             self._given, self._granted = ledger.settle(self._given - self._granted, self._positions), 0.0
@@ -248,10 +255,14 @@ class _Account:
     def _forgive(self) -> None:
         """Book what was given because another force was sent than that of a law that is judged anyhow.
 
-        What was taken instead stays as credit, as that of the law does.
+        What was taken instead stays as credit, as that of the law does. Torque held in gaps is charged to its account.
         """
+        if self._ledger.reason == HELD:
+            self._ledger.charge(self._beyond)
+            self._sent = self._beyond = 0.0
+            return
         energy = min(self._sent, self._beyond)
-        self._ledger.forgive(energy)
+        self._ledger.forgive(energy, self._ledger.reason or HELD)
         if energy > 0.0 or self._silent >= self._ledger.memory.silence:
             self._sent = self._beyond = 0.0
 

@@ -1,7 +1,7 @@
 """Effect of feedback gaps on the law of a scene, and the number of gaps that the loop tolerates.
 
-A gap is two or more missing samples. The law of the scene pauses in it: when feedback returns soon, the law goes on
-from the place y at which it was before, and the scene stands beside its place by the shift
+A gap is two or more missing samples. The law of the scene pauses in it: when feedback returns, the law goes on from
+the place y at which it was before, and the scene stands beside its place by the shift
 
     δ = x − y   (x: where the handle is)
 
@@ -15,8 +15,9 @@ by at most the motion of the period, and its present force is added. Two kinds o
 depend on the place, such as weight, and friction, which opposes the motion of y and with it that of x. The proof that
 no energy comes of this stands in `docs/explanation/stability.md`.
 
-|δ| is bounded (`planning.limits.LARGEST_SHIFT`). Beyond that, as after a long gap, the force before the gap is the cap
-(`cycle.safety`), and y goes back to x whatever the law does.
+|δ| has a bound (`planning.limits.LARGEST_SHIFT`). Beyond that, as after a long gap, the force before the gap is the cap
+(`cycle.safety`). While the cap cuts the force, y pauses too on the way against it: the law would take up energy for
+which the hand has not paid.
 
 Force is held between two samples, and a held force grows old. A spring K gives more energy in a gap of s periods than
 in s single periods, by ½·K·T²·(s² − s)·v² at the speed v. Gaps may fall where the handle is fastest, once in each half
@@ -74,20 +75,19 @@ class LawPlace:
     def follow(self, here: float, way: float, steps: int) -> None:
         """Take in that the handle came `here` by a `way` [m or rad] within so many periods, after a gap."""
         permission = self._permission
-        cut, self._clipped = permission.clipped != self._clipped, permission.clipped
-        pauses, held = permission.pauses, not permission.returning
-        if permission.keeps and permission.capped and cut and not pauses:
-            pauses, held = True, False
-        if pauses and (held or not self._pushes(here - way, way)):
+        cut, self._clipped = permission.capped and permission.clipped != self._clipped, permission.clipped
+        in_gap = permission.pauses and not permission.returning
+        if in_gap or ((permission.pauses or cut) and not self._pushes(here - way, way)):
             permission.shift += way
         before = permission.shift
         if before:
             self._draw_back(here, abs(way) / steps)
         if permission.shift != before:
             self.moved(before)
-        if abs(permission.shift) > self._largest and not permission.capped:
+        permission.astray = abs(permission.shift) > self._largest
+        if permission.astray and not permission.capped:
             permission.give_up_place()
-        permission.beside = permission.blind or permission.shift != 0.0 or (permission.keeps and permission.capped)
+        permission.beside = permission.blind or permission.shift != 0.0 or permission.capped
         permission.gaps.shifted += permission.shift != 0.0
         permission.gaps.farthest = max(permission.gaps.farthest, abs(permission.shift))
 
@@ -107,10 +107,8 @@ class LawPlace:
 
     def _resists(self, place: float) -> bool:
         """Return whether the force at a place is against drawing the law back."""
-        permission = self._permission
-        if permission.capped and not permission.keeps:
-            return False
-        return any(force * permission.shift < 0.0 for force in self._forces(place))
+        shift = self._permission.shift
+        return any(force * shift < 0.0 for force in self._forces(place))
 
     def _pushes(self, before: float, way: float) -> bool:
         """Return whether the law pushed the handle on its way [m or rad]: what it stores then falls on that way."""

@@ -6,7 +6,7 @@ Each element receives exactly the signals that it declared. The law of an elemen
 field, without a wrapper. Other signals are derived once a period, before any field is called, and stored in `Sensed`.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
@@ -164,12 +164,12 @@ def apart(remembering: Sequence[Field], others: Sequence[Field], state: AxisStat
     return field
 
 
-def is_placed(element: AnyElement) -> bool:
+def is_placed(element: Element) -> bool:
     """Return whether an element is given where the handle is."""
     return Signal.POSITION in element.needs
 
 
-def is_static(element: AnyElement) -> bool:
+def is_static(element: Element) -> bool:
     """Return whether the force at rest follows from the place, or does not depend on it."""
     if not is_placed(element):
         return True
@@ -180,14 +180,6 @@ def is_static(element: AnyElement) -> bool:
 def has_say(element: Element) -> bool:
     """Return whether an element depends on the place by a memory; friction, which has no surface, does not."""
     return not is_static(element) and (abilities(element).reserve is None or abilities(element).penetration is not None)
-
-
-def keeps_energy(elements: Iterable[AnyElement]) -> bool:
-    """Return whether one of the elements may keep energy that no position shows, and does not state how much."""
-    return any(
-        is_placed(each) and not is_static(each) and abilities(each).stored is None and abilities(each).reserve is None
-        for each in elements
-    )
 
 
 def at_rest(elements: Sequence[Element], period: float) -> Field:

@@ -16,9 +16,9 @@ Between the second and the third gate pulses may be added that ask an encoder wh
 
 Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
 the second missing period on the held torque fades to zero. Letting it return to any value would do work on the hand
-that the hand never did on the handle. When feedback returns soon, within half of the age at which it ends a run, the
-law of the scene therefore goes on from the place where it was before the gap (`cycle.gaps`). When feedback returns
-later, nobody knows what the hand did meanwhile, and the force before the gap is the cap.
+that the hand never did on the handle. When feedback returns, the law of the scene therefore goes on from the place
+where it was before the gap (`cycle.gaps`). When it returns later than half of the age at which it ends a run, nobody
+knows what the hand did meanwhile, and the force before the gap is the cap too.
 
 A trip is final: torque is zero from that period on, and only a new run enables again.
 """
@@ -155,10 +155,10 @@ class Permission:
     shift: float = 0.0
     """How far the scene stands beside its place after short gaps [m or rad]."""
     beside: bool = False
-    """Whether the place of the scene is to be looked after: `blind`, a `shift`, or a cap on a law that `keeps`."""
-    keeps: bool = False
-    """Whether an element may keep energy that its place does not show, as a virtual mass does."""
+    """Whether the place of the scene is to be looked after: `blind`, a `shift`, or the cap of a gap."""
     gaps: GapCounts = field(default_factory=GapCounts)
+    astray: bool = False
+    """Whether the shift is beyond its bound: a cap then stays."""
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
     after_doubt: bool = False
@@ -189,7 +189,7 @@ class Permission:
     @property
     def pauses(self) -> bool:
         """Whether the law of the scene pauses, because of a gap that is not over."""
-        return self.blind and self.proof is None and (self.keeps or not self.capped)
+        return self.blind and self.proof is None
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
@@ -197,12 +197,8 @@ class Permission:
         self.loosen()
 
     def cap_after_gap(self, cap: float, side: float) -> None:
-        """Permit no more than before a gap in the feedback, until contact is left; the scene goes back to its place.
-
-        A law that `keeps` energy goes on pausing until the gap is over.
-        """
+        """Permit no more than before a gap in the feedback, until contact is left."""
         self.gaps.long += 1
-        self.blind = self.blind and self.keeps
         self.cap_at(cap, side)
         self.after_gap = True
 
@@ -229,11 +225,14 @@ class Permission:
         self.blind = not arrived and self.returning < longest
 
     def leave_contact(self, asked: float, least: float) -> None:
-        """Forget the cap when the scene asks for no force (`least` at most), or for one against its side."""
+        """Forget the cap when the scene asks for no force (`least` at most), or for one against its side.
+
+        While the scene stands too far beside its place, only the side is forgotten.
+        """
         if self.side == 0.0 and abs(asked) > least:
             self.side = math.copysign(1.0, asked)
         if abs(asked) <= least or asked * self.side < 0.0:
-            self.cap, self.side = math.inf, 0.0
+            self.cap, self.side = self.cap if self.astray else math.inf, 0.0
 
 
 def bind_limiter(
@@ -296,14 +295,18 @@ def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Ca
     While the sign is looked for, the cap of a long gap is `limits.before_sign`: the force before may be a pulse's.
     """
     fading, soon = fade_periods(period), soon_periods(period, limits.age)
+    is_long = False
 
     def hold(missing: int) -> float:
+        nonlocal is_long
         if missing == 1:
             permission.held = permission.before
             return permission.before
         if missing == 2:
             permission.begin_gap()
-        if permission.blind and missing > soon and not (permission.keeps and permission.capped):
+            is_long = False
+        if permission.blind and missing > soon and not is_long:
+            is_long = True
             if permission.proof is None:
                 permission.give_up_place()
             else:

@@ -281,7 +281,7 @@ def test_a_way_that_was_not_seen_is_none_of_the_law() -> None:
 
 @pytest.mark.parametrize(
     ("permitted", "reason"),
-    [("proof", "sign"), ("doubt", "sign"), ("fade", "fade-in"), ("cap", "stall"), ("gap", "gap")],
+    [("proof", "sign"), ("doubt", "sign"), ("fade", "fade-in"), ("cap", "stall")],
 )
 def test_what_is_forgiven_has_the_name_of_its_reason(permitted: str, reason: str) -> None:
     bench = Bench(WALL)
@@ -292,12 +292,32 @@ def test_what_is_forgiven_has_the_name_of_its_reason(permitted: str, reason: str
         bench.loosen()
     elif permitted == "doubt":
         bench.permission.cap_after_doubt(1.0)
-    elif permitted == "cap":
-        bench.permission.cap_at(1.0, -1.0)
     else:
-        bench.permission.cap_after_gap(1.0, -1.0)
+        bench.permission.cap_at(1.0, -1.0)
     contact(bench, 0.0, sent=(0.0, 1.0))
     assert bench.tally.booked == {reason: pytest.approx(STORED, rel=0.1)}
+
+
+@pytest.mark.parametrize("element", [KnownSpring("handle"), Spring("handle"), SprungMass("handle", 400.0, 0.2)])
+@pytest.mark.parametrize("trips", [False, True])
+def test_torque_held_in_gaps_is_charged_whatever_the_law_remembers(element: Element, trips: bool) -> None:
+    """Each gap lasts 10 periods of 1 mm, in which 4 N push the handle on while the law pauses."""
+    bench = Bench(element)
+    for number in range(1, 3):
+        bench.permission.blind = True
+        bench.permission.loosen()
+        x = bench.state.position
+        for _ in range(9):
+            bench.move(x, 4.0, 0.0, steps=0)
+        bench.permission.shift += 0.01
+        bench.move(x + 0.01, 4.0 if trips else 0.4, 0.0, steps=10)
+        bench.permission.blind = False
+        for _ in range(3):
+            bench.move(x + 0.01, 0.0)
+        charged = number * (0.04 if trips else 0.04)
+        assert bench.tally.held == pytest.approx(charged, rel=0.15)
+    assert [trip[2] for trip in bench.trips] == [TripKind.HELD]
+    assert bench.tally.booked == {}
 
 
 def test_more_within_a_second_than_is_forgiven_trips_and_the_same_over_more_seconds_does_not() -> None:

@@ -109,7 +109,7 @@ def drawn(rng: random.Random, elements: Sequence[Element], *, rotary: bool = Fal
         bench.move(lost=left > 0, push=push * math.sin(number * PERIOD / turn))
         if bench.tripped or abs(bench.x) > reach - 0.01 / lever:
             return
-        if not left and (permission.keeps or not permission.capped):
+        if not left:
             allowed = first - stored(here - permission.shift) + ROUNDING * lever * bench.path
             assert given <= allowed, f"{given - allowed} J above {allowed}: {elements}, {missing} lost, {timing}"
 

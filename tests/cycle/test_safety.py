@@ -206,11 +206,26 @@ def test_after_a_short_gap_the_place_of_the_law_is_looked_after_until_the_force_
     assert permission.gaps.long == 0
 
 
-def test_a_long_gap_leaves_a_cap_and_the_law_does_not_pause() -> None:
+def test_a_long_gap_leaves_a_cap_and_the_law_pauses_until_the_force_is_that_of_the_cap() -> None:
     permission, _ = after_contact(-2.0)
-    found = [permission.capped, permission.pauses]
-    permission.begin_gap()
-    assert [*found, permission.pauses] == [True, False, False]
+    limit = bind_limiter(limits(slew=1000.0), PERIOD, permission)
+    found = [(permission.capped, permission.pauses)]
+    for _ in range(5):
+        limit(-4.0)
+        found.append((permission.capped, permission.pauses))
+    assert found == [(True, True)] * 2 + [(True, False)] * 4
+    assert permission.gaps.short == 0
+
+
+def test_a_cap_stays_while_the_scene_is_too_far_beside_its_place() -> None:
+    permission, _ = after_contact(-2.0)
+    limit = bind_limiter(limits(slew=1000.0), PERIOD, permission)
+    permission.astray = True
+    limit(0.0)
+    assert [limit(4.0) for _ in range(9)][-1] == 2.0, "to either side"
+    permission.astray = False
+    limit(0.0)
+    assert [limit(4.0) for _ in range(9)][-1] == 4.0
 
 
 def test_a_gap_while_the_limit_fades_in_takes_nothing_from_the_force_that_is_still_to_come() -> None:
