@@ -434,7 +434,7 @@ class LawAccount:
         """Of the law along its way since the torque was looked at [J]."""
         self._unseen = False
         """Whether samples are missing on the way to the last place, or the law was drawn back there."""
-        self._torques = [_Torque(port) for port in ledger.ports]
+        self._torques = [SentTorque(port) for port in ledger.ports]
 
     def open(self, energy: float, origin: float) -> None:
         """Begin at the present places with what an account shows, and the credit that it has left [J]."""
@@ -521,8 +521,8 @@ class LawAccount:
             torque.begin()
 
 
-class _Torque:
-    """Energy of the torque of one axis from the second missing sample of a gap on."""
+class SentTorque:
+    """Energy of the torque that is sent to one axis, from a moment on."""
 
     def __init__(self, port: LedgerAxis) -> None:
         self._port, self._unit = port, port.axis.effort_unit

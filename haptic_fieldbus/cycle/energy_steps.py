@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.cycle.energy import HELD, LEAKS, RECOVERY, Ledger, LedgerAxis, shares
+from haptic_fieldbus.cycle.energy import HELD, LEAKS, RECOVERY, Ledger, LedgerAxis, SentTorque, shares
 from haptic_fieldbus.cycle.laws import PeriodStep
 from haptic_fieldbus.planning.energy import AxisTerms
 
@@ -28,6 +28,7 @@ class _Side:
     """Largest force that is permitted."""
     places: deque[float]
     """Positions from which the force that acted in the period was computed, and those of its way; the newest first."""
+    sent_torque: SentTorque
     acting: float = 0.0
     """Force at the end of the period."""
     changed: float = 0.0
@@ -177,7 +178,7 @@ def _side(port: LedgerAxis, ledger: Ledger) -> _Side:
     whole, share = shares(port.axis, ledger.period)
     by_law, unit, most = ledger.memory.silence > 0, port.axis.effort_unit, port.axis.limits.effort
     places = deque([port.state.position] * (whole + 3), maxlen=whole + 3)
-    return _Side(port, deque([0.0] * whole), share, by_law, unit, most, places)
+    return _Side(port, deque([0.0] * whole), share, by_law, unit, most, places, SentTorque(port))
 
 
 class _Account:
@@ -221,13 +222,18 @@ class _Account:
     def loosen(self) -> None:
         """Another force may be sent from now on than that of the law."""
         if self._ledger.reason is None:
+            for side in self._sides:
+                side.sent_torque.begin()
             self._ledger.loosen(self._given - self._granted, self._positions)
 
     def _loose(self, work: float) -> None:
         """While another force may be sent, follow the contact of the law; `work` is that of the period."""
         ledger = self._ledger
         if ledger.memory.silence:
-            sent = sum(side.port.state.target * side.unit * side.moved for side in self._sides)
+            sent = -sum(side.sent_torque.given for side in self._sides)
+            for side in self._sides:
+                side.sent_torque.take()
+            sent += sum(side.sent_torque.given for side in self._sides)
             self._sent += sent
             self._beyond += sent - work
             if ledger.reason == HELD:  # what is active goes on while the law pauses, and so does a weight
