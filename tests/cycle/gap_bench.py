@@ -5,7 +5,8 @@ m·v' = F − b·v, or as the test moves it. What the torque gives is F·Δx of 
 """
 
 import math
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +14,10 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import LinkFlag, Workspace
 from tests.builders import plan_of, rig_of, scene_of
-from tests.cycle.test_cycle import FADED_IN, image, sent
+from tests.cycle.test_cycle import ENABLED, FADED_IN, image, sent
 
 PERIOD = 1e-3
 MASS, DAMPING = 0.63, 1.58
@@ -120,16 +122,17 @@ class Handled:
             self.farthest = max(self.farthest, abs(shift))
 
     def _fly(self, push: float) -> None:
-        """m·v' = F − b·v with a constant force, exactly."""
-        force, rate = self.force + push, self.damping / self.mass
-        if rate:
-            end, decay = force / self.damping, math.exp(-rate * PERIOD)
-            way = end * PERIOD + (self.v - end) * (1.0 - decay) / rate
-            self.v = end + (self.v - end) * decay
-        else:
-            way = (self.v + 0.5 * force / self.mass * PERIOD) * PERIOD
-            self.v += force / self.mass * PERIOD
+        way, self.v = flown(self.v, self.force + push, self.mass, self.damping)
         self.x += way
+
+
+def flown(speed: float, force: float, mass: float, damping: float) -> tuple[float, float]:
+    """Way of a period under a constant force, and the speed after it: m·v' = F − b·v, exactly."""
+    if not damping:
+        return (speed + 0.5 * force / mass * PERIOD) * PERIOD, speed + force / mass * PERIOD
+    end, rate = force / damping, damping / mass
+    decay = math.exp(-rate * PERIOD)
+    return end * PERIOD + (speed - end) * (1.0 - decay) / rate, end + (speed - end) * decay
 
 
 Timing = Callable[[Handled], int]
@@ -186,3 +189,59 @@ def never(bench: Handled) -> int:
 
 def every(periods: int, missing: int) -> Timing:
     return lambda bench: missing if bench.period % periods == 0 else 0
+
+
+class TwoHandles:
+    """Two free handles of a coupled scene in a running cycle, which lose samples apart from each other or together.
+
+    Energies in J, as in `Handled`; a period counts as one in a gap when either handle is in it.
+    """
+
+    def __init__(self, scene: Scene, dampings: Sequence[float], rotary: bool) -> None:
+        lever = LEVER if rotary else 1.0
+        free = Limits(speed=FREE.speed / lever, acceleration=FREE.acceleration)
+        plan = plan_of(scene, rig=rig_of(scene, limits=free))
+        plan = replace(plan, axes=tuple(replace(axis, stability=None, plant=None) for axis in plan.axes))
+        self.cycle = Cycle(plan)
+        self.axes = tuple(self.cycle.axes.values())
+        self.mass, self.dampings = MASS * lever**2, [each * lever**2 for each in dampings]
+        self._units = [(axis.position_unit, axis.effort_unit) for axis in plan.axes]
+        self.x, self.v, self.forces = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
+        self.given = self.held = self.leak = self.path = 0.0
+        self.places = [0.0, 0.0]
+        """Places of the law at the last sample."""
+        # The square of a twist is at most twice the sum of the squares of both motions.
+        self._slopes = [
+            sum(2.0 * abs(each.linearised().d[axis, 2 * axis]) for each in scene.couplings)
+            + sum(abs(each.linearised().d[0, 0]) for each in plan.axes[axis].elements)
+            for axis in range(2)
+        ]
+        self._t_ns = 0
+        for _ in range(FADED_IN):
+            self._sample((False, False))
+
+    def _sample(self, lost: tuple[bool, bool]) -> None:
+        self._t_ns += 1_000_000
+        links = [word for each in lost for word in (0, int(LinkFlag.STALE) if each else 0, 0)]
+        counts = [round(x / unit[0]) for x, unit in zip(self.x, self._units, strict=True)]
+        feedback = struct.pack("<qIHHIHHHihHih", self._t_ns, *links, ENABLED, counts[0], 0, ENABLED, counts[1], 0)
+        _, first, _, second = struct.unpack("<HhHh", self.cycle(feedback))
+        self.forces = [unit[1] * torque for unit, torque in zip(self._units, (first, second), strict=True)]
+
+    @property
+    def tripped(self) -> str | None:
+        return None if self.cycle.trip is None else self.cycle.trip.kind.value
+
+    def move(self, lost: tuple[bool, bool] = (False, False), pushes: Sequence[float] = (0.0, 0.0)) -> bool:
+        """Take or lose samples, and let both handles fly for a period; return whether it lies in a gap."""
+        before = list(self.forces)
+        self._sample(lost)
+        self.places = [x - axis.permission.shift for x, axis in zip(self.x, self.axes, strict=True)]
+        gap = any(lost) or any(axis.permission.blind for axis in self.axes)
+        for number, force in enumerate(self.forces):
+            way, self.v[number] = flown(self.v[number], force + pushes[number], self.mass, self.dampings[number])
+            self.x[number] += way
+            self.given, self.path = self.given + force * way, self.path + abs(way)
+            self.held += force * way if gap else 0.0
+            self.leak += abs(force - before[number]) * abs(way) + 0.5 * self._slopes[number] * way * way
+        return gap

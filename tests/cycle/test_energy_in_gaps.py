@@ -16,8 +16,8 @@ from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.element import Element, StaticElement, abilities
 from haptic_fieldbus.scenes.gravity import Gravity
-from haptic_fieldbus.signals import Signal
-from tests.cycle.gap_bench import LEVER, MASS, PERIOD, AtPlaces, Handled, bench_plan
+from haptic_fieldbus.signals import Signal, Workspace
+from tests.cycle.gap_bench import LEVER, MASS, PERIOD, AtPlaces, Handled, TwoHandles, bench_plan
 
 REACH = 0.15
 """[m] to both sides, in which a potential is known."""
@@ -114,6 +114,42 @@ def drawn(rng: random.Random, elements: Sequence[Element], *, rotary: bool = Fal
             assert given <= allowed, f"{given - allowed} J above {allowed}: {elements}, {missing} lost, {timing}"
 
 
+def drawn_pair(rng: random.Random, name: str) -> None:
+    """Gaps of one timing on a coupled scene of the library; one handle loses samples, or both do."""
+    scene = load_scene(name)
+    rotary = scene.axes[0].workspace is Workspace.ROTARY
+    lever = LEVER if rotary else 1.0
+    bench = TwoHandles(scene, [rng.choice([0.05, 0.5, 1.5]) for _ in range(2)], rotary)
+    bench.v = [rng.uniform(-0.5, 0.5) / lever for _ in range(2)]
+    pushes = [rng.choice([0.0, 2.0, 4.0]) * lever for _ in range(2)]
+    missing, pitch, turn = rng.choice([2, 3, 5, 8, 14]), rng.choice([0.005, 0.01, 0.02]) / lever, rng.uniform(0.05, 0.3)
+    which, last, begun, left = rng.choice([(True, False), (False, True), (True, True)]), 0, 0, 0
+
+    def stored() -> float:
+        return sum(each.stored(*bench.places) for each in scene.couplings) + sum(  # type: ignore[attr-defined]
+            each.stored(bench.places[number])  # type: ignore[attr-defined]
+            for number, axis in enumerate(scene.axes)
+            for each in scene.of_axis(axis.name)
+        )
+
+    first = stored()
+    for number in range(1000):
+        place = math.floor((bench.x[0] - bench.x[1]) / pitch)
+        passed, last = place != last, place
+        left -= left > 0
+        if not left and passed and number - begun > 5 * missing:
+            left, begun = missing, number
+        lost = (which[0] and left > 0, which[1] and left > 0)
+        shakes = [push * math.sin(number * PERIOD / turn + phase) for phase, push in enumerate(pushes)]
+        had = bench.given - bench.held - bench.leak
+        gap = bench.move(lost, shakes)
+        if bench.tripped:
+            return
+        if not gap:
+            allowed = first - stored() + ROUNDING * lever * bench.path
+            assert had <= allowed, f"{had - allowed} J above {allowed}: {name}, {missing} lost of {which}"
+
+
 @pytest.mark.parametrize("name", ["detents", "magnet", "wall", "sprung_mass", "kelvin_voigt"])
 def test_no_timing_of_gaps_gives_more_than_the_law_stored_and_the_torque_held(name: str) -> None:
     rng = random.Random(name)
@@ -140,3 +176,4 @@ def test_no_timing_of_2000_gives_more_than_the_law_stored_and_the_torque_held(se
             drawn(rng, of_scenes([rng.choice(REMEMBERING), rng.choice(STATIC)]))
         else:
             drawn(rng, in_library(rng.choice(ROTARY)), rotary=True)
+        drawn_pair(rng, rng.choice(COUPLED)) if number % 10 == 9 else None
