@@ -72,7 +72,7 @@ GUARDS = {
     ),
     "too many gaps": _cycle(
         "axis",
-        "if self._gaps.too_many:",
+        "if self.gaps.too_many:",
         "if False:",
         "test_a_loop_that_misses_a_fifth_of_its_periods_is_given_up",
     ),

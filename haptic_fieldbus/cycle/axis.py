@@ -107,7 +107,7 @@ class AxisCycle:
         self.stalls = 0
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
-        self._watch = AxisWatch(axis, self.state, period, self._trip)
+        self.watch = AxisWatch(axis, self.state, period, self._trip)
         signs = self._trip, owner.sign_seen, owner.sign_doubted
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self._image, self._output = image, output
@@ -236,7 +236,7 @@ class AxisCycle:
 
     def _bind_observe(self) -> Observe:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
-        state, axis, owner, watch, permission = self.state, self._axis, self._owner, self._watch, self.permission
+        state, axis, owner, watch, permission = self.state, self._axis, self._owner, self.watch, self.permission
         unpack, power = self._image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
         place = self._axis.place_of(Signal.VELOCITY if axis.integrates else Signal.POSITION)
@@ -434,7 +434,7 @@ class AxisWatch:
         self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
         self._oldest_ns = self._limits.age * 1e9
         self._lowest, self._highest = axis.limits.position or (-math.inf, math.inf)
-        self._gaps = Gaps(period, 0.5 + axis.delay.total / period, axis.largest_stretch)
+        self.gaps = Gaps(period, 0.5 + axis.delay.total / period, axis.largest_stretch)
 
     def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool, age_before_ns: int) -> int:
         """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link.
@@ -468,10 +468,10 @@ class AxisWatch:
         passed = steps * self._period
         if not lost and passed > self._limits.age:
             self._trip(TripKind.PERIODS_MISSED, passed, self._limits.age)
-        self._gaps.note(t_ns, steps)
-        if self._gaps.too_many:
+        self.gaps.note(t_ns, steps)
+        if self.gaps.too_many:
             kind = TripKind.FEEDBACK_SPARSE if lost else TripKind.PERIODS_MISSED
-            self._trip(kind, self._gaps.share, LARGEST_MISSING_SHARE, f"{self._gaps.stretch:.2f}")
+            self._trip(kind, self.gaps.share, LARGEST_MISSING_SHARE, f"{self.gaps.stretch:.2f}")
 
     def motion(self, here: float, way: float, elapsed_ns: int, age_ns: int) -> float:
         """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range.

@@ -77,6 +77,11 @@ class Cycle:
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
         self._tied = tuple(self.axes[name].state for name in tied)
+        if tied:
+            watches = [self.axes[name].watch for name in tied]
+            strictest = min((watch.gaps for watch in watches), key=lambda gaps: gaps.tolerance)
+            for watch in watches:
+                watch.gaps = strictest
         self._controlled = plan.scene.controlled
         self.ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
         """The energy ledgers, in the order of their first axes."""

@@ -26,7 +26,8 @@ turn of its motion, and then each of them finds twice the mean of v². So gaps d
     stretch = 1 + Σ(s² − s)/Σs/a   (s: periods between two samples, a: mean age of the force, ½ + td/T + λ/T)
 
 at most, whatever their timing; the proof is in `margins.linear`. Without delay a is ½, and gaps that come at any time
-cost half of it, Σs²/Σs.
+cost half of it, Σs²/Σs. Two axes that a coupling ties together move in modes, which diagonalise the stiffness: the work
+of both held torques is the sum of that of the modes, and the bound is that of each.
 
 The loop is given up when the stretch is above `AxisPlan.largest_stretch`, or when more than a fifth of the samples is
 missing. The stretch is that of the last second. Of rare gaps it is that from the third last one to the last one: one or
@@ -127,7 +128,10 @@ class LawPlace:
 
 
 class Gaps:
-    """The gaps of the last second; `age` is the mean age of the force in periods, `largest` the largest stretch."""
+    """The gaps of the last second; `age` is the mean age of the force in periods, `largest` the largest stretch.
+
+    Axes that couplings tie together share one, because a gap of one holds the torque of all.
+    """
 
     def __init__(self, period: float, age: float, largest: float) -> None:
         self._periods = max(FEWEST_PERIODS, round(WINDOW / period))
@@ -142,16 +146,31 @@ class Gaps:
         """Σ(s² − s) over the gaps."""
 
     def note(self, t_ns: int, steps: int) -> None:
-        """Count a sample that came `steps` periods after the one before; `steps` is 2 or more."""
+        """Count a sample that came `steps` periods after the one before; `steps` is 2 or more.
+
+        Of the gaps of several axes that end together the longest counts.
+        """
         gaps = self._gaps
+        if gaps and gaps[-1][0] == t_ns:
+            if steps <= gaps[-1][1]:
+                return
+            self._forget(*gaps.pop())
+            self._last.pop()
         gaps.append((t_ns, steps))
         self._last.append((t_ns, steps * (steps - 1)))
         self._missing += steps - 1
         self._surplus += steps * (steps - 1)
         while gaps[0][0] < t_ns - self._window_ns:
-            _, old = gaps.popleft()
-            self._missing -= old - 1
-            self._surplus -= old * (old - 1)
+            self._forget(*gaps.popleft())
+
+    def _forget(self, t_ns: int, steps: int) -> None:
+        self._missing -= steps - 1
+        self._surplus -= steps * (steps - 1)
+
+    @property
+    def tolerance(self) -> float:
+        """Largest Σ(s² − s)/Σs, by which the mean age of the force may grow [periods]."""
+        return (self._largest - 1.0) * self._age
 
     @property
     def share(self) -> float:

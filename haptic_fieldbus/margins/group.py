@@ -172,6 +172,24 @@ class Group:
         """Return whether the group is stable when the stiffest has this stiffness [N/m or N·m/rad]."""
         return self.loop.bears(self.environment(stiffness=stiffness))
 
+    def further_age(self, most: float) -> float:
+        """Return by how much older all forces may be in a stable loop [s], to a fiftieth; `most` is enough.
+
+        Gaps make the force of every element older, and the margin is that of the stiffest alone.
+        """
+        if not math.isfinite(most) or self._bears_age(most):
+            return most
+        low, high = 0.0, most
+        while high - low > max(0.02 * high, 1e-3 * self.period):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._bears_age(middle) else (low, middle)
+        return low
+
+    def _bears_age(self, further: float) -> bool:
+        members = tuple(replace(member, delay=member.delay + further) for member in self.members)
+        older = replace(self, members=members)
+        return older.loop.bears(older.environment())
+
     def uncoupled(self) -> tuple["Group", ...]:
         """Return each axis as a group of one without its couplings; empty when the group has no couplings."""
         return tuple(replace(self, members=(each,), couplings=()) for each in self.members if self.couplings)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
@@ -18,6 +19,7 @@ from haptic_fieldbus.planning.image import STATUSWORD, canonical
 from haptic_fieldbus.planning.limits import (
     GAP_SHARE,
     HOLDING_SHARE,
+    LARGEST_MISSING_SHARE,
     EffortLimits,
     check_places,
     limits_of,
@@ -135,11 +137,25 @@ class AxisPlan:
         value = in_unit(self.limits.effort, self.workspace.effort_unit)
         return f"{self.workspace.effort_name} limited to {value} ({percent(HOLDING_SHARE)} of rated torque): {reason}"
 
-    @property
+    @cached_property
     def largest_stretch(self) -> float:
-        """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1."""
-        margin = None if self.stability is None else self.stability.margin
-        return 1.0 + GAP_SHARE * (margin - 1.0) if margin is not None and margin > 1.0 else math.inf
+        """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1.
+
+        The margin is that of one stiffness beside all others, so several elements are judged by the age of their
+        forces: gaps make them older by Σ(s² − s)/Σs periods at most (`margins.linear`).
+        """
+        margin, group = None if self.stability is None else self.stability.margin, self.group
+        if margin is None or margin <= 1.0:
+            return math.inf
+        alone = group is None or len(group.couplings) + sum(len(each.elements) for each in group.members) == 1
+        if group is None or alone:
+            return 1.0 + GAP_SHARE * (margin - 1.0)
+        ages = {each.name: 0.5 * group.period + each.delay + each.plant.torque_lag for each in group.members}
+        # No gaps make a force older than that: the loop is given up before.
+        most = LARGEST_MISSING_SHARE * self.limits.age
+        wanted = (margin - 1.0) * min(ages.values())
+        further = group.further_age(min(wanted, most))
+        return 1.0 + GAP_SHARE * (wanted if further == most else further) / ages[self.name]
 
     @property
     def velocity_unit(self) -> float:

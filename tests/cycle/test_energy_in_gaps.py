@@ -13,11 +13,12 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.cycle.laws import Sensed, field_of
+from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.element import Element, StaticElement, abilities
 from haptic_fieldbus.scenes.gravity import Gravity
 from haptic_fieldbus.signals import Signal, Workspace
-from tests.cycle.gap_bench import LEVER, MASS, PERIOD, AtPlaces, Handled, TwoHandles, bench_plan
+from tests.cycle.gap_bench import LEVER, MASS, PERIOD, AtPlaces, Handled, Timing, TwoHandles, bench_plan, run
 
 REACH = 0.15
 """[m] to both sides, in which a potential is known."""
@@ -33,6 +34,8 @@ REMEMBERING = (
     *("inertia", "gear_shifter"),
 )
 ROTARY = ("pendulum", "knob_menu")
+COUPLED = ("virtual_shaft", "teleoperation")
+SUMS = (("detents", "kelvin_voigt"), ("magnet", "sprung_mass"), ("texture", "gravity"), ("virtual_coupling", "detents"))
 
 
 def in_library(name: str) -> tuple[Element, ...]:
@@ -177,3 +180,63 @@ def test_no_timing_of_2000_gives_more_than_the_law_stored_and_the_torque_held(se
         else:
             drawn(rng, in_library(rng.choice(ROTARY)), rotary=True)
         drawn_pair(rng, rng.choice(COUPLED)) if number % 10 == 9 else None
+
+
+def at_turns(missing: int) -> Timing:
+    """Gaps that begin where the handle turns around."""
+    last = 0.0
+
+    def timing(bench: Handled) -> int:
+        nonlocal last
+        before, last = last, bench.v
+        return missing if before * bench.v < 0.0 else 0
+
+    return timing
+
+
+def left_alone(elements: Sequence[Element], damping: float, timing: Timing, seconds: float, rotary: bool) -> None:
+    """A handle that is thrown and left alone rests in the end, or its run has, or it was given no power that is felt.
+
+    It is given what was stored where it began, the leak of the held force, 50 mJ and 2 mW at most.
+    """
+    lever = LEVER if rotary else 1.0
+    plan = bench_plan(*elements, rotary=rotary)
+    bench = Handled(plan, mass=MASS * lever**2, damping=damping * lever**2, by_changes=True)
+    stored = potential(elements, REACH / lever)
+    first = stored(bench.x) - min(stored((number / 500.0 - 1.0) * REACH / lever) for number in range(1001))
+    bench.stiffness, bench.v = 1.1 * steepest(stored, REACH / lever), 0.6 / lever
+    run(bench, seconds, timing)
+    time = bench.period * PERIOD
+    weight = sum(each.share * each.mass * 9.80665 for each in elements if isinstance(each, Gravity))
+    most = first + weight * abs(bench.x) + bench.leak + 1.1 * HELD_ENERGY + HELD_POWER * time
+    assert bench.given <= most + ROUNDING * lever * bench.path, f"{bench.given} J above {most}: {elements}"
+
+
+@pytest.mark.thorough("each scene of the library for seconds", quick=("detents",))
+@pytest.mark.parametrize("name", [*STATIC, *REMEMBERING, *ROTARY, *map("+".join, SUMS)])
+def test_a_handle_that_is_left_alone_is_given_no_power_that_is_felt(name: str) -> None:
+    elements, rotary = of_scenes(name.split("+")), name in ROTARY
+    pitch = 0.01 * (1.0 / LEVER if rotary else 1.0)
+    for damping in (0.2, 1.58):
+        for timing in (AtPlaces(14, pitch, pause=70), AtPlaces(8, pitch, 0.88, pause=40), at_turns(5)):
+            left_alone(elements, damping, timing, 2.0, rotary)
+
+
+@pytest.mark.thorough("each coupled scene for seconds", quick=("virtual_shaft",))
+@pytest.mark.parametrize("name", COUPLED)
+def test_two_handles_that_are_left_alone_are_given_no_power_that_is_felt(name: str) -> None:
+    scene = load_scene(name)
+    rotary = scene.axes[0].workspace is Workspace.ROTARY
+    for damping, missing, lost in ((0.3, 14, (True, False)), (1.58, 8, (False, True)), (0.3, 5, (True, True))):
+        bench = TwoHandles(scene, [damping, damping], rotary)
+        bench.v, last, left = [0.6 / (LEVER if rotary else 1.0), 0.0], 0.0, 0
+        for number in range(2000):
+            speed = bench.v[0] - bench.v[1]
+            if speed * last < 0.0 or (not left and number % (5 * missing) == 0):
+                left = missing
+            last, left = speed, max(0, left - 1)
+            bench.move((lost[0] and left > 0, lost[1] and left > 0))
+            if bench.tripped:
+                break
+        most = bench.leak + 1.1 * HELD_ENERGY + HELD_POWER * 2.0
+        assert bench.given <= most + ROUNDING * (LEVER if rotary else 1.0) * bench.path

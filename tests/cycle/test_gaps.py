@@ -11,8 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.gaps import Gaps
+from haptic_fieldbus.margins.group import Group, Member, groups_of
+from haptic_fieldbus.margins.plant import Plant
 from haptic_fieldbus.planning.limits import GAP_SHARE
+from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.coupling import Coupling
+from haptic_fieldbus.scenes.wall import Wall
+from tests.builders import plan_of, scene_of
 
 Array = NDArray[np.float64]
 PERIOD, PERIOD_NS = 0.001, 1_000_000
@@ -171,3 +178,119 @@ def test_no_pattern_that_is_permitted_grows(seed: int) -> None:
         for _ in range(20):
             pattern = permitted(random, min(turn, 600.0), 1.0 + GAP_SHARE * (margin - 1.0), 0.5 + delay)
             assert loop.radius(pattern) < 1.0, (loop, margin, pattern)
+
+
+def test_gaps_of_two_axes_that_end_together_count_once_by_the_longer_one() -> None:
+    counted = Gaps(PERIOD, AGE, math.inf)
+    for steps in (3, 5, 4):
+        counted.note(PERIOD_NS, steps)
+    assert counted.share == pytest.approx(4 / 1000)
+    assert counted.stretch == pytest.approx(1.0 + 20 / 1000 / AGE)
+    assert Gaps(PERIOD, AGE, 3.0).tolerance == pytest.approx(1.0)
+
+
+def test_the_gaps_of_tied_axes_are_those_of_both() -> None:
+    """A third of the samples is missing, now of one axis and now of the other one: each alone would bear its own."""
+    cycle = Cycle(plan_of(load_scene("virtual_shaft")))
+    left, right = (axis.watch.gaps for axis in cycle.axes.values())
+    assert left is right
+    for number in range(1, 400):
+        (left if number % 2 else right).note(6 * number * PERIOD_NS, 3)
+    assert left.too_many
+
+
+def test_several_springs_bear_the_gaps_that_one_of_their_sum_bears() -> None:
+    """The margin of 1.49 is that of one of both beside the other one; both together have 1.24."""
+    (one,) = plan_of(scene_of(Wall("handle", 1200.0))).axes
+    (two,) = plan_of(scene_of(Wall("handle", 600.0), Wall("handle", 600.0, name="other"))).axes
+    assert two.stability is not None
+    assert two.stability.margin == pytest.approx(1.49, abs=0.02)
+    assert two.largest_stretch == pytest.approx(one.largest_stretch, abs=0.02)
+
+
+@dataclass(frozen=True)
+class TiedLoop:
+    """A shaft between two masses, and a spring on the second; delays in periods, below 1.
+
+    State: [x, v of the first, x, v of the second, both forces of the motors].
+    """
+
+    masses: tuple[float, float]
+    frictions: tuple[float, float]
+    delays: tuple[float, float]
+    shaft: float
+    wall: float
+    ratio: float
+
+    def held(self, periods: int) -> Array:
+        """The map of one hold: each fresh force acts from its delay on; the next sample is after so many periods."""
+        now = np.eye(6)
+        twist = now[0] - self.ratio * now[2]
+        fresh = (-self.shaft * twist, self.ratio * self.shaft * twist - self.wall * now[2])
+        time, after = 0.0, now
+        for axis in np.argsort(self.delays).tolist():
+            after = self._moved((self.delays[axis] - time) * PERIOD) @ after
+            time = self.delays[axis]
+            after[4 + axis] = fresh[axis]
+        return self._moved((periods - time) * PERIOD) @ after
+
+    def _moved(self, time: float) -> Array:
+        system = np.zeros((6, 6))
+        for axis in range(2):
+            system[2 * axis, 2 * axis + 1] = 1.0
+            system[2 * axis + 1, 2 * axis + 1] = -self.frictions[axis] / self.masses[axis]
+            system[2 * axis + 1, 4 + axis] = 1.0 / self.masses[axis]
+        return np.asarray(scipy.linalg.expm(system * time))
+
+    def radius(self, gaps: Sequence[tuple[int, int]]) -> float:
+        whole, in_time = np.eye(6), self.held(1)
+        for length, follow in gaps:
+            whole = np.linalg.matrix_power(in_time, follow) @ self.held(length) @ whole
+        return float(np.abs(np.linalg.eigvals(whole)).max())
+
+    def turns(self) -> list[float]:
+        """Times of a turn of both modes [periods]."""
+        n = self.ratio
+        stiffness = self.shaft * np.array([[1.0, -n], [-n, n * n]]) + np.diag([0.0, self.wall])
+        squares = np.linalg.eigvals(np.diag(1.0 / np.array(self.masses)) @ stiffness).real
+        return [2.0 * math.pi / (PERIOD * math.sqrt(each)) for each in squares if each > 1.0]
+
+    def group(self) -> Group:
+        """The same axes as the package judges them."""
+        walls: list[tuple[Wall, ...]] = [(), (Wall("b", self.wall, sides="bilateral"),) if self.wall else ()]
+        members = [
+            Member(name, Plant(mass, friction), delay * PERIOD, own, None, "backward-difference")
+            for name, mass, friction, delay, own in zip(
+                "ab", self.masses, self.frictions, self.delays, walls, strict=True
+            )
+        ]
+        (found,) = groups_of(members, (Coupling(("a", "b"), self.shaft, ratio=self.ratio),), PERIOD)
+        return found
+
+
+def tied_loop(random: np.random.Generator) -> TiedLoop:
+    masses = 10.0 ** random.uniform(-1.0, 0.5, 2)
+    frictions = masses * 10.0 ** random.uniform(0.0, 0.7)
+    delays = random.choice([0.0, 0.33, 0.9], 2)
+    ratio = float(random.choice([1.0, -1.0, 0.5]))
+    shaft = float(min(frictions)) / PERIOD * 10.0 ** random.uniform(-1.0, -0.3)
+    wall = shaft * float(random.choice([0.0, 0.5, 3.0]))
+    return TiedLoop(tuple(masses.tolist()), tuple(frictions.tolist()), tuple(delays.tolist()), shaft, wall, ratio)
+
+
+@pytest.mark.thorough("draws 200 shafts and 20 patterns of each", quick=("0",))
+@pytest.mark.parametrize("seed", range(10))
+def test_no_pattern_that_is_permitted_grows_on_a_shaft(seed: int) -> None:
+    """With and without a spring on the second axis, which the margin of the shaft leaves out."""
+    random, judged = np.random.default_rng([58, seed]), 0
+    while judged < (2 if seed == 0 else 20):
+        loop = tied_loop(random)
+        further = loop.group().further_age(20.0 * PERIOD) / PERIOD
+        if loop.radius([(1, 0)]) > 1.0 + 1e-9 or not further:
+            continue
+        judged += 1
+        youngest = 0.5 + min(loop.delays)
+        for _ in range(20):
+            turn = min(float(random.choice(loop.turns())), 600.0)
+            pattern = permitted(random, turn, 1.0 + GAP_SHARE * further / youngest, youngest)
+            assert loop.radius(pattern) < 1.0 + 1e-9, (loop, further, pattern)

@@ -5,28 +5,22 @@ has the handle and the work of the torque.
 """
 
 import math
-import random
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Sequence
 
 import pytest
 
 from haptic_fieldbus.cycle.energy import EnergyRecord
-from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.cycle.safety import TripKind
-from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.dahl import Dahl
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.detents import Detents
-from haptic_fieldbus.scenes.element import Element, StaticElement, abilities
+from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.gravity import Gravity
 from haptic_fieldbus.scenes.kelvin_voigt import KelvinVoigt
 from haptic_fieldbus.scenes.virtual_coupling import VirtualCoupling
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.signals import Signal
-from tests.cycle.gap_bench import PERIOD, AtPlaces, Handled, bench_plan, carry, every, never, run
+from tests.cycle.gap_bench import AtPlaces, Handled, bench_plan, carry, every, never, run
 
 AMPLITUDE, PITCH = 1.5, 0.01
 DETENTS = Detents("handle", AMPLITUDE, PITCH)
