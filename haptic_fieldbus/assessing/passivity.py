@@ -37,7 +37,7 @@ class Passivity:
     """Largest generated energy; the run trips above `limit`."""
     limit: float
     booked: Mapping[str, float]
-    """Energy by reason: granted to live changes and encoder test pulses, or forgiven during fade-in, feedback gaps,
+    """Energy by reason: granted to live changes and encoder test pulses, or forgiven during fade-in,
     stalls and doubts about the motor direction."""
     controller: Controlled | None
     """None in a scene without the controller."""
@@ -46,7 +46,7 @@ class Passivity:
     forgiven_limit: float = math.inf
     """Infinity if the account has no limit."""
     held: float = 0.0
-    """Largest energy of torque held in short gaps, beyond the stored energy and an imperceptible power; the run trips
+    """Largest energy of torque held in feedback gaps, beyond the stored energy and an imperceptible power; the run trips
     above 50 mJ."""
 
     def to_json(self) -> Json:

@@ -256,7 +256,7 @@ def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
 
 def _shifted(axis: AxisPlan, gaps: GapCounts, share: float) -> str:
     return (
-        f"axis {axis.name}: after {_times(gaps.short, 'short feedback gap')} the scene was displaced by up to "
+        f"axis {axis.name}: after {_times(gaps.short + gaps.long, 'feedback gap')} the scene was displaced by up to "
         f"{in_unit(gaps.farthest, axis.workspace.length_unit)}, in {100 * share:.0f} % of the periods; it moves back "
         "as the handle gives way"
     )

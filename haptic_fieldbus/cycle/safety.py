@@ -150,6 +150,8 @@ class Permission:
     """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
     blind: bool = False
     """Whether feedback is missing, but not for long, or the force has not come back to that of the scene since."""
+    is_long: bool = False
+    """Whether the present gap, or the last one, left a cap."""
     returning: int = 0
     """Periods in which the force has been coming back."""
     shift: float = 0.0
@@ -215,12 +217,12 @@ class Permission:
     def begin_gap(self) -> None:
         """A second period passes without feedback."""
         self.blind = self.beside = True
-        self.returning = 0
+        self.is_long, self.returning = False, 0
         self.loosen()
 
     def come_back(self, *, arrived: bool, longest: int) -> None:
         """Feedback is back: end the gap when the force has `arrived` at that of the scene, or after so many periods."""
-        self.gaps.short += not self.returning and not self.capped
+        self.gaps.short += not self.returning and not self.is_long
         self.returning += 1
         self.blind = not arrived and self.returning < longest
 
@@ -295,18 +297,15 @@ def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Ca
     While the sign is looked for, the cap of a long gap is `limits.before_sign`: the force before may be a pulse's.
     """
     fading, soon = fade_periods(period), soon_periods(period, limits.age)
-    is_long = False
 
     def hold(missing: int) -> float:
-        nonlocal is_long
         if missing == 1:
             permission.held = permission.before
             return permission.before
         if missing == 2:
             permission.begin_gap()
-            is_long = False
-        if permission.blind and missing > soon and not is_long:
-            is_long = True
+        if permission.blind and missing > soon and not permission.is_long:
+            permission.is_long = True
             if permission.proof is None:
                 permission.give_up_place()
             else:

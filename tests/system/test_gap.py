@@ -58,27 +58,27 @@ def test_single_missing_samples_all_over_a_run_are_no_reason_to_stop(hand: str) 
 
 
 def test_a_force_that_a_gap_took_is_told() -> None:
-    """The feedback stays away while the handle enters the wall: nothing pushes it out, and it is said why."""
-    found = run("wall", endless_rig("wall"), duration=1.5, faults=[MissingTpdos("missing_tpdos", 0.71, 20)])
-    depth = found.traces[0].position[-1] - 0.02
-    assert depth > 0.03, "a wall of 600 N/m would have held 6 N at 0.01"
-    (told,) = [text for text in found.warnings if "gap" in text]
+    """The feedback stays away while a hand leans that then pushes harder: no more than before comes back."""
+    found = leaning(20)
+    whole = run("wall", duration=4.0)
+    assert found.traces[0].position[-1] - whole.traces[0].position[-1] > 0.005
+    told = next(text for text in found.warnings if "stayed limited" in text)
     assert "after a long feedback gap the force stayed limited to its value before the gap" in told
     assert "the limit ends when the handle leaves contact" in told
     assert not [text for text in found.warnings if "requested more" in text]
 
 
-@pytest.mark.thorough("two runs of a second and a half", quick=1)
-@pytest.mark.parametrize("missing", [5, 15])
-def test_a_wall_that_a_short_gap_hides_stands_where_the_handle_is_seen_again(missing: int) -> None:
+@pytest.mark.thorough("three runs of two seconds and a half", quick=1)
+@pytest.mark.parametrize("missing", [5, 15, 20])
+def test_a_wall_that_a_gap_hides_stands_where_the_handle_is_seen_again(missing: int) -> None:
     """Feedback stays away from just before the handle enters the wall, which then is as much deeper for the hand."""
     found = run("wall", endless_rig("wall"), duration=2.5, faults=[MissingTpdos("missing_tpdos", 0.721, missing)])
     whole = run("wall", endless_rig("wall"), duration=2.5)
     (told,) = [text for text in found.warnings if "gap" in text]
-    beside = re.search(r"after a short feedback gap the scene was displaced by up to ([\d.]+) mm", told)
+    beside = re.search(r"after a feedback gap the scene was displaced by up to ([\d.]+) mm", told)
     assert beside is not None
     hidden = (0.721 + missing * 1e-3 - ENTERED) * SPEED
-    assert 1e-3 * float(beside.group(1)) == pytest.approx(hidden, abs=1e-3 * SPEED), "to a sample"
+    assert 1e-3 * float(beside.group(1)) == pytest.approx(hidden, abs=2e-3 * SPEED), "to two samples"
     deeper = found.traces[0].position[-1] - whole.traces[0].position[-1]
     assert deeper == pytest.approx(1e-3 * float(beside.group(1)), abs=2.0 * FRICTION / 600.0)
 
