@@ -31,8 +31,7 @@ A live change fades from one set of elements to another, and the stored energy w
 handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. So
 is the most that pulses may give which ask an encoder (`cycle.standstill`): their size times the way.
 
-Another force than that of the law. While the limit fades in, after a long gap, after a stall and while the sign is
-looked for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is
+Another force than that of the law. While the limit fades in, after a stall and while the sign is looked for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is
 judged on, by an account of what it asks for along the samples that it saw, by the trapezoid,
 
     Σ ½·(F_k + F_{k+1})·Δx ≤ U(then) − U(now) + Σ ¼·K·Δx² + Σ Fa·|Δx| + reserve
@@ -45,17 +44,18 @@ reason, and ends the run above a budget for each second (`planning.energy.forgiv
 again within a contact, what it owes is booked too, at most the force limit times the way since the account was opened.
 Virtual masses are judged by the law anyhow; where the loop was late it is led along a straight line, and they with it.
 
-Gaps. In a short gap the law of the scene pauses (`cycle.gaps`): it stores U(x − δ), and a weight U(x). From the second
-missing sample until the force is that of the law again the torque is granted nothing. What it gives on a straight way,
-beyond the fall of the stored energy, is charged to one account over all gaps,
+Gaps. In a gap the law of the scene pauses (`cycle.gaps`): it stores U(x − δ), and a weight U(x). From the second
+missing sample until the force is that of the law again, also under the cap of a long gap, the torque is granted
+nothing. What it gives on a straight way, beyond the fall of the stored energy, is charged to one account over all gaps,
 
     Q ← max(−Fmax·|δ|, Q − P·t + given + U(now) − U(then)),   P = 2 mW, and Q − P·t no lower than 0
 
 which trips above 50 mJ. While the law stands beside its place, Q may be below 0: a hand that was let
 into a wall by gaps has paid what other gaps give it on the way out, F times the shift. What the stored energy falls by
 when the law is drawn back is credited to Q, and taken from the open account. The stored energy of elements with a
-memory is not exactly that of their force. Where there are such elements, or couplings, or elements that do not state
-what they store, what is sent in a gap is forgiven, as after a long one.
+memory is not exactly that of their force. Where there are such elements, or some that do not state what they store, the
+work of the law along the way of x − δ takes the place of the fall of U: a passive law gives no more on it than it
+holds. While a law that does not resist is still being drawn back, F·δ is not held against the run.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
