@@ -206,7 +206,7 @@ STIFFNESS, EFFORT = 10.0 * UNIT / (WAY * COUNT), 400.0 * UNIT
 SLEW = EFFORT / 5.0
 """Largest change of the force in a period [N]: from 0 to the limit in 5 ms."""
 SOON = 15
-"""Longest gap [periods] after which the wall goes on from where it was; after a longer one its force has a cap."""
+"""Longest gap [periods] after which the wall goes on from where it was; after a longer one its force also has a cap."""
 PRESSED, DEEPER = 30, 10
 """Periods of pressing before the gap, and after it."""
 EXACT = 1e-9
@@ -242,13 +242,17 @@ def _expected(places: Sequence[int], gap: int) -> list[float]:
     kept = asked[PRESSED - 1]
     faded = [kept * max(0.0, 1.0 - max(0, missing - 1) / FADE) for missing in range(1, gap + 1)]
     left = next(number for number in range(PRESSED + gap, len(places)) if not asked[number])
-    # Back in contact it rises as fast as it may. After a short gap the wall waits until the force is that of before
-    # within a step of the drive, and goes on from there. After a long one the force stays there until less is asked
-    # for. A gap of one period is none: every force is held for a period.
-    cap, pauses = kept if gap > SOON else -EFFORT, 1 < gap <= SOON
+    # Back in contact it rises as fast as it may. The wall waits until the force is that of before within a step of the
+    # drive, and goes on from there. After a long gap that force is a cap: the wall goes on for a period, in which it is
+    # seen to cut, and then for as long as the hand presses on it waits again. A gap of one period is none: every force
+    # is held for a period.
+    cap, pauses = kept if gap > SOON else -EFFORT, gap > 1
     risen = [faded[-1] - SLEW * number for number in range(1, left - PRESSED - gap + 1)]
     waits = next(number for number, force in enumerate(risen) if force <= kept + UNIT) if pauses else 0
     beside = places[PRESSED + gap + waits] - places[PRESSED - 1] if pauses else 0
+    if gap > SOON:
+        beside += WAY * max(0, DEEPER - waits - 2)
+        waits = max(waits, DEEPER)
     wanted = [kept] * waits
     wanted += [-STIFFNESS * COUNT * max(place - beside, 0) for place in places[PRESSED + gap + waits : left]]
     back = [max(cap, *each) for each in zip(risen, wanted, strict=True)]
@@ -280,7 +284,7 @@ def fade_return(quick: bool) -> CaseResult:
     return CaseResult(
         f"pressing to {rounded(STIFFNESS * WAY * COUNT * PRESSED, 4)} N, gaps of {', '.join(map(str, gaps))} periods: "
         f"held, fading over {FADE}, back by at most {rounded(SLEW, 3)} N a period to that force; after {SOON} at most "
-        "the wall goes on from there, after more it stays there; the hand gets "
+        "the wall goes on from there, after more with that force at most; the hand gets "
         f"{values_text([1e3 * each for each in by_hand], 3)} mJ",
         f"off by at most {rounded(off, 1)} N; the hand gets "
         f"{values_text([1e3 * each for each in works], 3)} mJ, off by {rounded(1e3 * apart, 1)} mJ",
