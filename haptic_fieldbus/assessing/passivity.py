@@ -46,8 +46,8 @@ class Passivity:
     forgiven_limit: float = math.inf
     """Infinity if the account has no limit."""
     held: float = 0.0
-    """Largest energy of torque held in feedback gaps, beyond the stored energy and an imperceptible power; the run trips
-    above 50 mJ."""
+    """Largest energy of torque held in gaps, beyond the stored energy and an imperceptible power; the run trips above
+    50 mJ."""
 
     def to_json(self) -> Json:
         return {
