@@ -31,8 +31,9 @@ A live change fades from one set of elements to another, and the stored energy w
 handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. So
 is the most that pulses may give which ask an encoder (`cycle.standstill`): their size times the way.
 
-Another force than that of the law. While the limit fades in, after a stall and while the sign is looked for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is
-judged on, by an account of what it asks for along the samples that it saw, by the trapezoid,
+Another force than that of the law. While the limit fades in, after a stall and while the sign is looked for, less is
+sent than the law asks for. Two things are then looked at apart from each other. The law itself is judged on, by an
+account of what it asks for along the samples that it saw, by the trapezoid,
 
     Σ ½·(F_k + F_{k+1})·Δx ≤ U(then) − U(now) + Σ ¼·K·Δx² + Σ Fa·|Δx| + reserve
 
