@@ -56,7 +56,8 @@ into a wall by gaps has paid what other gaps give it on the way out, F times the
 when the law is drawn back is credited to Q, and taken from the open account. The stored energy of elements with a
 memory is not exactly that of their force. Where there are such elements, or some that do not state what they store, the
 work of the law along the way of x − δ takes the place of the fall of U: a passive law gives no more on it than it
-holds. While a law that does not resist is still being drawn back, F·δ is not held against the run.
+holds. A virtual mass that is given the velocity alone has no place at which it could pause: of its held torque, which
+takes energy while the handle speeds up, what is given while it slows down is forgiven. While a law that does not resist is still being drawn back, F·δ is not held against the run.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
@@ -410,6 +411,10 @@ class Ledger:
         placed = [each for each in own if is_placed(each)]
         self.exact = all(abilities(each).stored for each in (*placed, *couplings)) and all(map(is_static, placed))
         """Whether the stored energy is that of the force."""
+        self.charges = (
+            all(map(is_placed, own)) or not memory_terms([each for each in own if not is_placed(each)], 1.0).silence
+        )
+        """Whether torque held in gaps is charged: a virtual mass without a place does not pause."""
         terms = [axis_terms(axis, of, couplings, self.period) for axis, of in zip(self.axes, elements, strict=True)]
         return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)
 

@@ -263,7 +263,7 @@ class _Account:
 
         What was taken instead stays as credit, as that of the law does. Torque held in gaps is charged to its account.
         """
-        if self._ledger.reason == HELD:
+        if self._ledger.reason == HELD and self._ledger.charges:
             self._ledger.charge(self._beyond)
             self._sent = self._beyond = 0.0
             return

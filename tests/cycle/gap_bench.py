@@ -22,7 +22,9 @@ from tests.cycle.test_cycle import ENABLED, FADED_IN, image, sent
 PERIOD = 1e-3
 MASS, DAMPING = 0.63, 1.58
 """Of the shipped bench, without its dry friction [kg, N·s/m]."""
-FREE = Limits(speed=1.5, acceleration=1e12)
+FASTEST = 1.5
+"""Speed limit of the bench [m/s]."""
+FREE = Limits(speed=FASTEST, acceleration=1e12)
 
 
 LEVER = 0.05 / (2.0 * math.pi)
@@ -31,7 +33,7 @@ LEVER = 0.05 / (2.0 * math.pi)
 
 def bench_plan(*elements: Element, rotary: bool = False, **changes: Any) -> Plan:
     scene = scene_of(*elements, workspace=Workspace.ROTARY if rotary else Workspace.LINEAR)
-    free = Limits(speed=FREE.speed / LEVER, acceleration=FREE.acceleration) if rotary else FREE
+    free = Limits(speed=FASTEST / LEVER, acceleration=FREE.acceleration) if rotary else FREE
     plan = plan_of(scene, rig=rig_of(scene, **{"limits": free, **changes}))
     # A loop that loses more than a margin permits is the subject here, and no reason to stop. A handle that is carried
     # whatever its torque is would be one with the wrong sign on a known bench.
@@ -199,7 +201,7 @@ class TwoHandles:
 
     def __init__(self, scene: Scene, dampings: Sequence[float], rotary: bool) -> None:
         lever = LEVER if rotary else 1.0
-        free = Limits(speed=FREE.speed / lever, acceleration=FREE.acceleration)
+        free = Limits(speed=FASTEST / lever, acceleration=FREE.acceleration)
         plan = plan_of(scene, rig=rig_of(scene, limits=free))
         plan = replace(plan, axes=tuple(replace(axis, stability=None, plant=None) for axis in plan.axes))
         self.cycle = Cycle(plan)
