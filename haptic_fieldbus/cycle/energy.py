@@ -57,7 +57,8 @@ when the law is drawn back is credited to Q, and taken from the open account. Th
 memory is not exactly that of their force. Where there are such elements, or some that do not state what they store, the
 work of the law along the way of x − δ takes the place of the fall of U: a passive law gives no more on it than it
 holds. A virtual mass that is given the velocity alone has no place at which it could pause: of its held torque, which
-takes energy while the handle speeds up, what is given while it slows down is forgiven. While a law that does not resist is still being drawn back, F·δ is not held against the run.
+takes energy while the handle speeds up, what is given while it slows down is forgiven. While a law that does not resist
+is still being drawn back, F·δ is not held against the run.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
