@@ -12,6 +12,8 @@ DIGITS = 3
 """Significant digits of what was measured or computed: more than a hand can tell."""
 LIMIT_DIGITS = 4
 """Of a limit and of what is asked beside it, which should not read the same just beyond."""
+TYPED_DIGITS = 3
+"""Of the limit, and of a setting that is a part of it: the digits that one would type."""
 PERCENT_DIGITS = 2
 GIVEN_DIGITS = 12
 """Of what somebody gave: all that were written, and none that binary fractions add."""

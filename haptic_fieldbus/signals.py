@@ -37,6 +37,10 @@ class Workspace(Enum):
         return "m" if self is Workspace.LINEAR else "rad"
 
     @property
+    def stiffness_unit(self) -> str:
+        return f"{self.effort_unit}/{self.length_unit}"
+
+    @property
     def effort_name(self) -> str:
         return "force" if self is Workspace.LINEAR else "torque"
 

@@ -26,7 +26,7 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.refusal import check_stable
+from haptic_fieldbus.planning.refusal import above_limit, check_stable
 from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
 from haptic_fieldbus.planning.selection import Selection, load, select
 from haptic_fieldbus.protocols.registry import protocol_named
@@ -57,7 +57,8 @@ class Trial:
     record: str | Path | None = None
     """File for the record; the suffix selects the format: frames (.log, .blf) or one row per period (.csv)."""
     force: bool = False
-    """Run even if the loop is unstable or its bench is unknown."""
+    """Run even if the scene is above its limit or its bench is unknown, on a real bus with at most 5 % of rated
+    torque."""
     changes: "Changes | Sequence[Scheduled] | None" = None
     """New settings for the running scene at seconds from *operation enabled*."""
     prove: bool = False
@@ -205,6 +206,8 @@ def run_task(task: Task, trial: Trial) -> Result:
     check_fade_in(trial.fade_in)
     try:
         selection = _selected(task, trial)
+        if trial.force and not selection.bus.simulated and any(above_limit(selection.plan)):
+            selection = replace(selection, forced=True)
         plan = selection.plan.fading_in(trial.fade_in)
     except (PlanError, KeyboardInterrupt) as error:
         # No plan exists yet, so the result holds the request alone.

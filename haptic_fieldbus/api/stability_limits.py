@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD, DEFAULT_RATE
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -15,6 +15,7 @@ from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.refusal import ExchangeLimit, way_limits
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import at_limit, check_rendering, select, settled
+from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
@@ -63,6 +64,8 @@ class Judgement:
     group: Group
     assumed: tuple[str, ...] = ()
     """Values without a source in the profiles of the judged drives."""
+    delays: Mapping[str, Delay] = field(default_factory=dict)
+    """Delays of the judged axes by name, in parts; empty for a device."""
     ways: tuple[ExchangeLimit, ...] = ()
     """Limits of all ways in which the buses could exchange; empty where each has one way, and for a device."""
 
@@ -92,10 +95,10 @@ def judge_scene(task: Task, device: Device | None = None) -> Judgement:
     if device is not None and device.values:
         return _on_device(task, **device.values)
     plan = select(task).plan
-    found = way_limits(plan)
+    found, delays = way_limits(plan), {axis.name: axis.delay for axis in plan.axes}
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
-        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed, found)
+        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed, delays, found)
         for axis in plan.axes
         if axis.stability is not None and axis.group is not None and axis.group.reference_axis == axis.name
     )
@@ -103,7 +106,14 @@ def judge_scene(task: Task, device: Device | None = None) -> Judgement:
 
 def _weakest(judgements: Iterable[Judgement]) -> Judgement:
     """Return the judgement with the smallest margin; a judgement without a margin comes last."""
-    return min(judgements, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
+    found = list(judgements)
+    # The margin of a single one is not asked for: it takes longer than all other values.
+    return found[0] if len(found) == 1 else min(found, key=_margin)
+
+
+def _margin(judgement: Judgement) -> float:
+    margin = judgement.stability.margin
+    return math.inf if margin is None else margin
 
 
 def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:
@@ -118,7 +128,7 @@ def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:
         spaces, paced = {axis.name: axis.workspace for axis in chosen.axes}, chosen.at_period(period)
         members = [Member(name, plant, delay, paced.of_axis(name), method, estimator) for name in spaces]
         return _weakest(
-            Judgement(chosen, group.reference_axis, spaces[group.reference_axis], group.stability, group)
+            _judged(chosen, spaces[group.reference_axis], group)
             for group in groups_of(members, paced.couplings, period)
         )
 
@@ -126,6 +136,12 @@ def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:
     # A stiffness that is a part of the limit takes two steps: the limit first, then the scene with it.
     found = judgement_of(scene)
     return found if part is None else judgement_of(at_limit(task, scene, part, found.stability))
+
+
+def _judged(scene: Scene, space: Workspace, group: Group) -> Judgement:
+    """Return the judgement of a group on a device, in the units of the space."""
+    found = replace(group.stability, unit=space.stiffness_unit)
+    return Judgement(scene, group.reference_axis, space, found, group)
 
 
 def _plant_of(period: float, *, mass: float, **others: float) -> Plant:

@@ -350,7 +350,9 @@ def result_rows(result: Result) -> Iterator[OutputRow]:
     yield OutputRow("host", rights_texts(result.host), "host", [right.to_json() for right in result.host] or None)
     yield OutputRow("warning", result.warnings)
     yield OutputRow(key="plan", value=summary_json(plan) if plan else None)
-    yield OutputRow(key="stability", value=stability.to_json() if stability else None)
+    judged = stability.to_json() if stability else None
+    yield OutputRow(key="limit", value=judged["limit"] if judged else None)
+    yield OutputRow(key="stability", value=judged)
     yield OutputRow(key="trips", value=[trip.to_json() for trip in result.trips])
     yield OutputRow(key="stopped", value=result.stopped.to_json() if result.stopped else None)
     yield OutputRow(key="deadlines", value=[each.to_json() for each in plan.deadlines] if plan else None)
@@ -359,7 +361,7 @@ def result_rows(result: Result) -> Iterator[OutputRow]:
 ORDER = (
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
     "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
-    "guards", "host", "deadlines",
+    "guards", "host", "deadlines", "limit",
 )  # fmt: skip
 """Order of the keys of the object, which is not that of the text; new keys follow."""
 

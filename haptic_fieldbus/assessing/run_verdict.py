@@ -65,15 +65,24 @@ class FeltError:
 
 
 def run_verdict(
-    *, scene: str, effort: str, hand: str, stable: bool, felt: FeltError | None, ripple: float | None, missed: int
+    *,
+    scene: str,
+    effort: str,
+    hand: str,
+    stable: bool,
+    inside: bool,
+    felt: FeltError | None,
+    ripple: float | None,
+    missed: int,
 ) -> str:
     """Return the verdict on a simulated run as one sentence.
 
-    `effort` is "force" or "torque"; `hand` is the name of the simulated hand, empty when there is none; `felt` is that
-    of the worst axis, None without contact; `ripple` is None when not measured; `missed` counts the periods skipped.
+    `effort` is "force" or "torque"; `hand` is the name of the simulated hand, empty when there is none; `inside` says
+    that the scene is inside its limit; `felt` is that of the worst axis, None without contact; `ripple` is None when
+    not measured; `missed` counts the periods skipped.
     """
     if not stable:
-        return f"Unstable: the {scene} is above the limit of this bench. A hand may damp it; the drive alone cannot."
+        return f"Unstable: the {scene} exceeds the limit of this bench. A hand may damp it; the drive alone cannot."
     if felt is None:
         return f"No contact in this run: the handle touched nothing{_with(hand)}."
     if felt.contact is None:
@@ -84,6 +93,8 @@ def run_verdict(
         parts.append("no chatter" if ripple < FELT_SHARE else f"the {scene} chatters: {percent(ripple)} ripple")
     if missed:
         parts.append(f"{missed} periods missed")
+    if not inside:
+        parts.append(f"the {scene} exceeds the limit of this bench")
     return "; ".join(parts) + "."
 
 

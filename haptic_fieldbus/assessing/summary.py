@@ -26,6 +26,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import why_not_asked
 from haptic_fieldbus.planning.limits import START_SHARE
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.signals import Signal
 
 PART = 15_000
@@ -135,14 +136,13 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
     felt = [each.felt for each in held if each.felt is not None]
     worst = max(felt, key=lambda each: -1.0 if each.contact is None else each.contact, default=None)
     first = plan.axes[0]
+    plans = (plan, *(applied.change.plan for applied in run.report.changes))
+    judged = [axis.stability for each in plans for axis in each.axes if axis.stability is not None]
     verdict = run_verdict(
         scene=plan.scene.name.replace("_", " "),
         # An axis without a judgement counts as stable.
-        stable=not any(
-            axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE
-            for each in (plan, *(applied.change.plan for applied in run.report.changes))
-            for axis in each.axes
-        ),
+        stable=not any(each.verdict is Verdict.UNSTABLE for each in judged),
+        inside=all(each.is_inside for each in judged),
         effort=first.workspace.effort_name,
         hand=run.hand,
         felt=worst,
@@ -200,7 +200,9 @@ def _behind(run: Run, axis: AxisPlan) -> float | None:
 
 
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
-    """Yield a sentence for each limit that was at work during the run."""
+    """Yield a sentence for each limit that was exceeded before the run, or at work during it."""
+    applied = (change.change.plan for change in report.changes)
+    yield from dict.fromkeys(text for each in (plan, *applied) for text in above_limit(each))
     for axis in plan.axes:
         handle = cycle.axes[axis.name]
         permission, gaps, sign = handle.permission, handle.permission.gaps, handle.sign

@@ -10,10 +10,10 @@ import typer
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import check_files, plain, print_json, show, show_table
 from haptic_fieldbus.errors import PlanError
-from haptic_fieldbus.numerals import exactly, rounded_limit
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning.plan import Plan
+    from haptic_fieldbus.margins import Stability
     from haptic_fieldbus.scenes.scene import Scene
 
 app = typer.Typer(help="List, show and check scenes.", no_args_is_help=True)
@@ -62,6 +62,9 @@ def show_scene(
                     for element in scene.elements
                 ],
                 "source": scene.source,
+                "limits": {
+                    name: None if found is None else found.to_json()["limit"] for name, found, _ in _limits(scene)
+                },
             }
         )
         return
@@ -70,7 +73,7 @@ def show_scene(
     show([(None, "")])
     show_table(("parameter", "value", "unit"), _rows(scene))
     show([(None, "")])
-    show([("advice", text) for text in _recommended(scene)])
+    show([("limit", f"{name}: {text}") for name, _, text in _limits(scene)])
 
 
 @app.command("check")
@@ -86,9 +89,10 @@ def check_scenes(
     check_files(names or scene_names(), load_scene, as_json)
 
 
-def _recommended(scene: "Scene") -> Iterator[str]:
-    """Yield the recommended upper limit of stiffness for each usable shipped profile on the shipped bench."""
+def _limits(scene: "Scene") -> Iterator[tuple[str, "Stability | None", str]]:
+    """Yield each usable shipped profile with the judgement on the shipped bench, and the limit or why there is none."""
     from haptic_fieldbus.api import plan
+    from haptic_fieldbus.planning.explain import limit_text
     from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
     from haptic_fieldbus.protocols.registry import protocol_named
 
@@ -98,26 +102,10 @@ def _recommended(scene: "Scene") -> Iterator[str]:
         if profile.drive.usable:
             bus = protocol_named(profile.drive.protocol).simulated_bus(profile)
             try:
-                yield f"{name}: {_advice(plan(scene, drive=path, bus=bus))}"
+                found = plan(scene, drive=path, bus=bus).stability
+                yield name, found, limit_text(found)
             except PlanError as error:  # a motor that goes straight renders no rotary scene
-                yield f"{name}: {error}"
-
-
-def _advice(compiled: "Plan") -> str:
-    """Return the recommended upper limit of stiffness of a plan in words."""
-    from haptic_fieldbus.planning.explain import obstacle_text
-
-    # The advice is about the axis with the smallest margin; without any judgement, about the first.
-    found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
-    if found is None or found.stiffness is None:
-        return "no stiffness to limit"
-    if found.cautious is not None and not found.cautious.stable:
-        obstacle = found.cautious.obstacle
-        return "no stiffness is inside the limit" if obstacle is None else obstacle_text(obstacle, space)
-    if found.recommended is None:
-        return "any stiffness" if found.stiffness else "no stiffness to limit"
-    unit = f"{space.effort_unit}/{space.length_unit}"
-    return f"stiffness up to {rounded_limit(found.recommended)} {unit} (asked {rounded_limit(found.stiffness)})"
+                yield name, None, str(error)
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:

@@ -7,9 +7,9 @@ Code for coupled axes alone is in `coupled`, which a scene without couplings doe
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.margins.cautious import Suggestion, suggest
 from haptic_fieldbus.margins.closed_loop import alone, stiffness_limit
 from haptic_fieldbus.margins.group import Group, Member
+from haptic_fieldbus.margins.limit import Limit, Suggestion, suggest
 from haptic_fieldbus.margins.linear import (
     ROUNDING,
     EnvironmentOf,
@@ -21,6 +21,7 @@ from haptic_fieldbus.margins.linear import (
 )
 from haptic_fieldbus.margins.passivity import Increments, passive_limit, passive_limit_of
 from haptic_fieldbus.margins.plant import (
+    Basis,
     Plant,
     Ranges,
     check_times,
@@ -44,10 +45,12 @@ __all__ = [
     "EVERYWHERE",
     "HAND",
     "ROUNDING",
+    "Basis",
     "EnvironmentOf",
     "Group",
     "HungBody",
     "Increments",
+    "Limit",
     "Member",
     "Places",
     "Plant",

@@ -10,11 +10,22 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.margins import cautious, closed_loop
-from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Suggestion, Values, suggest
+from haptic_fieldbus.margins import closed_loop
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, Kind, OneAxis
-from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.plant import Plant, Ranges, exactly_timed, weakened
+from haptic_fieldbus.margins.limit import (
+    FACTOR,
+    PRECISION,
+    Limit,
+    Obstacle,
+    Suggestion,
+    Values,
+    corners,
+    least,
+    least_friction,
+    suggest,
+)
+from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
+from haptic_fieldbus.margins.plant import Basis, Plant, Ranges, exact_bench, weakened
 from haptic_fieldbus.margins.resting_points import AxisElements
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, OwnLaw
 from haptic_fieldbus.margins.verdict import Stability, judge
@@ -38,7 +49,7 @@ class Member:
     bodies: "tuple[HungBody, ...]" = ()
     """Masses behind a compliant transmission; the plant is then the motor alone."""
     ranges: Ranges | None = None
-    """Ranges of its values; None: torque lag and delay are exact."""
+    """Ranges of its values; None: all are exact."""
     effort: float = math.inf
     """Largest force of its motor [N or N·m]."""
     travel: Interval = EVERYWHERE
@@ -47,7 +58,8 @@ class Member:
     @property
     def known_ranges(self) -> Ranges:
         """Ranges of its values."""
-        return self.ranges or exactly_timed(self.plant.torque_lag, self.delay)
+        lag = self.plant.torque_lag
+        return self.ranges or exact_bench((lag, lag), (self.delay, self.delay), Basis.STATED)
 
     def at(self, values: Values) -> "Member":
         """Return the same axis with these values; its further bodies are heavier by the same share as its plant."""
@@ -116,7 +128,7 @@ class Group:
         verdicts = judge(self.loop, self._varied(), stiffness, closed_loop.damping_of(self.varied))
         return {
             member.name: replace(
-                verdict, effort=member.effort, own_laws=self._own_laws, find_cautious=self.cautious_limit
+                verdict, effort=member.effort, own_laws=self._own_laws, find_limit=self.limit_over_ranges
             )
             for member, verdict in zip(self.members, verdicts, strict=True)
         }
@@ -131,22 +143,27 @@ class Group:
         """The judgement of the axis whose units it uses."""
         return self.stabilities()[self.reference_axis]
 
-    def cautious_limit(self) -> Cautious | None:
-        """Return the limits over the ranges of all values; None when there is no stiffness to vary.
+    def limit_over_ranges(self) -> Limit:
+        """Return the limit over the ranges of all values.
 
-        It takes some times as long as a limit, so it is computed when it is asked for.
+        It takes some times as long as a limit of stability, so it is computed when it is asked for.
         """
-        return self._cautious
+        return self._limit
 
     @cached_property
-    def _cautious(self) -> Cautious | None:
-        if self.stiffest is None:
-            return None
+    def _limit(self) -> Limit:
         ranges = [(member.plant, member.known_ranges) for member in self.members]
-        limit, at = cautious.least((values, self._at(values)) for values in cautious.corners(ranges))
-        rough = self._at(cautious.least_friction(ranges))
-        obstacle = None if limit else self._obstacle(self.stiffest)
-        return Cautious(limit, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
+        bases = {each.basis for _, each in ranges}
+        basis = Basis.STATED if Basis.STATED in bases else Basis.SIMULATED
+        if self.stiffest is None:
+            grown = any(self._at(values).growth() > 1.0 + ROUNDING for values in corners(ranges))
+            return Limit(0.0 if grown else math.inf, basis)
+        found, at = least((values, self._at(values)) for values in corners(ranges))
+        # The plan's own delay and lag are inside of their ranges, and no corner.
+        found = min(found, self.stability.stiffness_limit.stable or 0.0)
+        rough = self._at(least_friction(ranges))
+        obstacle = None if found else self._obstacle(self.stiffest)
+        return Limit(found, basis, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
 
     def _obstacle(self, varied: AnyElement) -> Obstacle | None:
         """Return the stiffest of the others when it is too stiff without `varied`; None with couplings."""
@@ -155,13 +172,13 @@ class Group:
         (alone,) = self.members
         others = tuple(each for each in alone.elements if each is not varied)
         rest = replace(self, members=(replace(alone, elements=others),))
-        least = rest.cautious_limit()
-        if least is None or rest.stiffest is None:
+        if rest.stiffest is None:
             return None
-        if least.obstacle is not None:
-            return replace(least.obstacle, beside=varied.name)
-        is_too_stiff = 0.0 < least.stable < closed_loop.stiffness_of(rest.stiffest)
-        return Obstacle(rest.stiffest, least.stable, varied.name) if is_too_stiff else None
+        found = rest.limit_over_ranges()
+        if found.obstacle is not None:
+            return replace(found.obstacle, beside=varied.name)
+        is_too_stiff = 0.0 < found.value < closed_loop.stiffness_of(rest.stiffest)
+        return Obstacle(rest.stiffest, found.value, varied.name) if is_too_stiff else None
 
     def _at(self, values: Sequence[Values]) -> "Group":
         """Return the same axes with these values."""
@@ -208,8 +225,8 @@ class Group:
         return self.loop.limit(self._varied(damping=damping))
 
     def rough_limit(self) -> float:
-        """Return the limit of stability [N/m or N·m/rad] with the precision of a cautious limit."""
-        return self.loop.limit(self._varied(), factor=cautious.FACTOR, precision=cautious.PRECISION)
+        """Return the limit of stability [N/m or N·m/rad] with the precision of a limit over ranges."""
+        return self.loop.limit(self._varied(), factor=FACTOR, precision=PRECISION)
 
     def rough_margin(self) -> float:
         """Return that limit over the stiffness, or over 1 for a stiffness of 0; ∞ when there is none to vary."""
@@ -235,14 +252,13 @@ class Group:
             lambda stiffness, damping: self.environment(stiffness=stiffness, damping=damping),
             closed_loop.stiffness_of(self.stiffest),
             getattr(self.stiffest, "damping", None),
-            self._cautious_with,
+            self._limit_with,
         )
 
-    def _cautious_with(self, damping: float) -> float:
-        """Return the cautious limit when the stiffest has this damping; its own where it has none to vary."""
+    def _limit_with(self, damping: float) -> float:
+        """Return the limit over ranges when the stiffest has this damping; its own where it has none to vary."""
         own = getattr(self.stiffest, "damping", None)
-        least = (self if own is None or damping == own else self._damped(damping)).cautious_limit()
-        return math.inf if least is None else least.stable
+        return (self if own is None or damping == own else self._damped(damping)).limit_over_ranges().value
 
     def with_stiffness(self, element: AnyElement, stiffness: float) -> "Group":
         """Return the same single axis with this stiffness [N/m or N·m/rad] of one of its elements."""

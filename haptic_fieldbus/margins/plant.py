@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass, replace
+from enum import Enum
 
 import numpy as np
 
@@ -11,10 +12,10 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
-# Ranges in which the values of a bench may lie: assumed, known roughly, or different from period to period.
+# Values that are open: known roughly, assumed, or different from period to period.
 #
-# The limits of a loop are told for the values of rig and profile. Some of these are never exact, so a cautious limit is
-# told as well: the smallest over all values in these ranges (`cautious`). A share multiplies the value of the rig.
+# The limit of a loop is the smallest over all values in these ranges (`limit`). The values of the shipped bench are
+# those of its simulation, so they are exact; those of a rig are stated. A share multiplies the value of the rig.
 #
 # | value            | range                | reason                                                    |
 # |------------------|----------------------|-----------------------------------------------------------|
@@ -41,6 +42,18 @@ SOURCED_BANDWIDTH: Range = (0.7, 1.4)
 """Shares of a bandwidth that the vendor or a measurement gives; it still depends on the motor."""
 
 
+EXACT: Range = (1.0, 1.0)
+
+
+class Basis(Enum):
+    """Origin of the values of a bench; the value is the name in JSON."""
+
+    SIMULATED = "simulated"
+    """The shipped bench: the simulation has exactly these values."""
+    STATED = "stated"
+    """A rig, or numbers on the command line."""
+
+
 @dataclass(frozen=True)
 class Ranges:
     """Ranges of one axis: shares of mass, damping, Coulomb friction and coupling; torque lag and delay in s."""
@@ -50,13 +63,14 @@ class Ranges:
     mass: Range = INERTIA_SHARES
     damping: Range = DAMPING_SHARES
     coulomb: Range = COULOMB_SHARES
-    coupling: Range = (1.0, 1.0)
+    coupling: Range = EXACT
     """Shares of the stiffness of a compliant coupling; a rigid shaft has none to vary."""
+    basis: Basis = Basis.STATED
 
 
-def exactly_timed(torque_lag: float, delay: float) -> Ranges:
-    """Return the ranges of a device whose lag and delay [s] are exact."""
-    return Ranges((torque_lag, torque_lag), (delay, delay))
+def exact_bench(torque_lag: Range, delay: Range, basis: Basis) -> Ranges:
+    """Return the ranges of a bench whose values are exact, apart from lag and delay [s]."""
+    return Ranges(torque_lag, delay, EXACT, EXACT, EXACT, EXACT, basis)
 
 
 # The device of one axis, and its exact discretisation under the delayed hold.

@@ -22,21 +22,24 @@ The verdicts are the regions of Diolaiti et al. (2006, doi:10.1109/TRO.2005.8624
 | limit-cycle | K up to `stable`   | K > 2·fc/D    |
 | stable      | K up to `stable`   | K ≤ 2·fc/D or D = 0 |
 | passive     | K up to `passive`  | K ≤ 2·fc/D or D = 0 |
+
+They are those of the loop with the nominal values of rig and profile. A loop above its limit, which counts every value
+that is open (`limit`), is stable at most.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
+from haptic_fieldbus.margins.limit import Limit
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.plant import Plant, quantisation_limit
+from haptic_fieldbus.margins.plant import Basis, Plant, quantisation_limit
 from haptic_fieldbus.margins.stiffness_map import OwnLaw, Places, RestingPlace
-from haptic_fieldbus.numerals import exactly, rounded_limit
+from haptic_fieldbus.numerals import TYPED_DIGITS, exactly, rounded_down, rounded_limit
 from haptic_fieldbus.numerics import sampled
 
 AT_LIMIT = 1e-9
@@ -54,8 +57,8 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class StiffnessLimit:
-    """Largest virtual stiffness [N/m or N·m/rad] for each property of the loop, with all other values unchanged; None:
-    does not apply.
+    """Largest virtual stiffness [N/m or N·m/rad] for each property of the loop at its nominal values, with all other
+    values unchanged; None: does not apply.
 
     `quantisation` is the limit up to which friction holds the handle between two encoder counts.
     """
@@ -65,8 +68,9 @@ class StiffnessLimit:
     quantisation: float | None
 
 
-def _unknown() -> None:
-    """Return None: the loop has no known ranges."""
+def _no_ranges() -> Limit:
+    """Return no limit: no value is open."""
+    return Limit(math.inf, Basis.STATED)
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,8 @@ class Stability:
     damping: float
     stiffness_limit: StiffnessLimit
     spectral_radius: float
-    margin: float | None
-    """Limit of stability divided by the stiffness."""
-    verdict: Verdict
+    nominal: Verdict
+    """Verdict on the loop with the values of rig and profile."""
     place: RestingPlace | None = None
     """Equilibrium with the largest growth per period; None for coupled axes."""
     crest: RestingPlace | None = None
@@ -93,36 +96,48 @@ class Stability:
     """Largest force of the motor [N or N·m]; equilibria up to this force were judged."""
     own_laws: tuple[OwnLaw, ...] = ()
     """How the elements that state no bounds of their own were judged."""
-    find_cautious: Callable[[], Cautious | None] = field(default=_unknown, repr=False, compare=False)
-    """Function that computes `cautious`; it takes longer than all other values."""
+    unit: str = ""
+    """Unit of the stiffness."""
+    find_limit: Callable[[], Limit] = field(default=_no_ranges, repr=False, compare=False)
+    """Function that computes the limit; it takes longer than all other values."""
 
     @cached_property
-    def cautious(self) -> Cautious | None:
-        """Limits over the ranges of assumed or uncertain values; None when there is no stiffness to vary."""
-        return self.find_cautious()
+    def limit(self) -> Limit:
+        """Limit over all values that are open, as people type it."""
+        found = self.find_limit()
+        is_told = 0.0 < found.value < math.inf
+        return replace(found, value=rounded_down(found.value, TYPED_DIGITS)) if is_told else found
 
     @property
-    def recommended(self) -> float | None:
-        """Stiffness up to which the loop is stable over all ranges, and friction holds the handle between counts.
+    def margin(self) -> float | None:
+        """Limit divided by the stiffness; None without a stiffness."""
+        return self.limit.value / self.stiffness if self.stiffness else None
 
-        None without a limit, and when none is stable over all ranges. When any stiffness is stable, the limit of
-        passivity takes the place of the limit of stability.
-        """
-        limit, least = self.stiffness_limit, self.cautious
-        if least is None:
-            return None
-        stable = limit.passive if math.isinf(least.stable) else least.stable
-        if not least.stable:
-            return None
-        found = min((value for value in (stable, least.quantisation) if value), default=math.inf)
-        return found if math.isfinite(found) else None
+    @property
+    def nominal_margin(self) -> float | None:
+        """Limit of stability with the nominal values divided by the stiffness; None without a stiffness."""
+        stable = self.stiffness_limit.stable
+        return stable / self.stiffness if self.stiffness and stable is not None else None
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether the loop is stable for every value that is open."""
+        asked = math.inf if self.stiffness is None else self.stiffness
+        return self.nominal is not Verdict.UNSTABLE and asked <= self.limit.value
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the loop with the values of rig and profile; above the limit it is stable at most."""
+        passive = self.nominal is Verdict.PASSIVE
+        return Verdict.STABLE if passive and not self.is_inside else self.nominal
 
     def to_json(self) -> dict[str, object]:
         """Return the judgement as JSON values, with null for a limit or margin that is not finite."""
-        least = self.cautious
-        limits = asdict(self.stiffness_limit) | {"cautious": None if least is None else least.stable}
-        # The values of the cautious limit, one object for each axis; the places at the values of rig and profile.
-        values = [{}] if least is None else [each.to_json() for each in least.judged_at]
+        has_limit = self.stiffness is not None and math.isfinite(self.limit.value)
+        limit = {"value": self.limit.value, "unit": self.unit, "basis": self.limit.basis.value} if has_limit else None
+        limits = asdict(self.stiffness_limit) | {"cautious": self.limit.value if has_limit else None}
+        # The values at which the limit was found, one object for each axis; places at the values of rig and profile.
+        values = [each.to_json() for each in self.limit.judged_at] or [{}]
         places = {
             name: None if place is None else place.to_json()
             for name, place in (("place", self.place), ("crest", self.crest))
@@ -133,6 +148,7 @@ class Stability:
             "plant": asdict(self.plant),
             "stiffness": self.stiffness,
             "damping": self.damping,
+            "limit": limit,
             "stiffness_limit": {name: _finite(value) for name, value in limits.items()},
             "judged_at": [{**each, **places} for each in values],
             "spectral_radius": self.spectral_radius,
@@ -172,12 +188,11 @@ def judge(
         is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
     radius = sampled.spectral_radius(loop.matrix(asked))
     place, crest = loop.judged_at(asked)
-    margin = stable / stiffness if stiffness and stable is not None else None
     verdict = verdict_of(is_stable, is_bridged, is_passive)
     if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at the values asked
         verdict = verdict_at_places(loop, asked)
     return tuple(
-        Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, margin, verdict, place, crest)
+        Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, verdict, place, crest)
         for axis in loop.axes
     )
 

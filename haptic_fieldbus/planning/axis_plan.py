@@ -10,7 +10,7 @@ from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import Rig, RigAxis, velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
-from haptic_fieldbus.margins import Plant, Stability
+from haptic_fieldbus.margins import Basis, Plant, Stability
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
@@ -83,12 +83,16 @@ class AxisPlan:
     delay: Delay
     plant: Plant | None
     """Motor and mechanism in the workspace; None when inertia or damping is unknown."""
+    basis: Basis
+    """Origin of the values of the bench."""
     sign_known: bool
     """Whether torque is known to move the handle the right way, so that it need not be seen first (`sign_probe`)."""
     stability: Stability | None = None
     """Verdict on `group`, in the units of this axis; None when a bench of the group is unknown."""
     group: Group | None = None
     """This axis and all axes coupled with it; None when a bench among them is unknown."""
+    forced: bool = False
+    """True: the force is capped, because the scene is rendered above its limit."""
     bus_name: str = "the bus"
     """Bus of the axis as people name it: `modbus-tcp:10.0.0.1`."""
     other_masters: OtherMasters | None = None
@@ -132,6 +136,7 @@ class AxisPlan:
     def cap(self) -> str:
         """The cap of the force with its value and its reason; empty where the limit of the rig is lower, or none is."""
         reason = cap_reason(self.profile, self.rig, known=self.plant is not None)
+        reason = reason or ("the scene is above its limit (--force)" if self.forced else "")
         if not reason or self.limits.effort < self.limits.holding:
             return ""
         value = in_unit(self.limits.effort, self.workspace.effort_unit)
@@ -141,10 +146,10 @@ class AxisPlan:
     def largest_stretch(self) -> float:
         """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1.
 
-        The margin is that of one stiffness beside all others, so several elements are judged by the age of their
+        The margin is the nominal one, of one stiffness beside all others, so several elements are judged by the age of their
         forces: gaps make them older by Σ(s² − s)/Σs periods at most (`margins.linear`).
         """
-        margin, group = None if self.stability is None else self.stability.margin, self.group
+        margin, group = None if self.stability is None else self.stability.nominal_margin, self.group
         if margin is None or margin <= 1.0:
             return math.inf
         alone = group is None or len(group.couplings) + sum(len(each.elements) for each in group.members) == 1
@@ -171,6 +176,8 @@ def draft_axis(
     profiles: Mapping[str, DriveProfile],
     method: str | None,
     estimator: str | None,
+    *,
+    forced: bool = False,
 ) -> AxisPlan:
     """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `compile`.
 
@@ -201,7 +208,7 @@ def draft_axis(
         position_steps(profile, axis),
     )
     protocol, plant = _protocol(profile, rig, axis), plant_of(axis, profile, steps)
-    capped = bool(cap_reason(profile, axis, known=plant is not None))
+    capped = forced or bool(cap_reason(profile, axis, known=plant is not None))
     limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)
     check_places(scene, scene_axis.name, rig, elements, limits)
     return AxisPlan(
@@ -217,6 +224,7 @@ def draft_axis(
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
         limits=limits,
+        forced=forced,
         effort_unit=effort_unit,
         shown_unit=torque_unit(Signal.TORQUE_ACTUAL, profile, axis),
         demand_unit=torque_unit(Signal.TORQUE_DEMAND, profile, axis),
@@ -224,6 +232,7 @@ def draft_axis(
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
+        basis=Basis.SIMULATED if rig.is_shipped(scene_axis.name) else Basis.STATED,
         # On a real bench a cable may have been swapped since.
         sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
         bus_name=protocol.bus_name(rig.bus[axis.bus]).text,

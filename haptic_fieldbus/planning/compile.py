@@ -13,9 +13,16 @@ from functools import lru_cache
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig
-from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins import Basis, Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
-from haptic_fieldbus.margins.plant import ASSUMED_BANDWIDTH, COUPLING_SHARES, SOURCED_BANDWIDTH, Range, Ranges
+from haptic_fieldbus.margins.plant import (
+    ASSUMED_BANDWIDTH,
+    COUPLING_SHARES,
+    SOURCED_BANDWIDTH,
+    Range,
+    Ranges,
+    exact_bench,
+)
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.sampled import TACHOMETER
@@ -34,15 +41,17 @@ from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
 
-# Ranges in which the values of an axis may lie; the cautious limit is told over all of them (`margins.plant`).
+# Ranges in which the values of an axis may lie; its limit is that over all of them (`margins.plant`).
 
 BANDWIDTH, TIMING = "timing.torque_bandwidth", "timing"
 """Keys of a profile whose source tells where the bandwidth comes from."""
 
 
-def ranges_of(profile: DriveProfile, delay: Delay, *, compliant: bool) -> Ranges:
-    """Return the ranges of an axis with this drive and delay, and a compliant coupling or none."""
-    ranges = Ranges(torque_lag=_lags(profile), delay=delay.range)
+def ranges_of(profile: DriveProfile, delay: Delay, basis: Basis, *, compliant: bool) -> Ranges:
+    """Return the ranges of an axis with this drive, delay and bench, and a compliant coupling or none."""
+    if basis is Basis.SIMULATED:
+        return exact_bench(_lags(profile), delay.range, basis)
+    ranges = Ranges(torque_lag=_lags(profile), delay=delay.range, basis=basis)
     return replace(ranges, coupling=COUPLING_SHARES) if compliant else ranges
 
 
@@ -85,8 +94,9 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
+        unit = found[each.reference_axis].workspace.stiffness_unit
         for name, verdict in _known(each).stabilities().items():
-            found[name] = replace(found[name], stability=verdict, group=each)
+            found[name] = replace(found[name], stability=replace(verdict, unit=unit), group=each)
     return tuple(found.values())
 
 
@@ -122,7 +132,7 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
         axis.method,
         _estimator(axis),
         () if load is None else (load,),
-        ranges_of(axis.profile, axis.delay, compliant=load is not None),
+        ranges_of(axis.profile, axis.delay, axis.basis, compliant=load is not None),
         axis.limits.effort,
         axis.limits.position or EVERYWHERE,
     )
@@ -209,7 +219,7 @@ def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> di
 
 
 def _margin(traffics: Mapping[str, BusTraffic], drafts_at: Drafts) -> float:
-    """Return the least limit of stability over stiffness of all axes; ∞ when none is known."""
+    """Return the smallest nominal limit of stability over stiffness of all axes; ∞ when none is known."""
     period = round(1e9 / next(iter(traffics.values())).rate) * 1e-9
     axes = [on_bus(draft, traffics[draft.rig.bus], period) for draft in drafts_at(period)]
     return min((group.rough_margin() for group in grouped(axes, period)), default=math.inf)
@@ -224,11 +234,12 @@ def compile_plan(
     method: str | None = None,
     estimator: str | None = None,
     buses: tuple[BusPlan, ...] = (),
+    forced: bool = False,
 ) -> Plan:
     """Return the plan of `scene` on `rig` at `rate` [Hz]; `profiles` maps the names in the rig to their profiles.
 
     Without a rate it is the lowest of those that the buses have by themselves. `buses` are those of another plan of the
-    same needs, whose rate and exchange are kept.
+    same needs, whose rate and exchange are kept. A `forced` plan has its force capped, because it is above its limit.
 
     Raises PlanError (SignalUnavailableError, ImageTooLargeError, BusOverloadError) when the scene cannot be rendered,
     SceneError when its workspace is not that of the rig, RigError for a zero that the drive cannot have, UsageError for
@@ -237,7 +248,7 @@ def compile_plan(
     """
 
     def drafts_of(timed: Scene) -> list[AxisPlan]:
-        return [draft_axis(timed, axis, rig, profiles, method, estimator) for axis in timed.axes]
+        return [draft_axis(timed, axis, rig, profiles, method, estimator, forced=forced) for axis in timed.axes]
 
     def drafts_at(period: float | None) -> list[AxisPlan]:
         return drafts_of(scene if period is None else scene.at_period(period))

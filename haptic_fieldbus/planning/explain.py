@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import cast
 
-from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.margins.cautious import Cautious, Obstacle
+from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.closed_loop import stiffness_of
+from haptic_fieldbus.margins.limit import Obstacle
 from haptic_fieldbus.numerals import (
+    TYPED_DIGITS,
     OutputRow,
     exactly,
     in_unit,
@@ -35,10 +36,10 @@ from haptic_fieldbus.planning.limits import (
     START_SHARE,
 )
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.refusal import own_law_texts, softer, way_limits
+from haptic_fieldbus.planning.refusal import limit_value, own_law_texts, softer, way_limits
 from haptic_fieldbus.planning.sign_probe import is_checked, sign_probe
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
-from haptic_fieldbus.protocols.traffic import Json
+from haptic_fieldbus.protocols.traffic import Delay, Json
 from haptic_fieldbus.signals import Workspace
 
 # The limits of an axis as people and scripts read them: value, reaction, and how long it takes.
@@ -157,14 +158,17 @@ def _text(row: LimitRow) -> str:
 KEY_WIDTH = 11
 ORDER = (
     "mapped", "left_out", "assumed", *TRAFFIC_KEYS.values(), "bus_load", "delay_s", "ways", "couplings", "limits",
-    "guards", "sign", "stability", "modules", "deadlines",
+    "guards", "sign", "stability", "modules", "deadlines", "limit",
 )  # fmt: skip
 """Order of the keys of the object, which is not that of the text; new keys follow."""
 
 
-def explain(plan: Plan) -> str:
-    """Return the plan in words: lines of a key and a text each, without a final newline."""
-    return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in lines_of(plan_rows(plan)))
+def explain(plan: Plan, *, verbose: bool = False) -> str:
+    """Return the plan in words: lines of a key and a text each, without a final newline.
+
+    `verbose` adds the verdict with its nominal limits and the worst case of the open values.
+    """
+    return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in lines_of(plan_rows(plan, verbose=verbose)))
 
 
 def plan_json(plan: Plan) -> dict[str, Json]:
@@ -181,7 +185,7 @@ def summary_json(plan: Plan) -> dict[str, Json]:
     }
 
 
-def plan_rows(plan: Plan) -> Iterator[OutputRow]:
+def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     """Yield the rows of a plan, in the order of its text."""
     summary, ways, ages, axes = summary_json(plan), way_limits(plan), plan.coupling_ages, plan.axes
     yield OutputRow("scene", [f"{plan.scene.name}: {plan.scene.description}"])
@@ -216,7 +220,7 @@ def plan_rows(plan: Plan) -> Iterator[OutputRow]:
     )  # fmt: skip
     yield OutputRow("enabling", enabling_lines(axes))
     parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
-    yield OutputRow("delay", [delay_text(plan)], "delay_s", parts)
+    yield OutputRow("delay", [delay_text(plan.delay, plan.period)], "delay_s", parts)
     yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
     yield OutputRow("assumed", plan.assumed, "assumed", summary["assumed"])
     yield OutputRow("deadlines", deadline_texts(plan), "deadlines", [each.to_json() for each in plan.deadlines])
@@ -224,7 +228,11 @@ def plan_rows(plan: Plan) -> Iterator[OutputRow]:
     coupled = [{"name": each.name, "age_s": {on: dict(told) for on, told in each.ages.items()}} for each in ages]
     yield OutputRow("coupling", map(str, ages), "couplings", coupled)
     found = plan.stability
-    yield OutputRow("stability", _stability(plan), "stability", None if found is None else found.to_json())
+    judged = None if found is None else found.to_json()
+    yield OutputRow("limit", [limit_text(found)], "limit", None if judged is None else judged["limit"])
+    if plan.weakest is not None and found is not None:
+        yield OutputRow("limit at", place_texts(found, plan.weakest.workspace))
+    yield OutputRow("stability", _verdict(plan) if verbose else (), "stability", judged)
 
 
 def _traffic_json(plan: Plan) -> dict[str, Json]:
@@ -267,10 +275,9 @@ def _limits_json(axis: AxisPlan, period: float) -> list[Json]:
     ]
 
 
-def delay_text(plan: Plan) -> str:
-    """Return the delay budget in one line [ms]."""
-    delay = plan.delay
-    parts = ", ".join(
+def delay_text(delay: Delay, period: float) -> str:
+    """Return a delay budget in one line [ms]; parts of 0 are left out."""
+    parts = [
         f"{name} {rounded(1e3 * part)}"
         for name, part in (
             ("bus", delay.bus),
@@ -278,9 +285,11 @@ def delay_text(plan: Plan) -> str:
             ("drive", delay.drive),
             ("torque loop", delay.torque_loop),
         )
-    )
+        if part
+    ]
+    told = f": {', '.join(parts)}" if len(parts) > 1 else ""
     # 500·T is T/2 in ms.
-    return f"{rounded(1e3 * delay.total)} ms: {parts}; the hold adds T/2 = {rounded(500 * plan.period)}"
+    return f"{rounded(1e3 * delay.total)} ms{told}; the hold adds T/2 = {rounded(500 * period)}"
 
 
 def deadline_texts(plan: Plan) -> Iterator[str]:
@@ -295,27 +304,51 @@ def milliseconds(seconds: float) -> str:
     return f"{math.ceil(1e4 * seconds - 1e-6) / 10:g} ms" if math.isfinite(seconds) else "without end"
 
 
-def _stability(plan: Plan) -> Iterator[str]:
-    """Yield the verdict on the weakest axis, with its limits when a stiffness can be varied."""
+def limit_text(stability: Stability | None) -> str:
+    """Return the limit in one line, and whether the stiffness is inside; `run`, `plan` and `stability` print it.
+
+    None: the bench is unknown.
+    """
+    if stability is None:
+        return "unknown: inertia and viscous_damping are missing in the rig"
+    if stability.stiffness is None:
+        return f"none: no stiffness to vary{'' if stability.is_inside else '; unstable for some open values'}"
+    asked, limit = rounded_limit(stability.stiffness), stability.limit
+    if math.isinf(limit.value):
+        return f"none: stable at any stiffness; {asked} {stability.unit} asked"
+    if not limit.value:
+        found = "no stiffness is stable" if limit.obstacle is None else obstacle_text(limit.obstacle, stability.unit)
+        return f"{limit_value(stability)}; {found}"
+    # A margin just below 1 does not read as 1.
+    margin = exactly(rounded_down(stability.limit.value / stability.stiffness, TYPED_DIGITS))
+    where = "inside" if stability.is_inside else "above it"
+    cycle = "; vibrates by one encoder count" if stability.verdict is Verdict.LIMIT_CYCLE else ""
+    return f"{limit_value(stability)}; {asked} is {where}, margin {margin}{cycle}"
+
+
+def nominal_texts(stability: Stability) -> Iterator[str]:
+    """Yield the limits of stability and passivity at the nominal values, then the values at which the limit was found.
+
+    None without a stiffness.
+    """
+    nominal, unit = stability.stiffness_limit, stability.unit
+    if nominal.stable is None or nominal.passive is None:
+        return
+    yield f"stable {up_to(nominal.stable, unit)}"
+    hand = "stable with every passive hand" if nominal.passive else "not proved for every hand"
+    yield f"passive {up_to(nominal.passive, unit)}, {hand}"
+    if nominal.quantisation is not None:
+        between = "steps" if stability.plant.tachometer else "counts"
+        yield f"at rest between two {between} {up_to(nominal.quantisation, unit)} (2·fc/D)"
+
+
+def _verdict(plan: Plan) -> Iterator[str]:
+    """Yield the verdict on the weakest axis, its nominal limits, and the values at which the limit was found."""
     axis, stability = plan.weakest, plan.stability
-    if axis is None or stability is None:
-        yield "unknown: inertia and viscous_damping are missing in the rig"
-        return
-    limit, verdict = stability.stiffness_limit, stability.verdict.value
-    if stability.stiffness is None or limit.stable is None or limit.passive is None:
-        yield verdict
-        yield from place_texts(stability, axis.workspace)
-        return
-    per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
-    yield f"{verdict}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
-    yield from place_texts(stability, axis.workspace)
-    if stability.cautious is not None:
-        yield f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability.cautious, axis.workspace)}"
-        if stability.cautious.obstacle is not None:
-            yield obstacle_text(stability.cautious.obstacle, axis.workspace)
-    if stability.recommended is not None:
-        yield f"recommended up to {rounded_limit(stability.recommended)} {per}"
+    if axis is not None and stability is not None:
+        yield stability.verdict.value
+        yield from (f"nominal: {text}" for text in nominal_texts(stability))
+        yield from worst_texts(stability, axis.workspace)
 
 
 def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
@@ -337,30 +370,32 @@ def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
     yield from (text for _, text in own_law_texts(stability, workspace))
 
 
-def cautious_text(least: Cautious, workspace: Workspace) -> str:
-    """Return the values at which the cautious limit is judged, as long as nothing else is known."""
+def worst_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
+    """Yield the worst case of the open values, at which the limit was found; none for a limit that is not found."""
     effort, travel = workspace.effort_unit, workspace.length_unit
     mass = "kg" if workspace is Workspace.LINEAR else "kg·m²"
     at = [
         f"mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "
         f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, delay {rounded(1e3 * each.delay)} ms"
         + (f", coupling {rounded(each.coupling)} times as stiff" if each.coupling != 1.0 else "")
-        for each in least.judged_at
+        for each in stability.limit.judged_at
     ]
-    return f"worst case of the ranges, {'; '.join(at)}"
+    if at:
+        yield f"worst case: {'; '.join(at)}"
 
 
-def obstacle_text(obstacle: Obstacle, workspace: Workspace) -> str:
+def obstacle_text(obstacle: Obstacle, unit: str) -> str:
     """Return which other element leaves no stiffness to the one that varies, and what to set."""
-    per, element = f"{workspace.effort_unit}/{workspace.length_unit}", obstacle.element
+    element = obstacle.element
     return (
-        f"none is left for {obstacle.beside}: without it, too, {element.name} is above its cautious limit, "
-        f"{rounded_limit(stiffness_of(element))} of {rounded_limit(obstacle.limit)} {per}; inside would be "
-        f"{softer(element, rounded_down(obstacle.limit))}"
+        f"{element.name} alone is above its limit, {rounded_limit(stiffness_of(element))} of "
+        f"{exactly(rounded_down(obstacle.limit, TYPED_DIGITS))} {unit}, which leaves none for {obstacle.beside}; "
+        f"inside: {softer(element, rounded_down(obstacle.limit))}"
     )
 
 
-def _up_to(limit: float) -> str:
+def up_to(limit: float, unit: str) -> str:
+    """Return a nominal limit in words."""
     if limit <= 0.0:
         return "at no stiffness"
-    return f"to {rounded_limit(limit)}" if math.isfinite(limit) else "with no limit"
+    return f"to {rounded_limit(limit)} {unit}" if math.isfinite(limit) else "with no limit"

@@ -64,8 +64,9 @@ def plan_change(
     """Return the change that applies `settings` to `last`, the plan after the change before; nothing is touched.
 
     `running` is the plan that the loop was made for, `time` the scheduled begin [s from operation enabled]. Raises
-    SceneError, UsageError or PlanError as a new run would, and PlanError for a signal that the loop lacks. Unless
-    `force`, raises UnstableSceneError when the new values, or the mixes on the way to them, are unstable.
+    SceneError, UsageError or PlanError as a new run would, and PlanError for a signal that the loop lacks. Raises
+    UnstableSceneError when a new run with these values would be refused, or when the mixes on the way to them are
+    unstable; not with `force`, unless the run is on a real bus and its force is not capped.
     """
     if not settings:
         raise UsageError('a change names what it changes, such as {"wall.stiffness": 800.0}')
@@ -79,7 +80,8 @@ def plan_change(
     refused = dict.fromkeys(_beyond(running, plan))
     if refused:
         raise PlanError("\n".join(f"{sentence}: start a new run" for sentence in refused))
-    if not force:
+    is_capped = running.simulated or all(axis.forced for axis in running.axes)
+    if not (force and is_capped):
         check_stable(plan, running=True)
         _check_transition(last, plan)
     return Change({setting: _value(plan.scene, setting) for setting in settings}, plan, time)
@@ -92,8 +94,9 @@ def _compiled(running: Plan, scene: Scene) -> Plan:
     # Method and estimator are the same on all axes that have one; a tachometer cannot be chosen, so it is left out.
     estimator = next((axis.estimator for axis in running.axes if axis.estimator and not axis.integrates), None)
     return compile_plan(
-        scene, running.rig, profiles, running.rate, method=method, estimator=estimator, buses=running.buses
-    )
+        scene, running.rig, profiles, running.rate, method=method, estimator=estimator, buses=running.buses,
+        forced=any(axis.forced for axis in running.axes),
+    )  # fmt: skip
 
 
 def _beyond(running: Plan, plan: Plan) -> Iterator[str]:

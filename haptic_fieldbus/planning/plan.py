@@ -66,6 +66,12 @@ def assumed_lines(axes: Iterable[AxisPlan]) -> tuple[str, ...]:
     return tuple(f"{title}: {words}" if several else words for title, words in told.items() if words)
 
 
+def _margin(axis: AxisPlan) -> float:
+    """Return the margin of an axis; ∞ for one without a stiffness, which is the weakest only if no other is there."""
+    margin = None if axis.stability is None else axis.stability.margin
+    return math.inf if margin is None else margin
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """A part that a plan does without, and the reason."""
@@ -190,15 +196,12 @@ class Plan:
     def weakest(self) -> AxisPlan | None:
         """Axis with the smallest margin. For coupled axes, the axis whose units the verdict uses. None when a bench is
         unknown."""
-        # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
-        told = [
-            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.reference_axis)
-            for axis in self.axes
-            if axis.stability is not None and axis.group is not None
-        ]
-        if len(told) < len(self.axes):
+        names = {axis.group.reference_axis for axis in self.axes if axis.group is not None}
+        if not names or any(axis.stability is None for axis in self.axes):
             return None
-        return self.axis(min(told, key=lambda each: each[0])[1])
+        # The margin of a single group is not asked for: it takes longer than all other values of a plan.
+        judged = [axis for axis in self.axes if axis.name in names]
+        return judged[0] if len(judged) == 1 else min(judged, key=_margin)
 
     def axis(self, name: str) -> AxisPlan:
         """Return the axis of that name, which must exist."""

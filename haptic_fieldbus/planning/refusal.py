@@ -1,26 +1,36 @@
-"""Refusal of an unstable loop before anything moves, with its limit and with settings that would be stable."""
+"""Refusal of a scene above its limit before anything moves, with the limit and with settings that are inside."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from haptic_fieldbus.errors import UnstableSceneError
-from haptic_fieldbus.margins import Stability, Verdict
+from haptic_fieldbus.margins import Basis, Stability, Verdict
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.margins.stiffness_map import OwnLaw
-from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, in_unit, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import (
+    LIMIT_DIGITS,
+    TYPED_DIGITS,
+    exactly,
+    in_unit,
+    percent,
+    rounded,
+    rounded_down,
+    rounded_limit,
+)
 from haptic_fieldbus.planning.compile import on_bus, with_verdicts
+from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json
 from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.registry import parameters
 from haptic_fieldbus.signals import Signal, Workspace
 
-# Stiffness limits of the ways in which a bus could exchange feedback and set-points: that of the plan, and others.
+# Limits of the ways in which a bus could exchange feedback and set-points: that of the plan, and others.
 
 
 @dataclass(frozen=True)
 class ExchangeLimit:
-    """The limit of stability that the weakest axis of a plan has by one way of exchange."""
+    """The limit of the weakest axis of a plan by one way of exchange."""
 
     bus: str
     exchange: str
@@ -36,9 +46,9 @@ class ExchangeLimit:
 
     def text(self) -> str:
         """Return the way with its limit in words."""
-        stable = "" if self.limit is None else f": stable to {rounded_limit(self.limit)} {self.unit}"
+        limit = "" if self.limit is None else f": limit {exactly(self.limit)} {self.unit}"
         chosen = ", chosen" if self.chosen else ""
-        return f"{self.exchange} at {exactly(self.rate)} Hz, delay {rounded(1e3 * self.delay)} ms{stable}{chosen}"
+        return f"{self.exchange} at {exactly(self.rate)} Hz, delay {rounded(1e3 * self.delay)} ms{limit}{chosen}"
 
     def to_json(self) -> dict[str, Json]:
         """Return the object of `plan --json` and `stability --json`."""
@@ -65,40 +75,67 @@ def _by(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> Plan:
 
 def _limit(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> ExchangeLimit:
     weakest, found = plan.weakest, plan.stability
-    limit = None if found is None else found.stiffness_limit.stable
-    unit = "" if weakest is None else f"{weakest.workspace.effort_unit}/{weakest.workspace.length_unit}"
+    limit = None if found is None or found.stiffness is None else found.limit.value
+    unit = "" if weakest is None else weakest.workspace.stiffness_unit
     delay = max(axis.delay.total for axis in plan.axes if axis.name in bus.axes)
     return ExchangeLimit(bus.name, traffic.exchange, traffic.rate, delay, limit, unit, traffic is bus.traffic)
 
 
 def check_stable(plan: Plan, *, running: bool = False) -> None:
-    """Raise UnstableSceneError for the first axis with the verdict unstable; an axis of an unknown bench has none.
+    """Raise UnstableSceneError for the first axis that its limit forbids; an axis of an unknown bench has no limit.
 
+    On simulated buses a scene above the limit is permitted while the loop with the values of rig and profile is stable.
     With `running` the message proposes no damping to a loop that has no velocity, because it could not render it.
     """
     for axis in plan.axes:
-        if axis.group is not None and axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE:
-            limit = axis.stability.stiffness_limit.stable
-            raise UnstableSceneError(_refusal(plan, axis.group, axis.stability, running), limit=limit)
+        found = axis.stability
+        if axis.group is None or found is None:
+            continue
+        if found.verdict is Verdict.UNSTABLE if plan.simulated else not found.is_inside:
+            limit = None if found.stiffness is None else found.limit.value
+            raise UnstableSceneError(_refusal(plan, axis.group, found, running), limit=limit)
+
+
+def above_limit(plan: Plan) -> Iterator[str]:
+    """Yield a sentence for each group of axes above its limit."""
+    for axis in plan.axes:
+        found, group = axis.stability, axis.group
+        if found is not None and group is not None and group.reference_axis == axis.name and not found.is_inside:
+            yield f"{_exceeded(plan, group, found)}; the loop may vibrate"
 
 
 def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
-    """Return the message: the unstable stiffness, its limit, and settings that would be stable."""
+    """Return the message: the stiffness, the limit that it exceeds, and settings that are inside."""
     axis = plan.axis(group.reference_axis)
-    per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    asked = "this scene" if stability.stiffness is None else f"{rounded_limit(stability.stiffness)} {per}"
-    if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
-        asked += f" of {group.stiffest.name}"
-    limit = stability.stiffness_limit.stable
-    at = f"at {exactly(plan.rate)} Hz with {rounded(1e3 * axis.delay.total)} ms of delay"
-    nowhere = f"no stiffness is stable {at}{_uncoupled(plan, group)}"
-    limited = f"limit {rounded_limit(limit)} {per} {at}" if limit else nowhere
     hints = _hints(group)
     if running and Signal.VELOCITY not in axis.needs:
         hints = [hint for hint in hints if ".damping=" not in hint]
-    would = f"\nWould be stable: {' · or '.join(hints)}." if hints else ""
+    inside = [f"Inside the limit: {' · or '.join(hints)}."] if hints else []
+    forced = [] if plan.simulated else [f"--force continues with at most {percent(HOLDING_SHARE)} of rated torque."]
     reasons = [text for law, text in own_law_texts(stability, axis.workspace) if law.is_steeper or law.runs_off]
-    return "\n".join([f"{asked} is unstable on this bench: {limited}.", *reasons]) + would
+    at = f"at {exactly(plan.rate)} Hz with {rounded(1e3 * axis.delay.total)} ms of delay"
+    first = f"{_exceeded(plan, group, stability)}, {at}{_uncoupled(plan, group)}."
+    return "\n".join([first, *reasons, *inside, *forced])
+
+
+def _exceeded(plan: Plan, group: Group, stability: Stability) -> str:
+    """Return the stiffness, and the limit that it exceeds."""
+    limit, per = stability.limit, plan.axis(group.reference_axis).workspace.stiffness_unit
+    if stability.stiffness is None:
+        always = stability.verdict is Verdict.UNSTABLE
+        return "this scene is unstable on this bench" + ("" if always else " for some of the values that are open")
+    asked = f"{rounded_limit(stability.stiffness)} {per}"
+    if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
+        asked += f" of {group.stiffest.name}"
+    if not limit.value:
+        return f"{asked} exceeds the limit of this bench: no stiffness is stable"
+    return f"{asked} exceeds the limit of {limit_value(stability)} on this bench"
+
+
+def limit_value(stability: Stability) -> str:
+    """Return a limit with its unit, and how certain the values of the bench are."""
+    stated = " (damping stated, not measured)" if stability.limit.basis is Basis.STATED else ""
+    return f"{exactly(stability.limit.value)} {stability.unit}{stated}"
 
 
 def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[OwnLaw, str]]:
@@ -128,10 +165,9 @@ def _uncoupled(plan: Plan, group: Group) -> str:
     parts = []
     for each in group.uncoupled():
         found, element, space = each.stability, each.stiffest, plan.axis(each.reference_axis).workspace
-        limit = found.stiffness_limit.stable
-        if element is not None and limit is not None and found.verdict is Verdict.UNSTABLE:
-            where = f"{element.name} on {each.reference_axis} is unstable without its coupling too"
-            parts.append(f"; {where}, limit {rounded_limit(limit)} {space.effort_unit}/{space.length_unit}")
+        if element is not None and not found.is_inside:
+            where = f"{element.name} on {each.reference_axis} exceeds its limit without its coupling too"
+            parts.append(f"; {where}, {exactly(found.limit.value)} {space.stiffness_unit}")
     return "".join(parts)
 
 
@@ -154,23 +190,23 @@ def softer(element: AnyElement, stiffness: float) -> str:
 
 
 def _hints(group: Group) -> list[str]:
-    """Return settings that would make the group stable, each by itself; empty when nothing can be varied."""
+    """Return settings that bring the group inside its limit, each by itself; empty when nothing can be varied."""
     element, found = group.stiffest, group.suggested()
     if element is None:
         return []
     hints = list(_eased(group)) if found.stiffness is None else [softer(element, found.stiffness)]
     if found.damping is not None and found.damping_limit is not None:
-        limit = rounded_limit(found.damping_limit)
-        hints.append(f"--set {element.name}.damping={exactly(found.damping)} (cautious limit {limit})")
+        limit = exactly(rounded_down(found.damping_limit, TYPED_DIGITS))
+        hints.append(f"--set {element.name}.damping={exactly(found.damping)} (limit {limit})")
     return hints
 
 
 def _eased(group: Group) -> Iterator[str]:
     """Yield settings that make an element softer which leaves no stiffness to another one, and that one if it must."""
-    least = group.cautious_limit()
-    if least is None or least.obstacle is None:
+    obstacle = group.limit_over_ranges().obstacle
+    if obstacle is None:
         return
-    element, stiffness = least.obstacle.element, rounded_down(least.obstacle.limit)
+    element, stiffness = obstacle.element, rounded_down(obstacle.limit)
     eased = group.with_stiffness(element, stiffness)
-    rest = _hints(eased)[:1] if eased.stability.verdict is Verdict.UNSTABLE else []
+    rest = [] if eased.stability.is_inside else _hints(eased)[:1]
     yield " ".join([softer(element, stiffness), *rest])

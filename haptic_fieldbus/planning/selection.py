@@ -14,6 +14,7 @@ from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, Ri
 from haptic_fieldbus.errors import PlanError, UsageError, wrong_kind
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.closed_loop import stiffest_of
+from haptic_fieldbus.numerals import TYPED_DIGITS, rounded_down
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.request import Task
@@ -26,7 +27,7 @@ from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
 
-# A scene with its settings applied, one of which may be `max` or `max/N`: the stability limit, or a part of it.
+# A scene with its settings applied, one of which may be `max` or `max/N`: the limit, or a part of it.
 #
 # The limit is that of the scene with all other settings applied, so it takes two steps: `settled` returns the scene
 # without that setting, and `at_limit` the final scene, once the caller has judged the first one.
@@ -62,20 +63,20 @@ def at_limit(task: Task, scene: Scene, part: str, stability: Stability | None) -
     """
     values = parsed(task.settings)
     text = f"{part}={values[part]}"
-    limit = None if stability is None else stability.stiffness_limit.stable
+    limit = 0.0 if stability is None or stability.stiffness is None else stability.limit.value
     # Also a limit of 0, of which each part is 0.
     if not limit or math.isinf(limit):
-        raise UsageError(f"{text}: this bench has no stability limit")
+        raise UsageError(f"{text}: this scene has no limit on this bench")
     divisor = float(str(values[part]).partition("/")[2] or 1.0)
     if divisor == 0.0:
         raise UsageError(f"{text}: division of the limit by zero")
     name, _, parameter = part.rpartition(".")
     element: Any = next((each for each in scene.elements if each.name == name), None)
-    value: Setting = limit / divisor  # [N/m or N·m/rad]
+    value = limit / divisor  # [N/m or N·m/rad]
     graded = abilities(element).with_stiffness
     if parameter != "stiffness" and graded is not None:
-        value = getattr(graded(limit / divisor), parameter)
-    return with_settings(task.scene, {**values, part: value})
+        value = getattr(graded(value), parameter)
+    return with_settings(task.scene, {**values, part: rounded_down(value, TYPED_DIGITS) if value > 0.0 else value})
 
 
 def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> Scene:
@@ -154,17 +155,19 @@ class Selection:
     scene: Scene
     """Scene with all settings but `part`."""
     part: str | None
-    """Name of the setting that is a part of the stability limit; None when there is none."""
+    """Name of the setting that is a part of the limit; None when there is none."""
     rig: Rig
     bus: BusName
     profiles: Mapping[str, DriveProfile] = field(default_factory=dict)
     """Profiles that are known already, by their names in the rig; others are loaded."""
+    forced: bool = False
+    """True: the force is capped, because the scene is rendered above its limit."""
 
     @cached_property
     def plan(self) -> Plan:
         """Plan of the task, compiled when it is first asked for.
 
-        When a setting is a part of the stability limit, it is compiled twice: first without it, to know the limit.
+        When a setting is a part of the limit, it is compiled twice: first without it, to know the limit.
         Raises ProfileError, EdsError, SceneError, RigError, UsageError or PlanError.
         """
         plan = self._compiled(self.scene)
@@ -179,8 +182,9 @@ class Selection:
         profiles = {name: self.profiles.get(name) or load_profile(name) for name in names}
         scene = _renamed(scene, task)
         return compile_plan(
-            scene, self.rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses
-        )
+            scene, self.rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses,
+            forced=self.forced,
+        )  # fmt: skip
 
 
 def select(task: Task) -> Selection:

@@ -25,7 +25,8 @@ from haptic_fieldbus.numerals import (
 )
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.transfer import difference_equation, fraction
-from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
+from haptic_fieldbus.planning.explain import delay_text, limit_text, nominal_texts, place_texts, up_to, worst_texts
+from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.report.texts import parameter_units
 from haptic_fieldbus.signals import Workspace
 
@@ -221,28 +222,28 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
     yield from (OutputRow("assumed", [text]) for text in assumed)
     yield OutputRow(key="assumed", value=list(assumed))
-    yield OutputRow("limits", _limits(judgement, unit))
+    yield OutputRow("limit", [limit_text(stability)])
+    yield OutputRow("", worst_texts(stability, space))
+    yield OutputRow("nominal", _nominal(judgement))
     yield OutputRow("radius", [f"spectral radius {rounded(stability.spectral_radius, 9)} (below 1 decays)"])
     yield OutputRow("place", place_texts(stability, space))
-    margin = stability.margin
-    told = "" if margin is None or math.isinf(margin) else f" · margin {rounded(margin)}"
     is_limited = math.isfinite(stability.effort)
     held = f"up to {in_unit(stability.effort, space.effort_unit)}" if is_limited else "a hand"
-    yield OutputRow("verdict", [f"{stability.verdict.value}: {MEANING[stability.verdict].format(held=held)}{told}"])
+    yield OutputRow("verdict", [f"{stability.verdict.value}: {MEANING[stability.verdict].format(held=held)}"])
 
 
 def _devices(judgement: Judgement) -> Iterator[OutputRow]:
     """Yield a row for the device of each axis judged, and one for the delays and the period."""
     spaces = {axis.name: axis.workspace for axis in judgement.scene.axes}
-    members, delays = judgement.group.members, []
+    members = judgement.group.members
     for member in members:
         name = f"{member.name}: " if len(members) > 1 else ""
         texts = [_device(member.plant, spaces[member.name])]
         texts += [_load(body, spaces[member.name]) for body in member.bodies]
         yield OutputRow("device", [f"{name}{text}" for text in texts])
-        delays.append(f"{name.replace(':', '')}{rounded(1e3 * member.delay)} ms")
-    period = rounded(1e3 * judgement.stability.period_s)
-    yield OutputRow("delay", [f"{', '.join(delays)} from sampling to acting, period {period} ms"])
+        # A device has no parts of its delay, and ideal torque.
+        delay = judgement.delays.get(member.name) or Delay(member.delay, 0.0, 0.0, 0.0)
+        yield OutputRow("delay", [f"{name}{delay_text(delay, judgement.stability.period_s)}"])
 
 
 def notes(judgement: Judgement) -> list[Line]:
@@ -299,32 +300,11 @@ def _step(plant: Plant) -> str:
     return "tachometer step" if plant.tachometer else "encoder count"
 
 
-def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
-    """Yield the stiffness limits, last with the share `UNCERTAIN` of the friction."""
-    limit = judgement.stability.stiffness_limit
-    if limit.stable is None:
-        yield "no limit: no element has a stiffness to vary"
-        return
-    yield f"stable {_up_to(limit.stable, unit)}"
-    hand = "stable with every passive hand" if limit.passive else "not proved for every hand"
-    yield f"passive {_up_to(limit.passive, unit)}, {hand}"
-    if limit.quantisation is not None:
-        between = "steps" if judgement.stability.plant.tachometer else "counts"
-        yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
-    least = judgement.stability.cautious
-    if least is not None:
-        yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(least, judgement.workspace)}"
-        if least.obstacle is not None:
-            yield obstacle_text(least.obstacle, judgement.workspace)
+def _nominal(judgement: Judgement) -> Iterator[str]:
+    """Yield the limits at the nominal values, last with the share `UNCERTAIN` of the friction."""
+    yield from nominal_texts(judgement.stability)
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
-    less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
-    limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
-    yield f"with {exactly(UNCERTAIN)} times the friction: {limits}"
-
-
-def _up_to(value: float | None, unit: str) -> str:
-    if value is None:
-        return "to an unknown stiffness"
-    if value <= 0.0:
-        return "at no stiffness"
-    return "with no limit" if math.isinf(value) else f"to {rounded_limit(value)} {unit}"
+    less, unit = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit, judgement.stability.unit
+    if less.stable is not None and less.passive is not None:
+        limits = f"stable {up_to(less.stable, unit)}, passive {up_to(less.passive, unit)}"
+        yield f"with {exactly(UNCERTAIN)} times the friction: {limits}"

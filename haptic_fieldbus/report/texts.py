@@ -1,6 +1,5 @@
 """Plan and result in words, as lines of a key and a text, for the terminal and for the title of a picture."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any, cast
@@ -15,11 +14,10 @@ from haptic_fieldbus.assessing.result import (
     result_rows,
 )
 from haptic_fieldbus.drive.rig import LinearMechanism
-from haptic_fieldbus.margins import Stability, Verdict
-from haptic_fieldbus.numerals import Line, OutputRow, exactly, in_unit, lines_of, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import Line, OutputRow, exactly, lines_of
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import enabling_lines
-from haptic_fieldbus.planning.explain import delay_text, milliseconds, obstacle_text
+from haptic_fieldbus.planning.explain import delay_text, limit_text, milliseconds
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import way_limits
 from haptic_fieldbus.scenes.element import AnyElement
@@ -33,16 +31,16 @@ def announcement(plan: Plan, changes: Iterable[tuple[float, Mapping[str, object]
     rows = [
         OutputRow("scene", [scene_text(plan)]),
         OutputRow("bench", (bench_text(plan, axis) for axis in plan.axes)),
-        OutputRow("limit", (f"{axis.name}: {axis.cap}" for axis in plan.axes if axis.cap)),
+        OutputRow("cap", (f"{axis.name}: {axis.cap}" for axis in plan.axes if axis.cap)),
         OutputRow("plan", (text for axis in plan.axes for text in axis.traffic.summary())),
         OutputRow("plan", [f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"]),
         OutputRow("enabling", enabling_lines(plan.axes)),
-        OutputRow("delay", [delay_text(plan)]),
+        OutputRow("delay", [delay_text(plan.delay, plan.period)]),
         OutputRow("ways", (way.text() for way in way_limits(plan))),
         OutputRow("assumed", plan.assumed),
         OutputRow("deadlines", [deadlines_text(plan)]),
         OutputRow("coupling", map(str, plan.coupling_ages)),
-        OutputRow("stability", [stability_text(plan)]),
+        OutputRow("limit", [limit_text(plan.stability)]),
         OutputRow("changes", (change_text(time, settings) for time, settings in changes)),
     ]
     return lines_of(rows, once=True)
@@ -115,41 +113,6 @@ def bench_text(plan: Plan, axis: AxisPlan) -> str:
     speed = f"{next(each.traffic.speed for each in plan.buses if each.name == rig.bus)}, {exactly(plan.rate)} Hz"
     encoder = f"{rig.encoder_counts_per_revolution} counts/rev"
     return f"{axis.profile.title} ({link}), {place}, {speed} · {encoder}, {travel}, {known}"
-
-
-def stability_text(plan: Plan) -> str:
-    """Return the verdict on the axis with the smallest margin, with limits and margin as far as they are known."""
-    axis, stability = plan.weakest, plan.stability
-    if axis is None or stability is None:
-        return "unknown: inertia and viscous_damping are missing in the rig"
-    stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
-    if stability.verdict is Verdict.STABLE and math.isfinite(stability.effort):
-        verdict = f"stable at every equilibrium up to {in_unit(stability.effort, axis.workspace.effort_unit)}"
-    if stable is None or stability.stiffness is None:
-        return verdict
-    asked = f"you ask {rounded_limit(stability.stiffness)}: {verdict}"
-    if math.isinf(stable):
-        return f"stable with no limit on this bench; {asked}"
-    unit = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    passive = stability.stiffness_limit.passive
-    proved = "" if passive is None else f" (passive {f'to {rounded_limit(passive)}' if passive else 'at none'})"
-    margin = f", margin {rounded(stability.margin)}" if stability.margin is not None else ""
-    limits = f"stable to {rounded_limit(stable)} {unit} on this bench{proved}"
-    return f"{limits}; {asked}{margin}{_cautious_text(stability, axis.workspace)}"
-
-
-def _cautious_text(stability: Stability, workspace: Workspace) -> str:
-    """Return the cautious limit, and whether more is asked; empty when there is none."""
-    least = stability.cautious
-    if least is None or math.isinf(least.stable) or stability.stiffness is None:
-        return ""
-    if not least.stable:
-        found = "no stiffness is inside" if least.obstacle is None else obstacle_text(least.obstacle, workspace)
-        return f"; above the cautious limit: {found}"
-    limit = f"cautious limit {rounded_limit(least.stable)}"
-    if stability.stiffness <= least.stable:
-        return f"; {limit}"
-    return f"; above the {limit}, {exactly(rounded_down(least.stable))} would be inside"
 
 
 def key_figures(result: Result) -> str:

@@ -97,6 +97,15 @@ class CanSection(BusSection):
         return f"{super().wires}{sorted(self.arguments.items())}"
 
 
+@dataclass(frozen=True)
+class StandInSection(CanSection):
+    """The simulated bus in the place of a real one of a rig."""
+
+    @property
+    def stands_for_real(self) -> bool:
+        return True
+
+
 def can_section(section: BusSection) -> CanSection:
     """Return the section as a CAN bus; raises TypeError when it is one of another protocol."""
     if not isinstance(section, CanSection):
@@ -130,9 +139,10 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
     # The arguments of one interface are not those of another.
     arguments = section.arguments if new.interface == section.interface else {}
-    return replace(
+    found = replace(
         section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate, arguments=arguments
     )
+    return StandInSection(**vars(found)) if found.simulated and not section.simulated else found
 
 
 def _parse_bare(text: str) -> BusName:

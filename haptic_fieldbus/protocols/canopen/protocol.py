@@ -102,7 +102,7 @@ class Canopen(FieldbusProtocol):
             waiting,
             listening=can_bus.listen,
             chosen_master_node=can_bus.master_node,
-            host=HostTimes(can_bus.adapter_latency, can_bus.jitter, can_bus.simulated),
+            host=HostTimes(can_bus.adapter_latency, can_bus.jitter, can_bus.simulated and not can_bus.stands_for_real),
         )
 
 

@@ -76,6 +76,15 @@ class ModbusSection(BusSection):
         return host.strip("[]"), int(port)
 
 
+@dataclass(frozen=True)
+class StandInSection(ModbusSection):
+    """The simulated line in the place of a real one of a rig."""
+
+    @property
+    def stands_for_real(self) -> bool:
+        return True
+
+
 def modbus_section(section: BusSection) -> ModbusSection:
     """Return the section as a Modbus line; raises TypeError when it is one of another protocol."""
     if not isinstance(section, ModbusSection):
@@ -125,10 +134,16 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
         raise UsageError(
             f'bus "{named.text}" is not a Modbus line, but {section.interface}:{section.channel} of the rig is'
         )
-    return replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
+    found = replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
+    return _standing_in(section, found)
 
 
 def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
     """Return the simulated line in the place of `section` of a rig."""
     interface = SIM_RTU if section.serial else SIM_TCP
-    return replace(section, interface=interface, channel=channel or SIMULATION_CHANNEL)
+    return _standing_in(section, replace(section, interface=interface, channel=channel or SIMULATION_CHANNEL))
+
+
+def _standing_in(section: ModbusSection, found: ModbusSection) -> ModbusSection:
+    """Return the section that takes the place of another one, marked where it simulates a real one."""
+    return StandInSection(**vars(found)) if found.simulated and not section.simulated else found

@@ -94,7 +94,8 @@ def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember,
     found = bus.modbus_section(section)
     line = line_of(found, [member.profile for member in own])
     # What the rig states of the way to the line is a part of its round trip.
-    host = HostTimes(None if found.round_trip is None else 0.0, found.jitter, found.simulated)
+    is_ideal = found.simulated and not found.stands_for_real
+    host = HostTimes(None if found.round_trip is None else 0.0, found.jitter, is_ideal)
     return own, line, host
 
 

@@ -182,7 +182,8 @@ def embedded_bus(
         world.add(slot).drive.plant.prepare()
     channel = ",".join(f"{slot.profile.name}@{slot.node}" for slot in slots)
     with publish(channel, world):
-        yield EmbeddedSection(SIMULATION_INTERFACE, channel, bitrate)
+        # No adapter is between this program and its own drives.
+        yield EmbeddedSection(SIMULATION_INTERFACE, channel, bitrate, adapter_latency=0.0)
 
 
 def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:

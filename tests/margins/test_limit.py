@@ -10,8 +10,8 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.margins.bodies import HungBody
-from haptic_fieldbus.margins.cautious import WORST
 from haptic_fieldbus.margins.group import Group, Member
+from haptic_fieldbus.margins.limit import WORST
 from haptic_fieldbus.margins.plant import Ranges
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.wall import Wall
@@ -40,7 +40,7 @@ def test_on_the_shipped_bench_it_is_a_quarter_of_the_nominal_one() -> None:
 
 def test_without_a_stiffness_there_is_none() -> None:
     group = Group((Member("a", BENCH, 0.0, (Damper("a", 1.0),), None, "backward-difference"),), (), PERIOD)
-    assert group.cautious_limit() is None
+    assert group.limit_over_ranges() is None
     assert group.stability.cautious is None
     assert group.stability.recommended is None
 
@@ -64,7 +64,7 @@ def test_it_is_the_limit_at_the_longest_delay_and_lag_with_half_of_the_damping(v
     ranges, plant = Ranges((LAG, 2.0 * LAG), (0.2e-3, 0.8e-3)), Plant(0.1, 2.0, torque_lag=LAG)
     elements = (Wall("a", 100.0, damping=virtual),)
     member = Member("a", plant, 0.2e-3, elements, None, "backward-difference", ranges=ranges)
-    found = Group((member,), (), PERIOD).cautious_limit()
+    found = Group((member,), (), PERIOD).limit_over_ranges()
     worst = Plant(0.1 * mass, 1.0, torque_lag=2.0 * LAG)
     limit = stiffness_limit(worst, PERIOD, 0.8e-3, partial(wall, damping=virtual))
     assert found is not None
@@ -116,7 +116,7 @@ class Drawn:
 
 
 @pytest.mark.thorough("draws 300 benches")
-def test_of_300_benches_within_the_ranges_none_grows_at_the_cautious_limit() -> None:
+def test_of_300_benches_within_the_ranges_none_grows_at_the_limit_over_ranges() -> None:
     beyond_nominal = 0
     for seed in range(300):
         drawn = Drawn(seed)
@@ -144,7 +144,7 @@ def test_no_coupling_within_its_range_has_a_smaller_limit(seed: int) -> None:
         Ranges((LAG, 3 * LAG), (0.4e-3, 1e-3), coupling=(0.5, 2.0)),
     )
     member = Member("a", plant, 0.4e-3, (Wall("a", 100.0),), None, "backward-difference", (body,), ranges)
-    least = Group((member,), (), PERIOD).cautious_limit()
+    least = Group((member,), (), PERIOD).limit_over_ranges()
     assert least is not None
     (at,) = least.judged_at
     for each in (0.5, *(random.uniform(0.5, 2.0) for _ in range(20)), 2.0):

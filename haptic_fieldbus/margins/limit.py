@@ -1,4 +1,6 @@
-"""The cautious limit: the smallest limit of stability over the ranges of all values that are not exact.
+"""The limit: the largest stiffness at which a loop is stable for every value that is open.
+
+Values that are open have ranges (`plant.Ranges`), and the limit is the smallest limit of stability over them.
 
 It is searched among the corners of the ranges. For a spring the limit is close to b/(T/2 + td + λ): it grows with the
 damping b and falls with delay td and lag λ, so that the worst corner is known but for the mass. Virtual damping,
@@ -20,7 +22,7 @@ from typing import Protocol
 
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.plant import Plant, Ranges
+from haptic_fieldbus.margins.plant import Basis, Plant, Ranges
 from haptic_fieldbus.numerals import rounded_down
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement
@@ -45,23 +47,23 @@ def suggest(
     environment_of: Callable[[float, float], StateSpace],
     stiffness: float,
     damping: float | None,
-    cautious: Callable[[float], float] | None = None,
+    limit_with: Callable[[float], float] | None = None,
 ) -> Suggestion:
     """Return round values that make an unstable scene stable; `damping` is None when the scene has none to vary.
 
-    `environment_of` takes (stiffness, damping). `cautious` returns the cautious limit for a damping; the suggested
-    stiffness is this limit with the present damping, and the suggested damping the smallest at which it is at least the
-    present stiffness. Where it is None, the stiffness is 0.7 of the limit, and the damping has a limit of at least 1.2
-    times the present stiffness.
+    `environment_of` takes (stiffness, damping). `limit_with` returns the limit over all open values for a damping; the
+    suggested stiffness is this limit with the present damping, and the suggested damping the smallest at which it is at
+    least the present stiffness. Where it is None, the stiffness is 0.7 of the limit of the loop as it is, and the
+    damping has such a limit of at least 1.2 times the present stiffness.
     """
 
     def damped(value: float) -> EnvironmentOf:
         return lambda stiffness: environment_of(stiffness, value)
 
     def limit_of(value: float) -> float:
-        return cautious(value) if cautious is not None else loop.limit(damped(value))
+        return limit_with(value) if limit_with is not None else loop.limit(damped(value))
 
-    kept, asked = (0.7, 1.2 * stiffness) if cautious is None else (1.0, stiffness)
+    kept, asked = (0.7, 1.2 * stiffness) if limit_with is None else (1.0, stiffness)
     least = kept * limit_of(damping or 0.0)
     softer = rounded_down(least) if 0.0 < least < math.inf else None
     largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
@@ -116,25 +118,28 @@ class Values:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Element that alone exceeds the limit over the ranges, beside a stiffer element."""
+    """Element that alone exceeds the limit, beside a stiffer element."""
 
     element: AnyElement
     limit: float
-    """Cautious limit of the element without the stiffer elements [N/m or N·m/rad]."""
+    """Limit of the element without the stiffer elements [N/m or N·m/rad]."""
     beside: str
     """Name of the element that varies."""
 
 
 @dataclass(frozen=True)
-class Cautious:
-    """Limits [N/m or N·m/rad] of a loop over the ranges of its uncertain values."""
+class Limit:
+    """Limit of a loop [N/m or N·m/rad]."""
 
-    stable: float
-    """Stiffness up to which the loop is stable for all values in the ranges; ∞: any."""
-    quantisation: float | None
+    value: float
+    """Stiffness up to which the loop is stable for every value that is open, rounded down to three digits; ∞: any. A
+    loop without a stiffness has ∞ if it is stable for all these values, else 0."""
+    basis: Basis
+    """Origin of the values of the bench, the least certain one of several axes."""
+    quantisation: float | None = None
     """Stiffness up to which the least friction holds the handle between two counts; None without quantisation."""
-    judged_at: tuple[Values, ...]
-    """Values of each axis at which the loop has the limit `stable`."""
+    judged_at: tuple[Values, ...] = ()
+    """Values of each axis at which the loop has this limit; empty without a stiffness."""
     obstacle: Obstacle | None = None
     """Element that alone exceeds the limit, so that the varied element can have no stiffness; None otherwise."""
 
@@ -153,18 +158,21 @@ def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]
     """Yield the corners of the ranges of all axes, the one that is the worst for a spring first.
 
     All axes are at the same corner of friction, lag, delay and compliant coupling; their masses differ at the worst one
-    of these.
+    of these. Corners that are equal, because a value is exact, are yielded once.
     """
     count = len(axes)
     alike = [(1,) * count, (0,) * count]
     mixed = [each for each in product((1, 0), repeat=count) if each not in alike] if count <= MOST_MIXED else []
-    springs = (0, 1) if any(len({*ranges.coupling}) > 1 for _, ranges in axes) else (0,)
-    for friction, lag, delay, spring in product((0, 1), (1, 0), (1, 0), springs):
+    seen = set[tuple[Values, ...]]()
+    for friction, lag, delay, spring in product((0, 1), (1, 0), (1, 0), (0, 1)):
         for heavy in alike + (mixed if (friction, lag, delay) == WORST else []):
-            yield tuple(
+            corner = tuple(
                 _at(plant, ranges, mass, friction, lag, delay, spring)
                 for (plant, ranges), mass in zip(axes, heavy, strict=True)
             )
+            if corner not in seen:
+                seen.add(corner)
+                yield corner
 
 
 def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay: int, spring: int) -> Values:
