@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD, DEFAULT_RATE
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -126,9 +126,12 @@ def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:
 
     def judgement_of(chosen: Scene) -> Judgement:
         spaces, paced = {axis.name: axis.workspace for axis in chosen.axes}, chosen.at_period(period)
-        members = [Member(name, plant, delay, paced.of_axis(name), method, estimator) for name in spaces]
+        members = [
+            Member(name, plant, delay, paced.of_axis(name), method, estimator, unit=space.stiffness_unit)
+            for name, space in spaces.items()
+        ]
         return _weakest(
-            _judged(chosen, spaces[group.reference_axis], group)
+            Judgement(chosen, group.reference_axis, spaces[group.reference_axis], group.stability, group)
             for group in groups_of(members, paced.couplings, period)
         )
 
@@ -136,12 +139,6 @@ def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:
     # A stiffness that is a part of the limit takes two steps: the limit first, then the scene with it.
     found = judgement_of(scene)
     return found if part is None else judgement_of(at_limit(task, scene, part, found.stability))
-
-
-def _judged(scene: Scene, space: Workspace, group: Group) -> Judgement:
-    """Return the judgement of a group on a device, in the units of the space."""
-    found = replace(group.stability, unit=space.stiffness_unit)
-    return Judgement(scene, group.reference_axis, space, found, group)
 
 
 def _plant_of(period: float, *, mass: float, **others: float) -> Plant:

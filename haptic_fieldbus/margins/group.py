@@ -54,6 +54,8 @@ class Member:
     """Largest force of its motor [N or N·m]."""
     travel: Interval = EVERYWHERE
     """Positions that its handle can have [m or rad]."""
+    unit: str = ""
+    """Unit of its stiffness."""
 
     @property
     def known_ranges(self) -> Ranges:
@@ -126,9 +128,10 @@ class Group:
     def _stabilities(self) -> dict[str, Stability]:
         stiffness = None if self.stiffest is None else closed_loop.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, closed_loop.damping_of(self.varied))
+        unit = next(member.unit for member in self.members if member.name == self.reference_axis)
         return {
             member.name: replace(
-                verdict, effort=member.effort, own_laws=self._own_laws, find_limit=self.limit_over_ranges
+                verdict, unit=unit, effort=member.effort, own_laws=self._own_laws, find_limit=self.limit_over_ranges
             )
             for member, verdict in zip(self.members, verdicts, strict=True)
         }

@@ -147,6 +147,8 @@ def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Sti
     )
 
 
+FLAT = 1e-12
+"""Share of the steepest slope of all places below which a slope is rounding."""
 MOST_ALIKE = 12
 """Stiffnesses that are tried of many places with the same damping: the least, the most, and some between."""
 
@@ -348,6 +350,8 @@ class Places(StateSpace):
     def _growths(self, device: SampledPlant, together: ParallelStates) -> Array:
         """Return the growth at each place that is tried."""
         stiffness, damping = self.stiffness[self._tried], self.damping[self._tried]
+        # A slope that is rounding has an eigenvalue of 1 up to rounding, which could be above 1.
+        stiffness = np.where(np.abs(stiffness) < FLAT * np.abs(stiffness).max(initial=0.0), 0.0, stiffness)
         if len(stiffness) == 1 and stiffness[0] >= 0.0:
             return np.array([sampled.growth(device, together.at(float(stiffness[0]), float(damping[0])))])
         free = sampled.loop_matrix(device, together.free)

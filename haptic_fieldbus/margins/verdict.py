@@ -68,11 +68,6 @@ class StiffnessLimit:
     quantisation: float | None
 
 
-def _no_ranges() -> Limit:
-    """Return no limit: no value is open."""
-    return Limit(math.inf, Basis.STATED)
-
-
 @dataclass(frozen=True)
 class Stability:
     """Stability of one axis; the fields are the keys of `--json`."""
@@ -98,15 +93,23 @@ class Stability:
     """How the elements that state no bounds of their own were judged."""
     unit: str = ""
     """Unit of the stiffness."""
-    find_limit: Callable[[], Limit] = field(default=_no_ranges, repr=False, compare=False)
-    """Function that computes the limit; it takes longer than all other values."""
+    find_limit: Callable[[], Limit] | None = field(default=None, repr=False, compare=False)
+    """Function that computes the limit; it takes longer than all other values. None: no value is open."""
 
     @cached_property
     def limit(self) -> Limit:
         """Limit over all values that are open, as people type it."""
-        found = self.find_limit()
+        found = self._exact if self.find_limit is None else self.find_limit()
         is_told = 0.0 < found.value < math.inf
         return replace(found, value=rounded_down(found.value, TYPED_DIGITS)) if is_told else found
+
+    @property
+    def _exact(self) -> Limit:
+        """Limit of a loop in which no value is open."""
+        stable = self.stiffness_limit.stable
+        if stable is None:
+            stable = 0.0 if self.nominal is Verdict.UNSTABLE else math.inf
+        return Limit(stable, Basis.STATED, self.stiffness_limit.quantisation)
 
     @property
     def margin(self) -> float | None:

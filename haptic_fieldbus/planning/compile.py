@@ -94,9 +94,8 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        unit = found[each.reference_axis].workspace.stiffness_unit
         for name, verdict in _known(each).stabilities().items():
-            found[name] = replace(found[name], stability=replace(verdict, unit=unit), group=each)
+            found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 
 
@@ -135,6 +134,7 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
         ranges_of(axis.profile, axis.delay, axis.basis, compliant=load is not None),
         axis.limits.effort,
         axis.limits.position or EVERYWHERE,
+        axis.workspace.stiffness_unit,
     )
 
 

@@ -380,7 +380,7 @@ def worst_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
         + (f", coupling {rounded(each.coupling)} times as stiff" if each.coupling != 1.0 else "")
         for each in stability.limit.judged_at
     ]
-    if at:
+    if at and math.isfinite(stability.limit.value):
         yield f"worst case: {'; '.join(at)}"
 
 

@@ -17,7 +17,7 @@ KEYS = [
     "guards", "host", "deadlines",
 ]  # fmt: skip
 STABILITY = {
-    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at",
+    "period_s", "delay_s", "plant", "stiffness", "damping", "limit", "stiffness_limit", "judged_at",
     "spectral_radius", "margin", "verdict", "own_laws",
 }  # fmt: skip
 
@@ -98,7 +98,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--change", "wall.stiffness=4"), 2, "SECONDS:element.parameter=value"),
         (("wall", "--change", "20:wall.stiffness=4"), 2, "below the duration"),
         (("wall", "--change", "2:wall.stifness=4"), 2, "nearest: stiffness"),
-        (("wall", "--change", "2:wall.stiffness=3000"), 4, "limit 1492 N/m"),
+        (("wall", "--change", "2:wall.stiffness=3000"), 4, "exceeds the limit of 750 N/m"),
         (("wall", "--change", "2:wall.damping=3"), 4, "which this run does not estimate: start a new run"),
         (("wall", "--set", "wall.stiffness=-1"), 2, "wall.stiffness"),
         (("wall", "--set", "wall.stiffness=nan"), 2, "wall.stiffness"),
@@ -115,7 +115,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--node", "one"), 2, "Invalid value"),
         (("wall", "--nope"), 2, "No such option"),
         ((), 2, "Missing argument"),
-        (("wall", "--set", "wall.stiffness=3000"), 4, "is unstable"),
+        (("wall", "--set", "wall.stiffness=3000"), 4, "3000 N/m exceeds the limit of 750 N/m on this bench"),
         (("wall", "--drive", "generic_cia402", "--rate", "8000"), 4, "Fits: --rate"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,

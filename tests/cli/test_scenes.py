@@ -72,9 +72,10 @@ def test_an_unknown_scene_is_answered_with_the_nearest_names(command: Command) -
     assert "wall" in finished.err
 
 
-def test_a_scene_is_shown_with_the_stiffness_that_each_profile_leaves(command: Command) -> None:
-    """The cautious limit that `stability` tells."""
-    limit = json.loads(command("stability", "wall", "--json").out)["stiffness_limit"]
-    expected = min(limit["cautious"], 0.5 * limit["quantisation"])
-    assert f"maxon_epos4: stiffness up to {expected:.4g} N/m (asked 600)" in command("scenes", "show", "wall").out
-    assert "maxon_epos4: no stiffness to limit" in command("scenes", "show", "damper").out
+def test_a_scene_is_shown_with_its_limit_on_each_profile(command: Command) -> None:
+    """The limit that `stability` tells."""
+    limit = json.loads(command("stability", "wall", "--json").out)["limit"]
+    shown = f"maxon_epos4: {limit['value']:g} N/m; 600 is inside, margin {limit['value'] / 600:.3g}"
+    assert shown in command("scenes", "show", "wall").out
+    assert json.loads(command("scenes", "show", "wall", "--json").out)["limits"]["maxon_epos4"] == limit
+    assert "maxon_epos4: none: no stiffness to vary" in command("scenes", "show", "damper").out

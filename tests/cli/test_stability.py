@@ -11,7 +11,7 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
 KEYS = [
-    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at",
+    "period_s", "delay_s", "plant", "stiffness", "damping", "limit", "stiffness_limit", "judged_at",
     "spectral_radius", "margin", "verdict", "own_laws",
 ]  # fmt: skip
 
@@ -67,11 +67,11 @@ def test_an_estimator_that_is_not_linear_is_told(command: Command) -> None:
 def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command) -> None:
     out = command("stability", "wall").out
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
-        "scene", "device", "delay", "assumed", "limits", "radius", "verdict",
+        "scene", "device", "delay", "assumed", "limit", "nominal", "radius", "verdict",
     ]  # fmt: skip
     assert "with 0.7 times the friction: stable to 1044 N/m, passive to 1006 N/m" in out
     assert "verdict    passive: " in out
-    assert "margin 2.49" in out
+    assert "limit      750 N/m; 600 is inside, margin 1.25" in out
 
 
 def test_a_device_without_stiffness_to_vary_is_told_so(tmp_path: Path, command: Command) -> None:

@@ -46,7 +46,7 @@ def test_an_unstable_scene_is_refused_with_what_would_be_stable(command: Command
     drive = ("--drive", str(velocity_only(tmp_path)))
     refused = command("run", "damped_wall", *drive, "--set", "wall.stiffness=5000")
     assert refused.status != 0
-    hint = re.search(r"Would be stable: --set (wall\.stiffness=\d+)", refused.err)
+    hint = re.search(r"Inside the limit: --set (wall\.stiffness=\d+)", refused.err)
     assert hint is not None
     assert "verdict    stable" in command("stability", "damped_wall", *drive, "--set", hint[1]).out
 

@@ -90,8 +90,8 @@ GAPS = "gaps that divide the stiffness limit by"
 def test_gaps_may_use_up_nine_tenths_of_the_margin_above_one() -> None:
     (axis,) = plan_of().axes
     assert axis.stability is not None
-    assert axis.stability.margin is not None
-    assert rows()[GAPS].value == pytest.approx(1.0 + 0.9 * (axis.stability.margin - 1.0))
+    assert axis.stability.nominal_margin is not None
+    assert rows()[GAPS].value == pytest.approx(1.0 + 0.9 * (axis.stability.nominal_margin - 1.0))
     assert GAPS not in {row.name for row in limit_rows(replace(axis, stability=None), 1e-3)}
 
 

@@ -14,7 +14,7 @@ from haptic_fieldbus.errors import (
     SceneError,
     SignalUnavailableError,
 )
-from haptic_fieldbus.margins.verdict import StiffnessLimit
+from haptic_fieldbus.margins import Basis, Limit
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
@@ -218,24 +218,43 @@ def test_only_the_stiffest_element_is_varied_for_the_limit() -> None:
 
 def test_the_explanation_names_what_is_mapped_left_out_and_run() -> None:
     text = explain(plan_of())
-    for part in ("6064h:00 position actual value", "TPDO1 181h", "left out", "element: wall", "stable to", "ms: bus"):
+    for part in ("6064h:00 position actual value", "TPDO1 181h", "left out", "element: wall", "margin", "ms: bus"):
         assert part in text
 
 
-def test_a_scene_without_stiffness_is_explained_by_its_verdict_alone() -> None:
-    assert explain(plan_of(scene_of(Constant("handle", 0.0, needs=())))).endswith("stability  passive")
+def test_a_scene_without_stiffness_has_no_limit() -> None:
+    plan = plan_of(scene_of(Constant("handle", 0.0, needs=())))
+    assert explain(plan).endswith("limit      none: no stiffness to vary")
+    assert explain(plan, verbose=True).endswith("stability  passive")
 
 
-def test_where_any_stiffness_is_stable_and_passive_none_is_recommended() -> None:
+def test_a_limit_is_told_with_its_margin_and_by_what_it_is_known() -> None:
     plan = plan_of()
     (axis,) = plan.axes
     assert axis.stability is not None
-    assert "recommended up to" in explain(plan)
-    boundless = replace(
-        axis.stability, stiffness_limit=StiffnessLimit(math.inf, math.inf, None), find_cautious=lambda: None
-    )
-    text = explain(replace(plan, axes=(replace(axis, stability=boundless),)))
-    assert text.endswith("600 N/m asked, stable with no limit, passive with no limit")
+
+    def told(found: Limit) -> str:
+        judged = replace(axis.stability, find_limit=lambda: found)  # type: ignore[type-var]
+        text = explain(replace(plan, axes=(replace(axis, stability=judged),)))
+        return text.splitlines()[-1].removeprefix("limit      ")
+
+    assert told(Limit(750.4, Basis.SIMULATED)) == "750 N/m; 600 is inside, margin 1.25"
+    assert told(Limit(599.9, Basis.SIMULATED)) == "599 N/m; 600 is above it, margin 0.998"
+    assert told(Limit(301.0, Basis.STATED)) == ("301 N/m (damping stated, not measured); 600 is above it, margin 0.501")
+    assert told(Limit(0.0, Basis.SIMULATED)) == "0 N/m; no stiffness is stable"
+    assert told(Limit(math.inf, Basis.SIMULATED)) == "none: stable at any stiffness; 600 N/m asked"
+
+
+def test_the_nominal_limits_stand_in_the_long_form_alone() -> None:
+    plan = plan_of()
+    assert plan.stability is not None
+    nominal = plan.stability.stiffness_limit
+    assert nominal.stable is not None
+    long = explain(plan, verbose=True)
+    assert f"nominal: stable to {nominal.stable:.4g} N/m" in long
+    assert "worst case: mass 0.632 kg, damping 1.58 N·s/m, torque loop " in long
+    for word in ("nominal", "passive", "worst case:"):
+        assert word not in explain(plan)
 
 
 def test_our_own_node_id_is_one_that_no_drive_has() -> None:

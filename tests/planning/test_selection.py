@@ -27,7 +27,7 @@ from haptic_fieldbus.signals import Signal
 from tests.builders import bit_rates, canopen, scene_of
 from tests.several_buses import rig_on
 
-SCENE = scene_of(Wall("left", stiffness=300.0, name="a"), Wall("right", stiffness=300.0, name="b"))
+SCENE = scene_of(Wall("left", stiffness=200.0, name="a"), Wall("right", stiffness=200.0, name="b"))
 BUSES = {"left": "can_left", "right": "can_right"}
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan
+from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.assessing.result import (
     Percentiles,
     PeriodTimes,
@@ -19,14 +20,16 @@ from haptic_fieldbus.assessing.result import (
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
-from haptic_fieldbus.numerals import percent, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import percent
+from haptic_fieldbus.planning.explain import explain, limit_text
+from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.report.analysis_texts import stability_lines
 from haptic_fieldbus.report.texts import (
     announcement,
     bench_text,
     key_figures,
     outcome,
-    stability_text,
 )
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
@@ -138,7 +141,7 @@ def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> N
 
 def test_an_announcement_has_each_key_once() -> None:
     keys = [key for key, _ in announcement(plan("wall")) if key]
-    assert keys == ["scene", "bench", "plan", "delay", "assumed", "deadlines", "stability"]
+    assert keys == ["scene", "bench", "plan", "delay", "assumed", "deadlines", "limit"]
 
 
 def test_of_several_elements_each_is_named() -> None:
@@ -153,7 +156,9 @@ def test_of_several_elements_each_is_named() -> None:
 @pytest.mark.parametrize(("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.53, "153 %"), (20.0, "2000 %")])
 def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> None:
     felt = FeltError(share, share, 0.001, 0.4)
-    told = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
+    told = run_verdict(
+        scene="wall", effort="force", hand="push", stable=True, inside=True, felt=felt, ripple=None, missed=0
+    )
     assert f"force error {shown} (people notice from 8 %)" in told
 
 
@@ -193,7 +198,9 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
     ],
 )
 def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, told: str) -> None:
-    said = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
+    said = run_verdict(
+        scene="wall", effort="force", hand="push", stable=True, inside=True, felt=felt, ripple=None, missed=0
+    )
     assert said.startswith(told)
 
 
@@ -233,7 +240,7 @@ def test_the_bench_of_a_real_bus_is_told_with_what_is_unknown() -> None:
     lines = dict(announcement(replace(known, axes=(blind,))))
     assert lines["bench"].startswith("maxon EPOS4 (socketcan can0), node 5, 500 kbit/s, 500 Hz · ")
     assert lines["bench"].endswith("inertia and damping unknown")
-    assert lines["stability"].startswith("unknown")
+    assert lines["limit"].startswith("unknown")
     assert not known.simulated
     assert plan("wall").simulated
 
@@ -247,22 +254,13 @@ def test_on_several_buses_each_bench_is_told_with_its_bus_and_bit_rate() -> None
     assert right.startswith("maxon EPOS4 (simulated), bus can_r, node 2, 500 kbit/s, 1000 Hz · ")
 
 
-def test_a_loop_that_is_passive_at_no_stiffness_is_told_so() -> None:
-    assert "(passive at none)" in stability_text(plan("sprung_mass"))
-
-
-def test_stability_is_told_with_its_limits_and_margin() -> None:
+def test_the_limit_is_one_line_of_run_plan_and_stability() -> None:
     compiled = plan("wall")
-    assert compiled.stability is not None
-    limit, least = compiled.stability.stiffness_limit, compiled.stability.cautious
-    assert least is not None
-    assert limit.stable is not None
-    assert limit.passive is not None
-    assert stability_text(compiled) == (
-        f"stable to {rounded_limit(limit.stable)} N/m on this bench (passive to {rounded_limit(limit.passive)}); "
-        f"you ask 600: {compiled.stability.verdict.value}, margin {rounded(limit.stable / 600)}; "
-        f"above the cautious limit {rounded_limit(least.stable)}, {rounded_down(least.stable):g} would be inside"
-    )
+    line = "750 N/m; 600 is inside, margin 1.25"
+    assert limit_text(compiled.stability) == line
+    assert dict(announcement(compiled))["limit"] == line
+    assert f"limit      {line}" in explain(compiled)
+    assert dict(stability_lines(judge_scene(Task("wall"))))["limit"] == line
 
 
 def test_places_and_energies_are_written_for_people() -> None:
@@ -280,8 +278,8 @@ def test_a_picture_has_one_line_of_figures() -> None:
 
 def test_a_capped_force_stands_in_the_first_lines_of_a_run() -> None:
     capped = announcement(plan("wall", drive="iris_orca", bus="sim-modbus-rtu", settings={"wall.stiffness": 15.0}))
-    assert [key for key, _ in capped[:4]] == ["scene", "bench", "limit", "plan"]
+    assert [key for key, _ in capped[:4]] == ["scene", "bench", "cap", "plan"]
     assert capped[2][1].startswith(
         "handle: force limited to 2.51 N (5 % of rated torque): Iris Dynamics ORCA has no watchdog"
     )
-    assert "limit" not in dict(announcement(plan("wall")))
+    assert "cap" not in dict(announcement(plan("wall")))

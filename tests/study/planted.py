@@ -197,14 +197,14 @@ PLANTED = {
         "INERTIA_SHARES: Range = (0.8, 1.25)",
         "INERTIA_SHARES: Range = (0.9, 1.25)",
         ("worst-of-ranges",),
-        (f"{TESTS}/test_cautious.py::{WORST_CORNER}",),
+        (f"{TESTS}/test_limit.py::{WORST_CORNER}",),
     ),
     "longest delay ignored": Planted(
-        f"{MARGINS}/cautious.py",
+        f"{MARGINS}/limit.py",
         "ranges.delay[delay]",
         "ranges.delay[0]",
         ("worst-of-ranges",),
-        (f"{TESTS}/test_cautious.py::{WORST_CORNER}",),
+        (f"{TESTS}/test_limit.py::{WORST_CORNER}",),
     ),
     "estimator's weight gone from the passivity bound": Planted(
         f"{MARGINS}/resting_points.py",

@@ -55,11 +55,11 @@ def test_every_shipped_drive_renders_a_wall(drive: str) -> None:
 
 
 def test_the_walls_stiffness_of_the_library_is_refused_where_it_is_unstable() -> None:
-    with pytest.raises(UnstableSceneError, match="600 N/m is unstable") as refused:
+    with pytest.raises(UnstableSceneError, match="600 N/m exceeds the limit") as refused:
         run("wall", bus=RTU)
     found = plan("wall", bus=RTU, settings=HALF).stability
     assert found is not None
-    assert refused.value.limit == found.stiffness_limit.stable
+    assert refused.value.limit == found.limit.value
     assert "--set wall.stiffness=" in str(refused.value)
 
 

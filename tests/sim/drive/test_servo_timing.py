@@ -13,9 +13,10 @@ from random import Random
 import numpy as np
 import pytest
 
-from haptic_fieldbus.margins import Plant, stiffness_limit
-from haptic_fieldbus.margins.plant import ASSUMED_BANDWIDTH, DAMPING_SHARES
+from haptic_fieldbus.margins import Basis, Group, Member, Plant, Stability, stiffness_limit
+from haptic_fieldbus.margins.plant import ASSUMED_BANDWIDTH, DAMPING_SHARES, Ranges, exact_bench
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes, Servo
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant as Motor
@@ -107,15 +108,17 @@ def test_walls_with_locked_ticks_and_latencies_grow_above_the_limit_of_their_del
 
 @pytest.mark.thorough("runs a minute of four loops")
 @pytest.mark.parametrize("seed", range(4))
-def test_random_jitter_and_a_drifting_tick_do_not_grow_in_a_minute_below_the_cautious_limit(seed: int) -> None:
+def test_random_jitter_and_a_drifting_tick_do_not_grow_in_a_minute_below_the_limit_at_the_longest_delay(
+    seed: int,
+) -> None:
     """On the worst bench of the ranges: the least damping, the slowest torque loop."""
     random, most_ns = Random(f"jitter {seed}"), 200_000
     damping, lag = DAMPING_SHARES[0] * DAMPING, LAG / ASSUMED_BANDWIDTH[0]
     longest = (ARRIVAL_NS + most_ns + 2 * CONTROL_NS) * 1e-9
-    cautious = stiffness_limit(Plant(INERTIA, damping, torque_lag=lag), T_NS * 1e-9, longest, spring)
+    longest_limit = stiffness_limit(Plant(INERTIA, damping, torque_lag=lag), T_NS * 1e-9, longest, spring)
     timing = FirmwareTimes(CONTROL_NS, free=True, phase=random.random(), drift=random.uniform(-5e-5, 5e-5))
     late = iter(lambda: random.randrange(most_ns + 1), None)
-    seen = np.abs(swing(servo(timing, damping=damping, lag=lag), 0.999 * cautious, late, 60_000, ARRIVAL_NS))
+    seen = np.abs(swing(servo(timing, damping=damping, lag=lag), 0.999 * longest_limit, late, 60_000, ARRIVAL_NS))
     assert seen[-10_000:].max() < seen[10_000:20_000].max() < START
 
 
@@ -138,3 +141,62 @@ def test_a_position_is_as_old_as_the_encoder_and_the_tick_make_it(free: bool, ac
     at_once.command(1e-2, acts_ns)
     at_once.advance(read_ns)
     assert drive.counts() == pytest.approx(at_once.counts(), abs=2)
+
+
+class OpenBench:
+    """A bench with a limit, and one draw of all values that it leaves open."""
+
+    def __init__(self, seed: int) -> None:
+        random = Random(f"open {seed}")
+        lag = 1 / (2 * math.pi * 10 ** random.uniform(2.5, 3.5))
+        plant = Plant(10 ** random.uniform(-5.0, -4.2), 10 ** random.uniform(-4.0, -3.3), torque_lag=lag)
+        control_ns, self.arrival_ns = random.choice((200_000, 400_000, 1_000_000)), random.randrange(100_000, 500_000)
+        most_ns = random.choice((0, 100_000, 300_000))
+        self.plant, self.delay = plant, self.arrival_ns * 1e-9
+        lags, delays = (lag / 2.0, lag / 0.3), (self.delay, self.delay + (most_ns + 2 * control_ns) * 1e-9)
+        exact = exact_bench(lags, delays, Basis.SIMULATED)
+        self.ranges = random.choice((exact, Ranges(lags, delays)))
+        self.virtual = random.choice((0.0, 0.0, 0.2 * plant.damping))
+
+        def within(ends: tuple[float, float]) -> float:
+            """An end of the range every second time."""
+            return random.choice((*ends, random.uniform(*ends), random.uniform(*ends)))
+
+        inertia, damping = plant.mass * within(self.ranges.mass), plant.damping * within(self.ranges.damping)
+        free, latency_ns = random.random() < 0.5, round(within((0.0, float(control_ns))))
+        # A drive with free ticks reads its position at them, which is a latency of up to a control period.
+        timing = FirmwareTimes(control_ns, free=free, phase=random.random(), latency_ns=0 if free else latency_ns)
+        motor = Motor(Shaft(inertia, damping, 0.0, within(self.ranges.torque_lag)), None, position=START)
+        self.servo = Servo(motor, counts_per_revolution=COUNTS, timing=timing)
+        self.lateness = iter(lambda: round(within((0.0, float(most_ns)))), None)
+
+    def judged(self, stiffness: float) -> Stability:
+        elements = (Wall("a", stiffness, damping=self.virtual),)
+        member = Member("a", self.plant, self.delay, elements, None, "backward-difference", ranges=self.ranges)
+        return Group((member,), (), T_NS * 1e-9).stability
+
+    def peaks(self, stiffness: float) -> tuple[float, float]:
+        """The largest swing in the second and in the third turn of the simulated shaft on its spring [rad]."""
+        turn = math.ceil(2 * math.pi * math.sqrt(1.25 * self.plant.mass / stiffness) / (T_NS * 1e-9)) + 20
+        seen = np.empty(3 * turn)
+        before = START
+        for k, late_ns in zip(range(len(seen)), self.lateness, strict=False):
+            sync_ns = (k + 10) * T_NS + late_ns
+            self.servo.sync(sync_ns)
+            seen[k] = self.servo.counts() * 2 * math.pi / COUNTS
+            speed, before = (seen[k] - before) / (T_NS * 1e-9), seen[k]
+            self.servo.command(-stiffness * seen[k] - self.virtual * speed, sync_ns + self.arrival_ns)
+        return float(np.abs(seen[turn : 2 * turn]).max()), float(np.abs(seen[2 * turn :]).max())
+
+
+@pytest.mark.thorough("simulates 2000 loops", quick=1)
+@pytest.mark.parametrize("batch", range(200))
+def test_inside_its_limit_a_loop_is_stable_for_every_draw_of_the_open_values(batch: int) -> None:
+    """The simulated drive takes the place of the formulas: mass, friction, lag, ticks, latency and lateness drawn."""
+    for seed in range(10 * batch, 10 * (batch + 1)):
+        bench = OpenBench(seed)
+        limit = bench.judged(1.0).limit.value
+        assert bench.judged(limit).is_inside, seed
+        assert not bench.judged(1.1 * limit).is_inside, seed
+        second, third = bench.peaks(limit)
+        assert third <= second * (1.0 + 1e-6), seed
