@@ -13,7 +13,6 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.margins import Stability
     from haptic_fieldbus.scenes.scene import Scene
 
 app = typer.Typer(help="List, show and check scenes.", no_args_is_help=True)
@@ -62,18 +61,18 @@ def show_scene(
                     for element in scene.elements
                 ],
                 "source": scene.source,
-                "limits": {
-                    name: None if found is None else found.to_json()["limit"] for name, found, _ in _limits(scene)
-                },
+                "made_for": None if scene.made_for is None else asdict(scene.made_for),
+                "limit": _default_limit(scene),
             }
         )
         return
     show([(None, f"{scene.name}: {scene.description}"), (None, scene.source), (None, "")])
     show([("axis", f"{axis.name}: {axis.workspace.value}") for axis in scene.axes])
+    show([("made for", str(scene.made_for))] if scene.made_for else [])
     show([(None, "")])
     show_table(("parameter", "value", "unit"), _rows(scene))
     show([(None, "")])
-    show([("limit", f"{name}: {text}") for name, _, text in _limits(scene)])
+    show([("limit", f"{name}: {text}") for name, text in _limits(scene)])
 
 
 @app.command("check")
@@ -89,8 +88,16 @@ def check_scenes(
     check_files(names or scene_names(), load_scene, as_json)
 
 
-def _limits(scene: "Scene") -> Iterator[tuple[str, "Stability | None", str]]:
-    """Yield each usable shipped profile with the judgement on the shipped bench, and the limit or why there is none."""
+def _default_limit(scene: "Scene") -> object:
+    """Return the limit on the default bench as JSON has it; None where there is none."""
+    from haptic_fieldbus.api import plan
+
+    found = plan(scene).stability
+    return None if found is None else found.to_json()["limit"]
+
+
+def _limits(scene: "Scene") -> Iterator[tuple[str, str]]:
+    """Yield each usable shipped profile, and the limit on its shipped bench or why there is none."""
     from haptic_fieldbus.api import plan
     from haptic_fieldbus.planning.explain import limit_text
     from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
@@ -102,10 +109,9 @@ def _limits(scene: "Scene") -> Iterator[tuple[str, "Stability | None", str]]:
         if profile.drive.usable:
             bus = protocol_named(profile.drive.protocol).simulated_bus(profile)
             try:
-                found = plan(scene, drive=path, bus=bus).stability
-                yield name, found, limit_text(found)
+                yield name, limit_text(plan(scene, drive=path, bus=bus).stability)
             except PlanError as error:  # a motor that goes straight renders no rotary scene
-                yield name, None, str(error)
+                yield name, str(error)
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:

@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.files import (
 )
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements, quantities
-from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.scenes.scene import MadeFor, Scene, SceneAxis
 from haptic_fieldbus.signals import Workspace
 
 Setting = float | str | bool
@@ -56,7 +56,13 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
         source=str(path),
         hand=frame.hand if frame is not None else None,
         passivity=_passivity(parts),
+        made_for=_made_for(parts[-1].frame),
     )
+
+
+def _made_for(frame: SceneFile | None) -> MadeFor | None:
+    found = None if frame is None else frame.made_for
+    return None if found is None else MadeFor(found.rate, found.drive)
 
 
 def _passivity(parts: list[ScenePart]) -> Literal["observer", "controller"]:

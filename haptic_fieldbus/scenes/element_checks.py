@@ -18,7 +18,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.scenes.element import LAWS, AnyElement
 from haptic_fieldbus.scenes.files import check_ratio
-from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
+from haptic_fieldbus.scenes.scene import MadeFor, Scene, SceneAxis, axes_of
 from haptic_fieldbus.signals import Workspace
 
 LIGHTEST, HEAVIEST = 1e-4, 1e6
@@ -37,6 +37,8 @@ def check_kinds(scene: Scene) -> None:
             raise wrong_kind(f"scene: {name}", "a text", getattr(scene, name))
     if scene.passivity not in PASSIVITIES:
         raise wrong_kind("scene: passivity", " or ".join(PASSIVITIES), scene.passivity)
+    if not isinstance(scene.made_for, MadeFor | None):
+        raise wrong_kind("scene: made_for", "a MadeFor or None", scene.made_for)
     if not (isinstance(scene.axes, list | tuple) and scene.axes):
         raise wrong_kind("scene: axes", "a tuple of at least one SceneAxis", scene.axes)
     for axis in scene.axes:

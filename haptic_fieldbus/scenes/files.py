@@ -16,7 +16,7 @@ from annotated_types import Len
 from haptic_fieldbus.documents import Document, beside, check_kind, file_of, is_path, read_document, suggestion
 from haptic_fieldbus.documents.quantities import parse_quantity
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
-from haptic_fieldbus.scenes.element import STRICT, AnyElement
+from haptic_fieldbus.scenes.element import STRICT, AnyElement, Frequency
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, kind_names, parameters, quantities
 from haptic_fieldbus.signals import Workspace
 
@@ -38,6 +38,17 @@ class AxisSection:
 
 
 @dataclass(frozen=True)
+class MadeForSection:
+    """Drives on whose shipped bench the scene is inside its limit."""
+
+    rate: Frequency | None = None
+    """Lowest rate of the loop [Hz]."""
+    drive: Annotated[str, Len(1)] | None = None
+    """Name of a profile."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class SceneFile:
     """The frame of a scene file; its elements stay tables, as their dataclass depends on their kind."""
 
@@ -51,6 +62,8 @@ class SceneFile:
     passivity: Literal["observer", "controller"] | None = None
     """Whether energy that the loop gives of its own ends the run, or is taken back by damping before that; the
     observer unless this file or an included one names the controller."""
+    made_for: MadeForSection | None = None
+    """Drives for which the values of the scene are made; without it every drive that can render the scene."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -85,6 +98,8 @@ def _read(path: Path, above: tuple[Path, ...], numbers: Iterator[int]) -> list[S
     document = read_document(path, SceneError)
     check_kind(document, "element")
     frame = document.validate(SceneFile)
+    if document.value("made_for") == {}:
+        document.fault(("made_for",), "empty; expected rate or drive")
     if not document.value("element") and not document.value("include"):
         document.fault(("element",), "missing; expected a list that is not empty")
     included = document.value("include")

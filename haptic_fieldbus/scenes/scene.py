@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities
 from haptic_fieldbus.signals import Workspace
 
@@ -15,6 +16,20 @@ class SceneAxis:
     workspace: Workspace
     held: bool | None = None
     """Whether the simulated hand holds this axis; None means yes, unless the axis is the second of a coupling."""
+
+
+@dataclass(frozen=True)
+class MadeFor:
+    """Drives on whose shipped bench a scene is inside its limit; on others it needs other values."""
+
+    rate: float | None = None
+    """Lowest rate of the loop [Hz]; None: any."""
+    drive: str | None = None
+    """Name of a profile; None: every drive with this rate."""
+
+    def __str__(self) -> str:
+        rate = "" if self.rate is None else f"drives with {exactly(self.rate)} Hz or more"
+        return " and ".join(filter(None, (self.drive, rate)))
 
 
 def axes_of(element: AnyElement) -> tuple[str, ...]:
@@ -37,6 +52,9 @@ class Scene:
     passivity: Literal["observer", "controller"] = "observer"
     """"observer": the run trips when the scene generates energy; "controller": damping absorbs the energy before
     that."""
+
+    made_for: MadeFor | None = None
+    """Drives for which the scene is made; None: every drive that can render it."""
 
     @property
     def controlled(self) -> bool:

@@ -77,5 +77,16 @@ def test_a_scene_is_shown_with_its_limit_on_each_profile(command: Command) -> No
     limit = json.loads(command("stability", "wall", "--json").out)["limit"]
     shown = f"maxon_epos4: {limit['value']:g} N/m; 600 is inside, margin {limit['value'] / 600:.3g}"
     assert shown in command("scenes", "show", "wall").out
-    assert json.loads(command("scenes", "show", "wall", "--json").out)["limits"]["maxon_epos4"] == limit
+    assert json.loads(command("scenes", "show", "wall", "--json").out)["limit"] == limit
     assert "maxon_epos4: none: no stiffness to vary" in command("scenes", "show", "damper").out
+
+
+def test_a_scene_says_for_which_drives_it_is_made(tmp_path: Path, command: Command) -> None:
+    path = tmp_path / "fast.toml"
+    path.write_text(
+        'made_for.rate = 1000.0\n[axis.handle]\nworkspace = "linear"\n'
+        '[[element]]\nkind = "damper"\naxis = "handle"\ndamping = 1.0\n'
+    )
+    assert "made for   drives with 1000 Hz or more" in command("scenes", "show", str(path)).out
+    shown = json.loads(command("scenes", "show", str(path), "--json").out)
+    assert shown["made_for"] == {"rate": 1000.0, "drive": None}
