@@ -1,19 +1,26 @@
 """Delays of rig and profile in a plan, and their ranges; a bench with a compliant coupling."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import CompliantCoupling, Mechanics, Rig, default_axis
+from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Basis, Plant
 from haptic_fieldbus.margins.bodies import HungBody, limit_with
 from haptic_fieldbus.margins.plant import COUPLING_SHARES
 from haptic_fieldbus.planning.compile import compile_plan, ranges_of
+from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.refusal import above_limit, check_stable
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.protocols.traffic import ADAPTER_LATENCY, JITTER
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.signals import Workspace
@@ -93,3 +100,81 @@ def test_a_rigid_shaft_has_no_coupling_to_vary() -> None:
 def test_the_defaults_change_nothing_that_was_planned_before() -> None:
     assert (PROFILE.timing.control_tick, PROFILE.timing.encoder_latency) == ("unknown", None)
     assert plan("wall").axes[0].delay.transport == pytest.approx(TICK)
+
+
+BUSES = {
+    "socketcan:can0@500000": "sim",
+    "modbus-tcp:10.0.0.1": "sim",
+    "modbus-rtu:/dev/ttyUSB0@115200": "sim-modbus-rtu@115200",
+}
+
+
+@pytest.mark.parametrize("bus", BUSES)
+def test_a_rig_has_the_same_limit_on_the_simulated_bus_in_the_place_of_its_own(bus: str) -> None:
+    section: Any = parse_bus(bus).section
+    axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile=protocol_named(section.protocol).default_drive)
+    axis = replace(axis, limits=replace(axis.limits, effort=5.0))
+    rig = Rig({"b": section}, {"handle": axis}, source="rig.toml")
+    own, simulated = plan("wall", rig).stability, plan("wall", rig, bus=BUSES[bus]).stability
+    assert own is not None
+    assert simulated is not None
+    assert (simulated.to_json(), simulated.limit.basis) == (own.to_json(), Basis.STATED)
+    ideal = plan("wall", replace(rig, bus={"b": replace(section, jitter=0.0)})).stability
+    assert ideal is not None
+    assert ideal.limit.value > own.limit.value, "the host of a real bus may be late, and its simulation counts it"
+
+
+def test_values_of_a_bench_are_exact_on_the_shipped_simulated_one_alone() -> None:
+    axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="p")
+    shipped = Rig({"b": SIMULATED}, {"handle": axis})
+    assert shipped.is_shipped("handle")
+    others = (
+        replace(shipped, source="rig.toml"),
+        replace(shipped, bus={"b": REAL}),
+        replace(shipped, axis={"handle": replace(axis, inertia=5.0e-5)}),
+    )
+    assert not any(rig.is_shipped("handle") for rig in others)
+
+
+def refused(section: CanSection, stiffness: float) -> str:
+    """What a run on this bus would be told; empty where it would begin."""
+    axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="maxon_epos4")
+    try:
+        check_stable(plan("wall", Rig({"b": section}, {"handle": axis}), settings={"wall.stiffness": stiffness}))
+    except UnstableSceneError as error:
+        return str(error)
+    return ""
+
+
+def test_a_real_bus_refuses_from_the_limit_on_and_a_simulated_one_from_where_the_loop_is_unstable() -> None:
+    limit = "exceeds the limit of 291 N/m (damping stated, not measured) on this bench"
+    assert refused(REAL, 291.0) == ""
+    assert f"300 N/m {limit}" in refused(REAL, 300.0)
+    assert refused(REAL, 300.0).endswith("--force continues with at most 5 % of rated torque.")
+    assert refused(SIMULATED, 1490.0) == ""
+    assert "1500 N/m exceeds the limit of 750 N/m on this bench, at 1000 Hz" in refused(SIMULATED, 1500.0)
+    assert "--force" not in refused(SIMULATED, 1500.0)
+
+
+def test_what_is_forced_above_its_limit_has_5_percent_of_rated_torque() -> None:
+    axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="maxon_epos4")
+    task = Task("wall", Rig({"b": REAL}, {"handle": axis}), settings={"wall.stiffness": 600.0})
+    free, forced = select(task).plan.axes[0], replace(select(task), forced=True).plan
+    (capped,) = forced.axes
+    assert (free.cap, free.limits.effort) == ("", free.rated_effort)
+    assert capped.limits.effort == pytest.approx(0.05 * free.rated_effort)
+    assert capped.limits.slew == pytest.approx(0.05 * free.limits.slew)
+    assert capped.cap == "force limited to 2.51 N (5 % of rated torque): the scene is above its limit (--force)"
+    assert list(above_limit(forced)) == [
+        "600 N/m exceeds the limit of 291 N/m (damping stated, not measured) on this bench; the loop may vibrate"
+    ]
+
+
+def test_a_run_that_is_not_capped_is_not_changed_above_its_limit_by_force() -> None:
+    axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="maxon_epos4")
+    task = Task("wall", Rig({"b": REAL}, {"handle": axis}), settings={"wall.stiffness": 200.0})
+    running, capped = select(task).plan, replace(select(task), forced=True).plan
+    with pytest.raises(UnstableSceneError, match="600 N/m exceeds the limit"):
+        plan_change(running, running, {"wall.stiffness": 600.0}, force=True)
+    changed = plan_change(capped, capped, {"wall.stiffness": 600.0}, force=True).plan
+    assert changed.axes[0].limits.effort == capped.axes[0].limits.effort
