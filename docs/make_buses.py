@@ -29,8 +29,8 @@ writes the table from plans and from runs in virtual time. The figures are the s
 - *Time on the bus*: all frames of one period with the silence between them, and their share of the period.
 - *Age*: half a period plus the longest delay. The stability limit is about b/(T/2 + delay), where b = 1.58 N·s/m is the
   friction at this handle.
-- *Stable to*: stiffness up to which the loop is stable. *Recommended to*: stiffness up to which the loop is stable for
-  every value that the profile leaves open, and friction holds the handle between two encoder counts.
+- *Stable to*: stiffness up to which the loop is stable with its nominal values. *Limit*: stiffness up to which it is
+  stable for every value that the profile leaves open ([the limit](../explanation/stability.md#the-limit)).
 - *Felt error*: force error of `run wall --hand {hand}` at {stiffness} N/m, in motion, as a share of the force. All four
   buses can render this soft wall. People notice errors from 8 %.
 
@@ -52,8 +52,8 @@ haptic-fieldbus run wall --bus sim-modbus-rtu@115200 --hand {hand} --set wall.st
   serial line a short period matters most: one request reads and writes, and the torque is the one of the period before.
   [Why](../explanation/modbus.md)
 - **CANopen and TCP are equal here by chance.** Both need half a millisecond from the latch of the encoder to the
-  torque. CANopen waits for the next control tick of the drive. TCP needs two ways through the network. The recommended
-  stiffness differs more, because the generic CANopen profile does not state what its control tick is synchronised to.
+  torque. CANopen waits for the next control tick of the drive. TCP needs two ways through the network. The limit
+  differs more, because the generic CANopen profile does not state what its control tick is synchronised to.
 - **Your drive may answer later.** The generic drive answers after {answer_time} ms. Many drives take 1 to 5 ms. Compute
   the limit with the profile of your drive.
 """
@@ -77,7 +77,7 @@ class Row:
         yield f"{rounded(1e3 * traffic.load / plan.rate)} ms, {percent(traffic.load)}"
         yield f"{rounded(1e3 * (0.5 * plan.period + plan.delay.transport))} ms"
         yield _limit(None if found is None else found.stiffness_limit.stable)
-        yield _limit(None if found is None else found.recommended)
+        yield _limit(None if found is None else found.limit.value)
         yield "–" if self.error is None else percent(self.error)
 
 
@@ -97,7 +97,7 @@ def rows() -> Iterator[Row]:
 
 def page() -> str:
     """Return the text of the page."""
-    head = ("bus", "rate", "exchange", "time on the bus", "age", "stable to", "recommended to", "felt error")
+    head = ("bus", "rate", "exchange", "time on the bus", "age", "stable to", "limit", "felt error")
     lines = [head, ("---",) * len(head), *(tuple(row.cells()) for row in rows())]
     table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
     return TEXT.format(table=table, hand=HAND, stiffness=f"{STIFFNESS:g}", answer_time=0.2)

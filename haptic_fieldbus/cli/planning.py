@@ -205,8 +205,17 @@ def estimate(options: EstimateOptions) -> None:
 # Command `plan`: compile a scene for a bench and explain the plan; no bus is opened.
 
 
-@options_of(SceneOptions, without=(*OF_A_RUN, "plot"))
-def plan(options: SceneOptions) -> None:
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(SceneOptions):
+    """Further options of `plan`."""
+
+    verbose: Annotated[
+        bool, option(None, "Print the verdict, the nominal limits and the worst case too.", None, "-v", "--verbose")
+    ] = False
+
+
+@options_of(PlanOptions, without=(*OF_A_RUN, "plot"))
+def plan(options: PlanOptions) -> None:
     """Compile SCENE for a drive and print the plan: the steps of each period, and the parts left out."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.explain import explain, plan_json
@@ -218,4 +227,4 @@ def plan(options: SceneOptions) -> None:
         print_json(plan_json(compiled))
     else:
         # `explain` writes the same column of keys; taken apart, the keys become bold and long lines are wrapped.
-        show((line[:KEY_WIDTH].strip(), line[KEY_WIDTH:]) for line in explain(compiled).splitlines())
+        show((line[:KEY_WIDTH].strip(), line[KEY_WIDTH:]) for line in explain(compiled, verbose=options.verbose).splitlines())

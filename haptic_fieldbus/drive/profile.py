@@ -66,9 +66,9 @@ class TimingSection:
     """Longest time that the drive may take to change its mode of operation [s]."""
     control_tick: Literal["sync", "free", "unknown"] = "unknown"
     """Whether the controller's ticks are counted from SYNC or run free; unknown: counted as "sync" in the plan, and as
-    "free" in its cautious limit."""
+    "free" in its limit."""
     encoder_latency: NonNegativeTime | None = None
-    """Age of a position at the SYNC that latches it [s]; None: 0 in the plan, up to a control period in its cautious
+    """Age of a position at the SYNC that latches it [s]; None: 0 in the plan, up to a control period in its
     limit."""
     enabling_timeout: Time = 2.0
     """Longest time that the drive may take to *operation enabled* [s]; a commutation search takes part of it."""

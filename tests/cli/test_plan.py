@@ -11,7 +11,7 @@ from tests.eds.fixed_mapping import RPDOS, written
 
 KEYS = [
     "mapped", "left_out", "assumed", "pdos", "registers", "bus_load", "delay_s", "ways", "couplings", "limits",
-    "guards", "sign", "stability", "modules", "deadlines",
+    "guards", "sign", "stability", "modules", "deadlines", "limit",
 ]  # fmt: skip
 
 
@@ -71,3 +71,10 @@ class TestFixedMapping:
         done = command("plan", "wall", "--drive", path)
         assert done.status == 4
         assert "no active RPDO carries 6071h target torque" in done.err
+
+
+def test_the_nominal_limits_are_printed_on_request(command: Command) -> None:
+    short, long = command("plan", "wall").out, command("plan", "wall", "-v").out
+    assert long.startswith(short.rstrip("\n"))
+    assert "stability  passive\n           nominal: stable to 1492 N/m" in long
+    assert long.rstrip("\n") == explain(plan("wall"), verbose=True)

@@ -70,9 +70,9 @@ class CanSection(BusSection):
     """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
     adapter_latency: NonNegativeTime | None = None
     """Delay that the adapter adds to each received and to each sent frame [s]. None: 0 in the plan, and an assumed time
-    in the cautious limit of a real bus."""
+    in the limit of a real bus."""
     jitter: NonNegativeTime | None = None
-    """Largest lateness of the host in a period [s]. None: 0 in the plan, and an assumed time in the cautious limit of a
+    """Largest lateness of the host in a period [s]. None: 0 in the plan, and an assumed time in the limit of a
     real bus."""
     arguments: Mapping[str, Argument] = field(default_factory=dict)
     """Further arguments of the interface, with python-can's names: `ttyBaudrate`, `host`, `port`."""

@@ -45,7 +45,7 @@ class ModbusSection(BusSection):
     """Round-trip time of a request and its answer through network or adapter and both ends [s]. None: 0.25 ms on TCP, 0
     on a serial line."""
     jitter: NonNegativeTime | None = None
-    """Largest lateness of the host in a period [s]. None: 0 in the plan, and an assumed time in the cautious limit of a
+    """Largest lateness of the host in a period [s]. None: 0 in the plan, and an assumed time in the limit of a
     real bus."""
     echo: bool = False
     """True: the adapter echoes sent octets, as some two-wire RS-485 adapters do."""

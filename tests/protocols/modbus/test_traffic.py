@@ -243,7 +243,7 @@ class TestGuard:
         assert on(RTU, drive="simplex_motion").axes[0].limits.effort == pytest.approx(0.05 * axis.rated_effort)
 
 
-class TestCautiousDelay:
+class TestLongestDelay:
     def test_takes_an_answer_time_that_is_sampled_early_or_late(self) -> None:
         delay = traffic_of(on(TCP, 1000.0)).delay("handle")
         assert delay.range == pytest.approx((delay.transport - ANSWER_TIME, delay.transport + ANSWER_TIME))
