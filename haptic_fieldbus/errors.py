@@ -105,7 +105,8 @@ class BusOverloadError(PlanError):
 
 
 class UnstableSceneError(PlanError):
-    """A sampled loop that is unstable; `limit` is the stiffness up to which it is stable [N/m or N·m/rad], if any."""
+    """A scene above its limit; `limit` is the stiffness up to which it is stable for every value that is open [N/m or
+    N·m/rad], None for a scene without one."""
 
     def __init__(self, message: str, *, limit: float | None = None) -> None:
         self.limit = limit

@@ -158,7 +158,10 @@ class SceneOptions:
             RENDERING,
         ),
     ] = None
-    force: Annotated[bool, option(None, "Run even if the loop is unstable.", RENDERING, "--force")] = False
+    force: Annotated[
+        bool,
+        option(None, "Run even above the limit; on a real bus with at most 5 % of rated torque.", RENDERING, "--force"),
+    ] = False
     fade_in: Annotated[
         float,
         option(

@@ -88,7 +88,7 @@ def check_scenes(
     check_files(names or scene_names(), load_scene, as_json)
 
 
-def _default_limit(scene: "Scene") -> object:
+def _default_limit(scene: "Scene") -> Any:
     """Return the limit on the default bench as JSON has it; None where there is none."""
     from haptic_fieldbus.api import plan
 

@@ -327,16 +327,14 @@ def limit_text(stability: Stability | None) -> str:
 
 
 def nominal_texts(stability: Stability) -> Iterator[str]:
-    """Yield the limits of stability and passivity at the nominal values, then the values at which the limit was found.
-
-    None without a stiffness.
-    """
+    """Yield the limits of stability, passivity and rest between counts at the nominal values; none without stiffness."""
     nominal, unit = stability.stiffness_limit, stability.unit
     if nominal.stable is None or nominal.passive is None:
         return
     yield f"stable {up_to(nominal.stable, unit)}"
-    hand = "stable with every passive hand" if nominal.passive else "not proved for every hand"
-    yield f"passive {up_to(nominal.passive, unit)}, {hand}"
+    hand = ", stable with every passive hand" if nominal.passive else ", not proved for every hand"
+    # Above the limit a hand may meet values at which the loop is not passive.
+    yield f"passive {up_to(nominal.passive, unit)}{hand if stability.is_inside else ''}"
     if nominal.quantisation is not None:
         between = "steps" if stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {up_to(nominal.quantisation, unit)} (2·fc/D)"

@@ -202,6 +202,9 @@ MEANING = {
 }
 
 
+ABOVE = "above the limit; small motions decay with the nominal values, and may grow with others"
+
+
 def stability_lines(judgement: Judgement) -> list[Line]:
     """Return lines on scene, device, delay, limits with full and reduced friction, and the verdict."""
     return lines_of(stability_rows(judgement))
@@ -229,7 +232,9 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     yield OutputRow("place", place_texts(stability, space))
     is_limited = math.isfinite(stability.effort)
     held = f"up to {in_unit(stability.effort, space.effort_unit)}" if is_limited else "a hand"
-    yield OutputRow("verdict", [f"{stability.verdict.value}: {MEANING[stability.verdict].format(held=held)}"])
+    above = stability.verdict is Verdict.STABLE and not stability.is_inside
+    meaning = ABOVE if above else MEANING[stability.verdict].format(held=held)
+    yield OutputRow("verdict", [f"{stability.verdict.value}: {meaning}"])
 
 
 def _devices(judgement: Judgement) -> Iterator[OutputRow]:

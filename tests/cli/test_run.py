@@ -14,7 +14,7 @@ SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
     "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
-    "guards", "host", "deadlines",
+    "guards", "host", "deadlines", "limit",
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "limit", "stiffness_limit", "judged_at",

@@ -110,3 +110,31 @@ def test_a_region_needs_an_element_with_stiffness_and_damping(tmp_path: Path, co
     finished = command("stability", "sprung_mass", "--plot", str(tmp_path / "region.png"))
     assert finished.status == 2
     assert "--plot needs an element with stiffness and damping" in finished.err
+
+
+def test_above_the_limit_nothing_is_called_passive(command: Command) -> None:
+    asked = ("wall", "--set", "wall.stiffness=1000")
+    out = command("stability", *asked).out
+    assert "limit      750 N/m; 1000 is above it, margin 0.75" in out
+    assert "verdict    stable: above the limit; small motions decay with the nominal values" in out
+    assert [line for line in out.splitlines() if "passive" in line] == [
+        "           passive to 1437 N/m",
+        "           with 0.7 times the friction: stable to 1044 N/m, passive to 1006 N/m",
+    ]
+    run = command("run", *asked, "--duration", "0.5")
+    assert (run.status, "passive" in run.out) == (0, False)
+    assert "warning    1000 N/m exceeds the limit of 750 N/m on this bench; the loop may vibrate" in run.out + run.err
+    assert "the wall exceeds the limit of this bench." in run.out
+
+
+def test_max_is_the_limit(command: Command) -> None:
+    """In all commands, for a stiffness and for what a stiffness follows from."""
+    whole = ("--set", "wall.stiffness=max/1", "--json")
+    for found in (
+        json.loads(command("stability", "wall", *whole).out),
+        json.loads(command("run", "wall", "--duration", "0.1", *whole).out)["stability"],
+        json.loads(command("plan", "wall", *whole).out)["stability"],
+    ):
+        assert found["limit"] == {"value": 750.0, "unit": "N/m", "basis": "simulated"}
+        assert (found["stiffness"], found["margin"]) == (750.0, 1.0)
+    assert "600 N/m" not in command("plan", "wall", "--set", "wall.stiffness=max/1").out
