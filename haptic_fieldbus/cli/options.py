@@ -160,7 +160,7 @@ class SceneOptions:
     ] = None
     force: Annotated[
         bool,
-        option(None, "Run even above the limit; on a real bus with at most 5 % of rated torque.", RENDERING, "--force"),
+        option(None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING, "--force"),
     ] = False
     fade_in: Annotated[
         float,

@@ -327,7 +327,7 @@ def limit_text(stability: Stability | None) -> str:
 
 
 def nominal_texts(stability: Stability) -> Iterator[str]:
-    """Yield the limits of stability, passivity and rest between counts at the nominal values; none without stiffness."""
+    """Yield the limits of stability, passivity and rest between counts at the nominal values."""
     nominal, unit = stability.stiffness_limit, stability.unit
     if nominal.stable is None or nominal.passive is None:
         return
