@@ -437,22 +437,9 @@ class Rig:
     source: str = ""
     __pydantic_config__: ClassVar = STRICT
 
-    def is_shipped(self, name: str) -> bool:
-        """Return whether an axis has the values of the shipped bench on a simulated bus, so that they are exact."""
-        axis, section = self.axis[name], self.bus[self.axis[name].bus]
-        shipped = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
-        is_simulated = (section.simulated or section.rehearsed) and not section.stands_for_real
-        return not self.source and is_simulated and bench_values(axis) == bench_values(shipped)
-
     def unproved(self) -> "Rig":
         """Return the same bench without watchdog proofs."""
         return replace(self, axis={name: replace(axis, proved=None) for name, axis in self.axis.items()})
-
-
-def bench_values(axis: RigAxis) -> tuple[object, ...]:
-    """Return the values of motor and mechanism from which the limit of an axis follows."""
-    ratio, coupling = abs(axis.mechanism.ratio), axis.simulation.coupling
-    return ratio, axis.inertia, axis.viscous_damping, axis.coulomb_friction, coupling
 
 
 def metres_per_revolution(axis: RigAxis) -> float:

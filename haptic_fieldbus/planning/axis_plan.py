@@ -8,7 +8,7 @@ from functools import cached_property
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
-from haptic_fieldbus.drive.rig import Rig, RigAxis, velocity_step
+from haptic_fieldbus.drive.rig import Rig, RigAxis, default_axis, velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Basis, Plant, Stability
 from haptic_fieldbus.margins.group import Group
@@ -232,11 +232,25 @@ def draft_axis(
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
-        basis=Basis.SIMULATED if rig.is_shipped(scene_axis.name) else Basis.STATED,
+        basis=Basis.SIMULATED if is_shipped(rig, scene_axis.name) else Basis.STATED,
         # On a real bench a cable may have been swapped since.
         sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
         bus_name=protocol.bus_name(rig.bus[axis.bus]).text,
     )
+
+
+def is_shipped(rig: Rig, name: str) -> bool:
+    """Return whether an axis has the values of the shipped bench on a simulated bus, so that they are exact."""
+    axis, section = rig.axis[name], rig.bus[rig.axis[name].bus]
+    shipped = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
+    is_simulated = (section.simulated or section.rehearsed) and not section.stands_for_real
+    return not rig.source and is_simulated and _bench_values(axis) == _bench_values(shipped)
+
+
+def _bench_values(axis: RigAxis) -> tuple[object, ...]:
+    """Return the values of motor and mechanism from which the limit of an axis follows."""
+    ratio, coupling = abs(axis.mechanism.ratio), axis.simulation.coupling
+    return ratio, axis.inertia, axis.viscous_damping, axis.coulomb_friction, coupling
 
 
 def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None:

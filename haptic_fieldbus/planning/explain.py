@@ -332,9 +332,9 @@ def nominal_texts(stability: Stability) -> Iterator[str]:
     if nominal.stable is None or nominal.passive is None:
         return
     yield f"stable {up_to(nominal.stable, unit)}"
-    hand = ", stable with every passive hand" if nominal.passive else ", not proved for every hand"
     # Above the limit a hand may meet values at which the loop is not passive.
-    yield f"passive {up_to(nominal.passive, unit)}{hand if stability.is_inside else ''}"
+    hand = ", stable with every passive hand" if nominal.passive and stability.is_inside else ""
+    yield f"{passive_to(nominal.passive, unit)}{hand}"
     if nominal.quantisation is not None:
         between = "steps" if stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {up_to(nominal.quantisation, unit)} (2·fc/D)"
@@ -390,6 +390,11 @@ def obstacle_text(obstacle: Obstacle, unit: str) -> str:
         f"{exactly(rounded_down(obstacle.limit, TYPED_DIGITS))} {unit}, which leaves none for {obstacle.beside}; "
         f"inside: {softer(element, rounded_down(obstacle.limit))}"
     )
+
+
+def passive_to(limit: float, unit: str) -> str:
+    """Return the nominal limit of passivity in words."""
+    return f"passive {up_to(limit, unit)}" if limit > 0.0 else "not passive"
 
 
 def up_to(limit: float, unit: str) -> str:

@@ -25,7 +25,15 @@ from haptic_fieldbus.numerals import (
 )
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.transfer import difference_equation, fraction
-from haptic_fieldbus.planning.explain import delay_text, limit_text, nominal_texts, place_texts, up_to, worst_texts
+from haptic_fieldbus.planning.explain import (
+    delay_text,
+    limit_text,
+    nominal_texts,
+    passive_to,
+    place_texts,
+    up_to,
+    worst_texts,
+)
 from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.report.texts import parameter_units
 from haptic_fieldbus.signals import Workspace
@@ -311,5 +319,5 @@ def _nominal(judgement: Judgement) -> Iterator[str]:
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less, unit = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit, judgement.stability.unit
     if less.stable is not None and less.passive is not None:
-        limits = f"stable {up_to(less.stable, unit)}, passive {up_to(less.passive, unit)}"
+        limits = f"stable {up_to(less.stable, unit)}, {passive_to(less.passive, unit)}"
         yield f"with {exactly(UNCERTAIN)} times the friction: {limits}"

@@ -25,6 +25,7 @@ ANSWERS = f"{PLANNING}deadlines.py::test_feedback_that_one_of_two_drives_loses_e
 KEYS = f"{PLANNING}descriptive_keys.py::test_no_descriptive_key_of_a_rig_lifts_what_is_permitted"
 LOWERED = f"{CYCLE}standstill.py::test_at_the_limit_the_force_is_lowered_slowly_and_no_pulse_goes_beyond_it"
 
+LIMIT = "tests/planning/test_limit_of_a_plan.py::test_"
 TESTS: dict[int, dict[str, str]] = {
     20: {},
     21: {
@@ -82,6 +83,10 @@ TESTS: dict[int, dict[str, str]] = {
         "they never did": f"{CYCLE}gaps.py::test_two_gaps_in_each_second_are_a_pattern",
     },
     49: {},
+    55: {
+        "is `stable` at most": "tests/margins/test_limit.py::test_above_the_limit_a_loop_is_not_called_passive",
+        "at most 5 % of rated": f"{LIMIT}what_is_forced_above_its_limit_has_5_percent_of_rated_torque",
+    },
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 
