@@ -196,7 +196,7 @@ def _capital(text: str) -> str:
 
 def limit_of(stability: Stability) -> float:
     """Return the limit of an axis [N/m or N·m/rad]; ∞ where it has none."""
-    return math.inf if stability.cautious is None else stability.cautious.stable
+    return math.inf if stability.stiffness is None else stability.limit.value
 
 
 def _limit(result: Result, name: str) -> float | None:

@@ -121,7 +121,7 @@ def test_above_the_limit_nothing_is_called_passive(command: Command) -> None:
         "           passive to 1437 N/m",
         "           with 0.7 times the friction: stable to 1044 N/m, passive to 1006 N/m",
     ]
-    run = command("run", *asked, "--duration", "0.5")
+    run = command("run", *asked, "--set", "wall.position=0.001", "--duration", "1")
     assert (run.status, "passive" in run.out) == (0, False)
     assert "warning    1000 N/m exceeds the limit of 750 N/m on this bench; the loop may vibrate" in run.out + run.err
     assert "the wall exceeds the limit of this bench." in run.out
