@@ -140,7 +140,7 @@ def test_the_title_is_the_begin_of_the_verdict(verdict: str | None, few: str, re
 
 def test_the_title_of_an_unstable_run_has_the_limit() -> None:
     limits = SimpleNamespace(stable=1492.0)
-    found = SimpleNamespace(stiffness=20000.0, stiffness_limit=limits, cautious=SimpleNamespace(stable=750.0))
+    found = SimpleNamespace(stiffness=20000.0, stiffness_limit=limits, limit=SimpleNamespace(value=750.0))
     axis = SimpleNamespace(name="handle", workspace=Workspace.LINEAR, stability=found)
     plan = cast("None", SimpleNamespace(axes=(axis,)))
     unstable = replace(result_of(push()), verdict="Unstable: above the limit. A hand may damp it.", plan=plan)
