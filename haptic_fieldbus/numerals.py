@@ -5,7 +5,8 @@ thousands, so that what is read can be typed, `--set wall.stiffness=3370`.
 """
 
 import math
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 DIGITS = 3
@@ -17,6 +18,8 @@ TYPED_DIGITS = 3
 PERCENT_DIGITS = 2
 GIVEN_DIGITS = 12
 """Of what somebody gave: all that were written, and none that binary fractions add."""
+TYPED_DIGITS = 6
+"""Most digits that a person types; a number with more of them was computed."""
 PLAIN_FROM, PLAIN_BELOW = 1e-4, 1e6
 
 PREFIXES = ((1e-2, ""), (1e-4, "m"), (1e-7, "µ"), (1e-10, "n"))
@@ -27,6 +30,13 @@ FACTORS = {"": 1.0, "m": 1e3, "µ": 1e6, "n": 1e9}
 def exactly(value: float) -> str:
     """Return a number as it was given."""
     return rounded(value, GIVEN_DIGITS)
+
+
+def as_typed(value: float) -> str:
+    """Return a number as it was given, or rounded when it has more digits than a person types."""
+    given = exactly(value)
+    digits = given.partition("e")[0].replace(".", "").strip("-0")
+    return given if len(digits) <= TYPED_DIGITS else rounded_limit(value)
 
 
 def rounded(value: float, digits: int = DIGITS) -> str:
@@ -76,6 +86,11 @@ Line = tuple[str, str]
 """A key and a text; an empty key continues the line before."""
 
 
+LINE_WIDTH, KEY_WIDTH = 110, 11
+"""Longest line of a short text, and the column of keys in it [characters]."""
+MORE = "more with -v"
+
+
 @dataclass(frozen=True)
 class OutputRow:
     """One thing that is told: in words, as a value of a JSON object, or both."""
@@ -88,17 +103,57 @@ class OutputRow:
     """Key of the JSON object, which says the unit of a number; empty for what is told in words alone."""
     value: object = None
     """Value of the key as JSON has it, SI unless the key says otherwise."""
+    detail: bool = False
+    """True: a short text leaves it out."""
+    cut: bool = False
+    """True: in a short text each line stays one line. Its last clauses are left out when it is too long."""
 
 
-def lines_of(rows: Iterable[OutputRow], *, once: bool = False) -> list[Line]:
-    """Return rows in words; `once`: a label that the row before has too is not repeated."""
+def lines_of(rows: Iterable[OutputRow], *, once: bool = False, short: bool = False) -> list[Line]:
+    """Return rows in words; `once`: a label that the row before has too is not repeated.
+
+    A `short` text has no details and no line over `LINE_WIDTH`, except where a single word is longer.
+    """
     lines: list[Line] = []
     before = ""
     for row in rows:
-        for number, text in enumerate(row.note):
+        if short and row.detail:
+            continue
+        for number, text in enumerate(_short(row) if short else row.note):
             lines.append(("" if number or (once and row.label == before) else row.label, text))
             before = row.label
     return lines
+
+
+def _short(row: OutputRow) -> Iterator[str]:
+    """Yield the lines of a row that fit beside the keys: cut, or wrapped where nothing may be lost."""
+    width = LINE_WIDTH - KEY_WIDTH
+    for text in row.note:
+        if row.cut:
+            yield fitted(text, width)
+        else:
+            yield from textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+
+
+def fitted(text: str, width: int) -> str:
+    """Return a text whose last clauses are left out until it has at most `width` characters, and says so.
+
+    Clauses end with a semicolon, else with a comma. A clause that is too long by itself is cut between two words, and
+    never between a number and its unit.
+    """
+    if len(text) <= width:
+        return text
+    for separator in ("; ", ", "):
+        parts = text.split(separator)
+        for kept in range(len(parts) - 1, 0, -1):
+            told = separator.join([*parts[:kept], MORE])
+            if len(told) <= width:
+                return told
+    room = text[: width - len(MORE) - 2]
+    words = room.split(" ")[:-1]
+    while words and words[-1][-1:].isdigit():
+        words.pop()
+    return f"{' '.join(words) or room.rstrip('-.0123456789')}… {MORE}"
 
 
 def object_of(rows: Iterable[OutputRow], order: Iterable[str] = ()) -> dict[str, object]:

@@ -44,14 +44,11 @@ class Right:
         return {**vars(self), "advice": self.advice or None}
 
 
-def rights_texts(rights: Iterable[Right]) -> Iterator[str]:
-    """Yield a line of what was granted, a line of what was refused, and what to do about it."""
-    granted = [right.got for right in rights if right.granted]
+def refused_texts(rights: Iterable[Right]) -> Iterator[str]:
+    """Yield a line of the rights that this computer refused, and what to do about it."""
     refused = [right for right in rights if not right.granted]
-    if granted:
-        yield ", ".join(granted)
     if refused:
-        yield f"refused: {', '.join(f'{right.wished} (got {right.got})' for right in refused)}"
+        yield f"this computer refused {', '.join(f'{right.wished} (got {right.got})' for right in refused)}"
     yield from dict.fromkeys(right.advice for right in refused if right.advice)
 
 
@@ -335,20 +332,26 @@ def result_rows(result: Result) -> Iterator[OutputRow]:
     yield OutputRow(key="missed_cycles", value=result.missed_cycles)
     yield OutputRow(key="duration_s", value=result.duration)
     yield OutputRow(key="bus_load", value=result.bus_load)
-    yield OutputRow("result", _periods_texts(result), "timing", timing.to_json() if timing else None)
-    yield OutputRow("result", map(travel_text, result.travel), "travel", [each.to_json() for each in result.travel])
-    sizes = [f"{error_sizes(error)}{_sources_text(error)}"] if error else []
-    yield OutputRow("result", sizes, "torque_error", error.to_json() if error else None)
-    # Only a run that went to its end has a verdict, so nothing tripped.
-    ended = [] if result.verdict is None else [f"{energy_text(result.energy_generated)}no trip"]
-    yield OutputRow("result", ended, "energy_generated_j", result.energy_generated)
-    yield OutputRow("verdict", [] if result.verdict is None else [result.verdict], "verdict", result.verdict)
-    told = (text for tell in (forgiven_text, cost_text) for text in filter(None, map(tell, result.passivity)))
-    yield OutputRow("passivity", told, "passivity", [each.to_json() for each in result.passivity])
+    told = result_text(result)
+    yield OutputRow("result", [told] if told else [], cut=True)
+    ways = [each.to_json() for each in result.travel]
+    yield OutputRow("result", map(travel_text, result.travel), "travel", ways, detail=True)
+    yield OutputRow("result", _periods_texts(result), "timing", timing.to_json() if timing else None, detail=True)
+    sizes = [f"{error_sizes(error)}{_sources_text(error)}{_contact_text(error)}"] if error else []
+    yield OutputRow("result", sizes, "torque_error", error.to_json() if error else None, detail=True)
+    energy = filter(None, [energy_text(result.energy_generated)])
+    yield OutputRow("result", energy, "energy_generated_j", result.energy_generated, detail=True)
+    costs = filter(None, map(cost_text, result.passivity))
+    yield OutputRow("passivity", costs, "passivity", [each.to_json() for each in result.passivity], detail=True)
     begun = (change_text(change.time, change.settings) for change in result.changes)
-    yield OutputRow("changed", begun, "changes", [change.to_json() for change in result.changes])
-    yield OutputRow("host", rights_texts(result.host), "host", [right.to_json() for right in result.host] or None)
+    yield OutputRow("changed", begun, "changes", [change.to_json() for change in result.changes], detail=True)
+    granted = (right.got for right in result.host if right.granted)
+    host = [right.to_json() for right in result.host] or None
+    yield OutputRow("host", filter(None, [", ".join(granted)]), "host", host, detail=True)
+    yield OutputRow("warning", filter(None, map(forgiven_text, result.passivity)))
+    yield OutputRow("warning", refused_texts(result.host))
     yield OutputRow("warning", result.warnings)
+    yield OutputRow("verdict", [] if result.verdict is None else [result.verdict], "verdict", result.verdict)
     yield OutputRow(key="plan", value=summary_json(plan) if plan else None)
     judged = stability.to_json() if stability else None
     yield OutputRow(key="limit", value=judged["limit"] if judged else None)
@@ -372,14 +375,23 @@ WORTH_NAMING = 0.01
 """Smallest share with which a source of error, or of load, is named."""
 
 
+def result_text(result: Result) -> str:
+    """Return periods, end and depth of contact in one line; empty without any period."""
+    if not result.cycles:
+        return ""
+    # Only a run that went to its end has a verdict, so nothing tripped.
+    ended = [] if result.verdict is None else ["no trip"]
+    return "; ".join([periods_text(result), *ended, *(_depth_text(each) or travel_text(each) for each in result.travel)])
+
+
 def _periods_texts(result: Result) -> Iterator[str]:
-    """Yield how many periods there were, at which load and speed, and how punctual they were; nothing without any."""
+    """Yield load of the bus and speed of the simulation, and how punctual the periods were; nothing without any."""
     if not result.cycles:
         return
     speed = ""
     if result.clock == "virtual" and result.elapsed and result.duration:
-        speed = f" · {rounded(result.duration)} s simulated in {rounded(result.elapsed)} s"
-    yield f"{periods_text(result)}{load_text(result)}{speed}"
+        speed = f"{rounded(result.duration)} s simulated in {rounded(result.elapsed)} s"
+    yield from filter(None, ["; ".join(filter(None, [load_text(result), speed]))])
     if result.clock != "virtual" and result.periods is not None and result.timing is not None:
         named = (("late by", result.timing.lateness_us), ("feedback age", result.timing.age_us))
         texts = [f"{name} {_percentiles_text(times)}" for name, times in named if times is not None]
@@ -392,13 +404,22 @@ def travel_text(travel: Travel) -> str:
     most = max(abs(travel.lowest), abs(travel.highest))
     decimals = DIGITS - 1 - math.floor(math.log10(most)) if most else 0
     lowest, highest = (length(round(end, decimals), travel.workspace) for end in (travel.lowest, travel.highest))
-    deep = [
+    way = f"stayed at {highest}" if lowest == highest else f"from {lowest.partition(' ')[0]} to {highest}"
+    return ", ".join([f"{travel.axis} {way}", *_depths(travel)])
+
+
+def _depth_text(travel: Travel) -> str:
+    """Return how deep a handle went into each element; empty when it touched none."""
+    deep = ", ".join(_depths(travel))
+    return f"{travel.axis} {deep}" if deep else ""
+
+
+def _depths(travel: Travel) -> list[str]:
+    return [
         f"{length(float(rounded(depth)), travel.workspace)} deep in {name}"
         for name, depth in travel.depth.items()
         if depth
     ]
-    way = f"stayed at {highest}" if lowest == highest else f"from {lowest.partition(' ')[0]} to {highest}"
-    return ", ".join([f"{travel.axis} {way}", *deep])
 
 
 def change_text(time: float, settings: Mapping[str, object]) -> str:
@@ -414,9 +435,7 @@ def periods_text(result: Result) -> str:
     words = f"{result.cycles or 0} periods, {missed or 'none'} missed"
     if timing is None or timing.lateness_us is None or not timing.late:
         return words
-    lateness = timing.lateness_us
-    most, longest = milliseconds(1e-6 * lateness.p999), milliseconds(1e-6 * lateness.max)
-    return f"{words}, {timing.late} late (p99.9 {most}, max {longest})"
+    return f"{words}, {timing.late} late (max {milliseconds(1e-6 * timing.lateness_us.max)})"
 
 
 def _percentiles_text(times: Percentiles) -> str:
@@ -426,17 +445,23 @@ def _percentiles_text(times: Percentiles) -> str:
 
 
 def load_text(result: Result) -> str:
+    """Return the load of the bus, and the part of other devices where it is considerable; empty when unknown."""
     if result.bus_load is None:
         return ""
     others = result.bus_load - (result.plan.bus_load if result.plan is not None else result.bus_load)
     of_it = f", {percent(others)} by other devices" if others >= WORTH_NAMING else ""
-    return f" · bus load {percent(result.bus_load)}{of_it}"
+    return f"bus load {percent(result.bus_load)}{of_it}"
 
 
 def error_sizes(error: TorqueError) -> str:
     """Return rms and largest error with their unit."""
     name = "force" if error.unit == "N" else "torque"
     return f"{name} error {in_unit(error.rms, error.unit)} rms, {in_unit(error.max, error.unit)} max"
+
+
+def _contact_text(error: TorqueError) -> str:
+    """Return the time that the verdict is about; empty without moving contact."""
+    return f"; {error.contact_s:.2g} s of moving contact" if error.contact_s else ""
 
 
 def _sources_text(error: TorqueError) -> str:
@@ -450,7 +475,7 @@ def energy_text(energy: float | None) -> str:
     """Return the work that the error did on the hand [J]: more or less than the ideal; empty when unknown or 0."""
     if not energy:
         return ""
-    return f"the loop {'added' if energy > 0.0 else 'absorbed'} {in_unit(abs(energy), 'J')} · "
+    return f"the loop {'added' if energy > 0.0 else 'absorbed'} {in_unit(abs(energy), 'J')}"
 
 
 def length(value: float, workspace: Workspace) -> str:

@@ -148,7 +148,6 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         felt=worst,
         # A scene that needs the time is a wave: its force is meant to move fast.
         ripple=None if Signal.ELAPSED_NS in first.needs else ripple(_enabled(run, f"{first.name}.command"), plan.rate),
-        missed=run.report.missed,
     )
     error = None
     if known:  # of the first axis, with the largest relative error in moving contact of all axes
@@ -170,12 +169,10 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
 
 def _rendered(run: Run) -> str:
     """Return the verdict on a run on real drives."""
-    plan, report = run.plan, run.report
-    periods = max(1, report.cycles + report.missed)
+    plan = run.plan
     behind = [share for axis in plan.axes if (share := _behind(run, axis)) is not None]
     return real_verdict(
         effort=plan.axes[0].workspace.effort_name,
-        in_time=(report.cycles - report.late) / periods,
         cut=max(_cut(run, axis.name) for axis in plan.axes),
         behind=max(behind, default=None),
         rehearsed=any(bus.rehearsed for bus in plan.rig.bus.values()),

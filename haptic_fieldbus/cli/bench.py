@@ -24,10 +24,10 @@ from haptic_fieldbus.cli.options import (
     refuse_beside_rig,
     seconds,
 )
-from haptic_fieldbus.cli.screen import KEY_WIDTH, console, json_text, print_json, show, show_table
+from haptic_fieldbus.cli.screen import console, json_text, print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import OutputRow, in_unit, lines_of, rounded
+from haptic_fieldbus.numerals import KEY_WIDTH, OutputRow, in_unit, lines_of, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest

@@ -105,6 +105,7 @@ def seconds(text: str) -> float:
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
+VerboseOption = Annotated[bool, option(None, "Print all details.", None, "--verbose", "-v")]
 ProfilesOption = Annotated[
     str | None,
     option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
@@ -186,6 +187,7 @@ class SceneOptions:
     ] = None
     plot: PlotOption = None
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
+    verbose: VerboseOption = False
 
     def task(self) -> "Task":
         """Return the scene on its bench; raises one UsageError for options that are malformed or contradict."""

@@ -51,7 +51,7 @@ class StabilityOptions(SceneOptions):
     ] = None
 
 
-@options_of(StabilityOptions, without=OF_A_RUN)
+@options_of(StabilityOptions, without=(*OF_A_RUN, "verbose"))
 def stability(options: StabilityOptions) -> None:
     """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
     from haptic_fieldbus.api.stability_limits import Device, judge_scene
@@ -106,7 +106,7 @@ class ResponseOptions(SceneOptions):
     ] = False
 
 
-@options_of(ResponseOptions, without=(*OF_A_BENCH, *set(OF_A_RUN).difference(["duration"])))
+@options_of(ResponseOptions, without=(*OF_A_BENCH, "verbose", *set(OF_A_RUN).difference(["duration"])))
 def response(options: ResponseOptions) -> None:
     """Simulate the open loop: the force of SCENE for a prescribed motion of the puck, by any integrator."""
     check_plot(options.plot)

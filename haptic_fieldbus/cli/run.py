@@ -54,18 +54,18 @@ def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial") -> None:
             progress.silent = True
         show(_drawn_faults(options.faults, trial.duration, plan), sys.stderr)
         if not options.as_json:
-            show(announcement(plan, changes))
+            show(announcement(plan, changes, verbose=options.verbose))
             sys.stdout.flush()  # in a pipe, too, the plan is read before the run and not after it
 
     confirm = _tell_question if options.yes else _ask
     trial = replace(trial, changes=changes, confirm=confirm, progress=progress, announce=announce)
-    with _partial_result(trial.duration, options.as_json):
+    with _partial_result(trial.duration, options):
         try:
             result = api.run_task(task, trial)
         finally:  # before any line is printed: the bar is drawn over its own line
             if progress is not None:
                 progress.close()
-    _tell(result, options.as_json)
+    _tell(result, options)
     if options.plot is not None:
         from haptic_fieldbus.report.plot import plot_run
 
@@ -123,7 +123,7 @@ def _tell_question(text: str) -> bool:
 
 
 @contextmanager
-def _partial_result(duration: float, as_json: bool) -> Iterator[None]:
+def _partial_result(duration: float, options: SceneOptions) -> Iterator[None]:
     """Print the partial result of a run that failed or was stopped early, as lines or as the JSON object.
 
     The error goes on.
@@ -133,7 +133,7 @@ def _partial_result(duration: float, as_json: bool) -> Iterator[None]:
             yield
         except HapticFieldbusError as error:
             if error.result is not None:
-                _tell(cast("Result", error.result), as_json)
+                _tell(cast("Result", error.result), options)
             raise
         except KeyboardInterrupt as early:
             from haptic_fieldbus.assessing.loop_report import LoopReport
@@ -142,16 +142,16 @@ def _partial_result(duration: float, as_json: bool) -> Iterator[None]:
             if not ending.when:  # no run has begun
                 stopped = ending.stopped(LoopReport(interrupted=True), duration)
                 if known is not None:
-                    _tell(replace(known, stopped=stopped), as_json)
+                    _tell(replace(known, stopped=stopped), options)
             raise
 
 
-def _tell(result: "Result", as_json: bool) -> None:
+def _tell(result: "Result", options: SceneOptions) -> None:
     """Print a result as lines or as the JSON object; flushed, so that it precedes a message on standard error."""
-    if as_json:
+    if options.as_json:
         print_json(result.to_json())
     else:
         from haptic_fieldbus.report.texts import outcome
 
-        show(outcome(result))
+        show(outcome(result, verbose=options.verbose))
     sys.stdout.flush()

@@ -14,6 +14,7 @@ import typer
 
 from haptic_fieldbus.cli.output import behind
 from haptic_fieldbus.errors import DocumentError, Fault, UsageError
+from haptic_fieldbus.numerals import KEY_WIDTH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
 
 
-KEY_WIDTH = 11
-"""Width of the column of keys, including the space after it [characters]."""
 UNWRAPPED = 100_000
 """Width of a pipe or file [characters]; larger than any line, so that Rich wraps none."""
 REDRAW = 0.05

@@ -59,7 +59,7 @@ def enabling_lines(axes: Iterable[AxisPlan]) -> Iterator[str]:
 
 REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""
-BESIDE = "switched off by messages outside the cyclic exchange"
+BESIDE = "switched off acyclically"
 
 
 class EndCause(Enum):
@@ -96,22 +96,23 @@ class TorqueDeadline:
 def torque_deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
     """Return the deadline for each cause, each that of the slowest axis."""
     slowest: dict[EndCause, TorqueDeadline] = {}
+    others = "; the others: {}" if len(axes) > 1 else ""
     untied = len(axes) > 1 and not all(axis.couplings for axis, _ in axes)
     age = max(axis.limits.age for axis, _ in axes)
     for axis, traffic in axes:
         shared = sum(other is traffic for _, other in axes) > 1
-        for each in _of_axis(axis, traffic, period, age, untied=untied, shared=shared):
+        for each in _of_axis(axis, traffic, period, age, others, untied=untied, shared=shared):
             if each.cause not in slowest or each.seconds > slowest[each.cause].seconds:
                 slowest[each.cause] = each
     return tuple(slowest.values())
 
 
 def _of_axis(
-    axis: AxisPlan, traffic: BusTraffic, period: float, age: float, *, untied: bool, shared: bool
+    axis: AxisPlan, traffic: BusTraffic, period: float, age: float, others: str, *, untied: bool, shared: bool
 ) -> Iterable[TorqueDeadline]:
     """Yield the deadlines of one axis, in the order of `EndCause`.
 
-    Feedback of an `age` [s] is a trip on the most patient axis. `untied` axes do not fade with one another, and a
+    `others` takes the words on the axes beside it, and is empty for one axis alone. Feedback of an `age` [s] is a trip on the most patient axis. `untied` axes do not fade with one another, and a
     `shared` line has other drives.
     """
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
@@ -119,7 +120,7 @@ def _of_axis(
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period, age)
-    by_loop = "detected in the next period, whose set-points have zero torque"
+    by_loop = "zero set-points in the next period"
     by_guard = "a person who cuts the power" if alone else f"drive watchdog {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
     by_age = f"trip when feedback is older than {rounded(1e3 * age)} ms"
@@ -134,14 +135,13 @@ def _of_axis(
             lost, by_loss = max(lost, period + guard + end), f"{by_loss}; behind a gateway: {by_guard}"
     yield TorqueDeadline(EndCause.FEEDBACK, lost, by_loss)
     # A drive whose profile names no reaction to the loss of its master names none to a fault either: it may brake.
-    unknown = "the drive by itself after an unknown time; the others at once"
-    by_drive = f"the drive by itself; the others: {by_loop}" if axis.profile.guarded else unknown
-    yield TorqueDeadline(EndCause.FAULT, seen if axis.profile.guarded else math.inf, by_drive)
-    yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as for lost feedback")
+    by_drive = "the drive by itself" if axis.profile.guarded else "the drive by itself after an unknown time"
+    yield TorqueDeadline(EndCause.FAULT, seen if axis.profile.guarded else math.inf, by_drive + others.format(by_loop))
+    yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself" + others.format("as for lost feedback"))
     if math.isfinite(traffic.silence):
         how = f"{rounded(1e3 * traffic.silence)} ms without a heartbeat, then {by_loop}"
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
-    how = f"{by_age}; then {BESIDE}; at the latest: {by_guard}"
+    how = f"{by_age}, then {BESIDE}; at the latest {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
     # Where only one of several drives is gone, the others lose their torque as when feedback is lost.
     yield TorqueDeadline(EndCause.DISCONNECTED, max(guard + end, lost if untied or shared else 0.0), by_guard)
@@ -150,7 +150,7 @@ def _of_axis(
     yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
     if axis.other_masters is not None:
         yield TorqueDeadline(EndCause.OTHER_MASTER, _replaced(axis.other_masters, period) + seen, _shown(axis))
-    yield TorqueDeadline(EndCause.END, seen, "set-points of zero torque at once")
+    yield TorqueDeadline(EndCause.END, seen, "zero set-points at once")
 
 
 def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
@@ -158,7 +158,7 @@ def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
     if math.isinf(axis.limits.echo):
         return "not detected: the drive does not return its set-points"
     waited = rounded(1e3 * axis.limits.echo)
-    return f"trip when not followed for {waited} ms after the first change; then {BESIDE}; at the latest: {by_guard}"
+    return f"trip when not followed for {waited} ms after a change, then {BESIDE}; at the latest {by_guard}"
 
 
 def _replaced(others: OtherMasters, period: float) -> float:

@@ -13,6 +13,7 @@ from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.closed_loop import stiffness_of
 from haptic_fieldbus.margins.limit import Obstacle
 from haptic_fieldbus.numerals import (
+    KEY_WIDTH,
     TYPED_DIGITS,
     OutputRow,
     exactly,
@@ -35,7 +36,7 @@ from haptic_fieldbus.planning.limits import (
     LARGEST_MISSING_SHARE,
     START_SHARE,
 )
-from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan import Plan, assumed_texts
 from haptic_fieldbus.planning.refusal import limit_value, own_law_texts, softer, way_limits
 from haptic_fieldbus.planning.sign_probe import is_checked, sign_probe
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
@@ -155,7 +156,6 @@ def _text(row: LimitRow) -> str:
 
 # A plan in rows, of which the text and the JSON object are drawn; the keys of the object are a contract.
 
-KEY_WIDTH = 11
 ORDER = (
     "mapped", "left_out", "assumed", *TRAFFIC_KEYS.values(), "bus_load", "delay_s", "ways", "couplings", "limits",
     "guards", "sign", "stability", "modules", "deadlines", "limit",
@@ -222,7 +222,7 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
     yield OutputRow("delay", [delay_text(plan.delay, plan.period)], "delay_s", parts)
     yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
-    yield OutputRow("assumed", plan.assumed, "assumed", summary["assumed"])
+    yield OutputRow("assumed", assumed_texts(plan.assumed), "assumed", summary["assumed"])
     yield OutputRow("deadlines", deadline_texts(plan), "deadlines", [each.to_json() for each in plan.deadlines])
     yield OutputRow("unseen", filter(None, (unseen_text(axis, plan.period) for axis in axes)))
     coupled = [{"name": each.name, "age_s": {on: dict(told) for on, told in each.ages.items()}} for each in ages]
@@ -232,7 +232,7 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     yield OutputRow("limit", [limit_text(found)], "limit", None if judged is None else judged["limit"])
     if plan.weakest is not None and found is not None:
         yield OutputRow("limit at", place_texts(found, plan.weakest.workspace))
-    yield OutputRow("stability", _verdict(plan) if verbose else (), "stability", judged)
+    yield OutputRow("stability", verdict_texts(plan) if verbose else (), "stability", judged)
 
 
 def _traffic_json(plan: Plan) -> dict[str, Json]:
@@ -293,10 +293,12 @@ def delay_text(delay: Delay, period: float) -> str:
 
 
 def deadline_texts(plan: Plan) -> Iterator[str]:
-    """Yield what zero torque means, then a line for each cause with its longest time [ms] and the way to zero."""
-    yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % left), without lateness of the host:"
-    for each in plan.deadlines:
-        yield f"{each.cause.value}: {milliseconds(each.seconds)}, {each.how}"
+    """Yield what zero torque means, then a table of causes: the longest time [ms] of each and the way to zero."""
+    yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % left), without lateness of the host"
+    rows = [("cause", "ms", "by")]
+    rows += [(each.cause.value, milliseconds(each.seconds).removesuffix(" ms"), each.how) for each in plan.deadlines]
+    first, second = (max(len(row[column]) for row in rows) for column in range(2))
+    yield from (f"{cause:{first}}  {time:>{second}}  {how}" for cause, time, how in rows)
 
 
 def milliseconds(seconds: float) -> str:
@@ -340,7 +342,7 @@ def nominal_texts(stability: Stability) -> Iterator[str]:
         yield f"at rest between two {between} {up_to(nominal.quantisation, unit)} (2·fc/D)"
 
 
-def _verdict(plan: Plan) -> Iterator[str]:
+def verdict_texts(plan: Plan) -> Iterator[str]:
     """Yield the verdict on the weakest axis, its nominal limits, and the values at which the limit was found."""
     axis, stability = plan.weakest, plan.stability
     if axis is not None and stability is not None:

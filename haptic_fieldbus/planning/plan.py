@@ -66,6 +66,11 @@ def assumed_lines(axes: Iterable[AxisPlan]) -> tuple[str, ...]:
     return tuple(f"{title}: {words}" if several else words for title, words in told.items() if words)
 
 
+def assumed_texts(assumed: Iterable[str]) -> Iterator[str]:
+    """Yield each line of what is assumed with its reason."""
+    return (f"{text}; not stated by the profile" for text in assumed)
+
+
 def _margin(axis: AxisPlan) -> float:
     """Return the margin of an axis; ∞ for one without a stiffness, which is the weakest only if no other is there."""
     margin = None if axis.stability is None else axis.stability.margin

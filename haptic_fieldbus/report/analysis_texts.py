@@ -34,6 +34,7 @@ from haptic_fieldbus.planning.explain import (
     up_to,
     worst_texts,
 )
+from haptic_fieldbus.planning.plan import assumed_texts
 from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.report.texts import parameter_units
 from haptic_fieldbus.signals import Workspace
@@ -231,7 +232,7 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     yield OutputRow("scene", [f"{judgement.scene.name}: {_asked(stability, unit, space)}{_axis(judgement)}"])
     yield from _devices(judgement)
     yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
-    yield from (OutputRow("assumed", [text]) for text in assumed)
+    yield from (OutputRow("assumed", [text]) for text in assumed_texts(assumed))
     yield OutputRow(key="assumed", value=list(assumed))
     yield OutputRow("limit", [limit_text(stability)])
     yield OutputRow("", worst_texts(stability, space))
