@@ -18,7 +18,7 @@ TYPED_DIGITS = 3
 PERCENT_DIGITS = 2
 GIVEN_DIGITS = 12
 """Of what somebody gave: all that were written, and none that binary fractions add."""
-TYPED_DIGITS = 6
+MOST_TYPED = 6
 """Most digits that a person types; a number with more of them was computed."""
 PLAIN_FROM, PLAIN_BELOW = 1e-4, 1e6
 
@@ -36,7 +36,7 @@ def as_typed(value: float) -> str:
     """Return a number as it was given, or rounded when it has more digits than a person types."""
     given = exactly(value)
     digits = given.partition("e")[0].replace(".", "").strip("-0")
-    return given if len(digits) <= TYPED_DIGITS else rounded_limit(value)
+    return given if len(digits) <= MOST_TYPED else rounded_limit(value)
 
 
 def rounded(value: float, digits: int = DIGITS) -> str:

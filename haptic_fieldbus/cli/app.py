@@ -41,9 +41,9 @@ def vcan(
     ] = inf,
     guest: Annotated[bool, option(None, "Always use a guest kernel.", None, "--guest")] = False,
 ) -> None:
-    """Run a command with virtual SocketCAN interfaces, and exit with its status.
+    """Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on them.
 
-    The interfaces are those of this machine if it has them or this user may create them. Otherwise a guest kernel
+    The exit status is that of the command. The interfaces are those of this machine if it has them or this user may create them. Otherwise a guest kernel
     (User-Mode Linux) provides them; it needs no rights and sees the same files, read-only except --out.
     """
     from haptic_fieldbus.vcan.runner import GuestTask, run
@@ -82,24 +82,27 @@ def _version(asked: bool) -> None:
 @app.callback()
 def root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, metavar="", help="Print the version and exit."),
     ] = False,
 ) -> None:
     """Accept the options of the program itself."""
 
 
-# `--help` lists the commands in this order.
-app.command()(run)
-app.command()(plan)
-app.command()(stability)
-app.command()(response)
-app.command()(estimate)
-app.command()(report)
-app.command()(rehearse)
-app.command()(simulate)
-app.command()(scan)
-app.command()(watch)
-app.command()(doctor)
-app.command(context_settings={"allow_interspersed_args": False})(vcan)
-app.add_typer(profiles.app, name="profiles")
-app.add_typer(scenes.app, name="scenes")
+START, BENCH_PANEL, STUDY, FILES = (
+    "Start: feel a scene",
+    "Bench: drives and buses",
+    "Study: a scene without a drive",
+    "Files: scenes and drive profiles",
+)
+# `--help` lists the panels and their commands in this order.
+for panel, commands in {
+    START: (run, rehearse, plan),
+    BENCH_PANEL: (doctor, scan, watch, simulate),
+    STUDY: (stability, response, estimate, report),
+}.items():
+    for command in commands:
+        app.command(rich_help_panel=panel)(command)
+app.command(context_settings={"allow_interspersed_args": False}, rich_help_panel=BENCH_PANEL)(vcan)
+app.add_typer(scenes.app, name="scenes", rich_help_panel=FILES)
+app.add_typer(profiles.app, name="profiles", rich_help_panel=FILES)

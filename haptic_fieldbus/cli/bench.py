@@ -86,7 +86,7 @@ class ScanOptions(BusOptions):
 
 @options_of(ScanOptions)
 def scan(options: ScanOptions) -> None:
-    """List the nodes of a bus: identity, state and matching profile. Nothing is written to them."""
+    """List the nodes of a bus with their profiles, by reading alone. For live values use `watch`."""
     from haptic_fieldbus.api.bench import scans
 
     show(note_assumed_bitrate(options.bus), sys.stderr)
@@ -151,7 +151,7 @@ class DoctorOptions(DriveOptions):
 
 @options_of(DoctorOptions)
 def doctor(options: DoctorOptions) -> None:
-    """Check adapter, bus and computer before a drive is used; print a remedy for each fault."""
+    """Check adapter, bus and computer, with a remedy for each fault. To find the drives use `scan`."""
     from haptic_fieldbus.api.bench import examined
 
     show(note_assumed_bitrate(options.bus), sys.stderr)
@@ -186,7 +186,7 @@ class WatchOptions(DriveOptions):
 
 @options_of(WatchOptions)
 def watch(options: WatchOptions) -> None:
-    """Show position, velocity, torque and state of drives until Ctrl-C; nothing is enabled."""
+    """Show position, speed and state of drives without torque, until Ctrl-C. To render use `run`."""
     duration = math.inf if options.duration is None else options.duration
     if not duration > 0.0:
         raise UsageError(f"--duration {options.duration}: expected a number of seconds above 0")

@@ -67,10 +67,13 @@ def option(
     default: float | str | None = None,
     parser: Callable[[str], float] | None = None,
 ) -> object:
-    """Return an option whose help text ends with the default; without `names` it has the name of its field."""
+    """Return an option whose help text ends with the default; without `names` it has the name of its field.
+
+    A `metavar` of None is that of a switch, which takes no value.
+    """
     told = "" if default is None else rf" \[default: {exactly(default) if isinstance(default, float) else default}]"
     return typer.Option(
-        *names, metavar=metavar, help=text + told, rich_help_panel=panel, show_default=False, parser=parser
+        *names, metavar=metavar or "", help=text + told, rich_help_panel=panel, show_default=False, parser=parser
     )
 
 

@@ -53,7 +53,7 @@ class StabilityOptions(SceneOptions):
 
 @options_of(StabilityOptions, without=(*OF_A_RUN, "verbose"))
 def stability(options: StabilityOptions) -> None:
-    """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
+    """Compute the stability limits of SCENE. Nothing moves. `report` tests the methods behind it."""
     from haptic_fieldbus.api.stability_limits import Device, judge_scene
     from haptic_fieldbus.report.analysis_texts import notes, stability_json, stability_lines
 
@@ -108,7 +108,7 @@ class ResponseOptions(SceneOptions):
 
 @options_of(ResponseOptions, without=(*OF_A_BENCH, "verbose", *set(OF_A_RUN).difference(["duration"])))
 def response(options: ResponseOptions) -> None:
-    """Simulate the open loop: the force of SCENE for a prescribed motion of the puck, by any integrator."""
+    """Compute the force of SCENE for a given motion, without a drive. For the closed loop use `run`."""
     check_plot(options.plot)
     from haptic_fieldbus.api.open_loop import OpenLoop, open_loop
     from haptic_fieldbus.report.analysis_texts import response_lines
@@ -183,7 +183,7 @@ class EstimateOptions:
 
 @options_of(EstimateOptions)
 def estimate(options: EstimateOptions) -> None:
-    """Estimate velocity or position from the signal in FILE; print noise, delay and drift of the estimator."""
+    """Apply a velocity estimator to a signal in FILE. To use one in a loop: `run --estimator`."""
     check_plot(options.plot)
     from haptic_fieldbus.api.estimation import SignalRequest, estimate_from
     from haptic_fieldbus.report.analysis_texts import estimate_lines
@@ -210,13 +210,13 @@ class PlanOptions(SceneOptions):
     """Further options of `plan`."""
 
     verbose: Annotated[
-        bool, option(None, "Print the verdict, the nominal limits and the worst case too.", None, "-v", "--verbose")
+        bool, option(None, "Print the verdict, the nominal limits and the worst case too.", None, "--verbose", "-v")
     ] = False
 
 
 @options_of(PlanOptions, without=(*OF_A_RUN, "plot"))
 def plan(options: PlanOptions) -> None:
-    """Compile SCENE for a drive and print the plan: the steps of each period, and the parts left out."""
+    """Print what `run SCENE` would do in each period, with delay, limits and deadlines. Nothing moves."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.explain import explain, plan_json
 

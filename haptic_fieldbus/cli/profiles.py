@@ -136,7 +136,7 @@ def _tell(path: Path, eds: Path, draft: "Draft") -> None:
     show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
 
 
-app = typer.Typer(help="List, show, check and draft drive profiles.", no_args_is_help=True)
+app = typer.Typer(help="List, show, check and draft drive profiles: what a drive model offers.", no_args_is_help=True)
 
 # Order of the sections in `profiles show`.
 SECTIONS = (

@@ -47,7 +47,7 @@ class RehearseOptions(SceneOptions):
 
 @options_of(RehearseOptions, without=OF_A_RIG)
 def rehearse(options: RehearseOptions) -> None:
-    """Rehearse the first start of a real drive on a simulated one in real time: watch, questions, watchdog test."""
+    """Practise the first start of a real drive on a simulated one in real time. With your drive: `run --rig`."""
     from haptic_fieldbus import api
     from haptic_fieldbus.api.bench import BenchRequest
     from haptic_fieldbus.api.rehearsal import rehearsal

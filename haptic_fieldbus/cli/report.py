@@ -31,7 +31,7 @@ def report(
     only: Annotated[str | None, typer.Option(metavar="NAME", help="Run only this section, problem or case.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure the cost of accuracy, the growth of error in a run, stability in stiff cases, and the cost of parts."""
+    """Measure error, stability and computing time of all methods. For the limits of one scene use `stability`."""
     if find_spec("matplotlib") is None:
         raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api

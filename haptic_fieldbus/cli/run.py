@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @options_of(SceneOptions)
 def run(options: SceneOptions) -> None:
-    """Render SCENE on a drive and print the result."""
+    """Render SCENE on a drive, simulated or real, and print the result. `plan` only shows what would run."""
     from haptic_fieldbus import api
 
     if not sys.stdin.isatty():  # a person at a terminal is to see the plan and the question

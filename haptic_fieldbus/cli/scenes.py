@@ -15,7 +15,7 @@ from haptic_fieldbus.numerals import exactly
 if TYPE_CHECKING:
     from haptic_fieldbus.scenes.scene import Scene
 
-app = typer.Typer(help="List, show and check scenes.", no_args_is_help=True)
+app = typer.Typer(help="List, show and check scenes: what the hand feels.", no_args_is_help=True)
 
 
 @app.command("list")

@@ -55,7 +55,7 @@ def simulate(
     write_rig: Annotated[Path | None, option("FILE", "Write a rig file for `run` with these drives.", OUTPUT)] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Host simulated drives in real time until Ctrl-C; print one line per drive when it is ready."""
+    """Host simulated drives for other programs, in real time, until Ctrl-C. `run --bus sim` needs none."""
     from haptic_fieldbus.running.rights import real_time
     from haptic_fieldbus.sim.faults import load_faults
     from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve, rig_of
