@@ -227,7 +227,5 @@ def plan(options: PlanOptions) -> None:
         print_json(plan_json(compiled))
     else:
         # `explain` writes the same column of keys; taken apart, the keys become bold and long lines are wrapped.
-        show(
-            (line[:KEY_WIDTH].strip(), line[KEY_WIDTH:])
-            for line in explain(compiled, verbose=options.verbose).splitlines()
-        )
+        text = explain(compiled, verbose=options.verbose)
+        show((line[:KEY_WIDTH].strip(), line[KEY_WIDTH:]) for line in text.splitlines())

@@ -136,7 +136,7 @@ def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticField
     if trip.kind is TripKind.START_FORCE:
         return PlanError(f"{cause}; no torque was applied. {advice}")
     tripped = f"Tripped {moment(trip.t_ns, enabled_at_ns)}: {cause}; torque is off. {advice}"
-    return TRIP_ERRORS[trip.kind](tripped.rstrip())
+    return TRIP_ERRORS[trip.kind](tripped)
 
 
 def moment(t_ns: int, enabled_at_ns: int | None) -> str:
@@ -146,14 +146,24 @@ def moment(t_ns: int, enabled_at_ns: int | None) -> str:
     return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after enabling"
 
 
+LINK_ADVICE = {
+    LinkFlag.BUS_OFF: "Check wiring, terminators and bit rate.",
+    LinkFlag.EMERGENCY: "Look up this error in the manual of the drive.",
+    LinkFlag.BOOT_UP: "Check the power supply of the drive.",
+    LinkFlag.NO_SIGN_OF_LIFE: "Check cable and power of the drive.",
+    LinkFlag.NOT_OPERATIONAL: "Another program may have stopped the drive.",
+    LinkFlag.EXCEPTION: "Check the wiring. Another program may have changed the configuration of the drive.",
+    LinkFlag.DUPLICATE: "Give each device on the bus an address of its own.",
+}
+"""What to do about a fault of the link for which a protocol has no advice of its own."""
 Told = tuple[str, str]
-"""Cause of a trip, as a part of a sentence, and what to do, as sentences; empty where there is no advice."""
+"""Cause of a trip, as a part of a sentence, and what to do, as sentences."""
 
 
 def _told_by_bus(flag: LinkFlag, trip: Trip, axis: AxisPlan) -> Told:
     # The value of a link trip is the code in the header, which only some of the flags have. Advice follows a semicolon.
     cause, _, advice = axis.traffic.fault_text(flag, int(trip.value), axis.bus_name).partition("; ")
-    return cause, f"{advice[0].upper()}{advice[1:]}." if advice else ""
+    return cause, f"{advice[0].upper()}{advice[1:]}." if advice else LINK_ADVICE[flag]
 
 
 def _power(trip: Trip, axis: AxisPlan) -> Told:
@@ -189,16 +199,18 @@ def _missed(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _clock(trip: Trip, axis: AxisPlan) -> Told:
-    return f"the clock went back: a sample is {rounded(-1e3 * trip.value)} ms older than the one before", ""
+    cause = f"the clock went back: a sample is {rounded(-1e3 * trip.value)} ms older than the one before"
+    return cause, "`haptic-fieldbus doctor` checks the clock."
 
 
 def _not_finite(trip: Trip, axis: AxisPlan) -> Told:
     workspace = axis.workspace
-    return f"the {workspace.effort_name} of the scene is not finite: {trip.value} {workspace.effort_unit}", ""
+    cause = f"the {workspace.effort_name} of the scene is not finite: {trip.value} {workspace.effort_unit}"
+    return cause, "Check the parameters of the scene and its own elements."
 
 
 def _scene_failed(trip: Trip, axis: AxisPlan) -> Told:
-    return f"the scene failed: {trip.detail}", ""
+    return f"the scene failed: {trip.detail}", "Correct the element; `haptic-fieldbus scenes check` tests it."
 
 
 def _start(trip: Trip, axis: AxisPlan) -> Told:
@@ -226,7 +238,8 @@ def _acceleration(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _mechanical_power(trip: Trip, axis: AxisPlan) -> Told:
-    return f"power {rounded(trip.value)} W, above the limit of {rounded(trip.limit or 0.0)} W", ""
+    cause = f"power {rounded(trip.value)} W, above the limit of {rounded(trip.limit or 0.0)} W"
+    return cause, _softer("power", axis)
 
 
 def _energy(trip: Trip, axis: AxisPlan) -> Told:
@@ -263,12 +276,19 @@ def _limit(trip: Trip) -> str:
 
 def _speed(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    return f"speed {rounded(trip.value)} {unit}/s, above the limit of {_limit(trip)} {unit}/s{_weak(axis)}", ""
+    cause = f"speed {rounded(trip.value)} {unit}/s, above the limit of {_limit(trip)} {unit}/s{_weak(axis)}"
+    return cause, _softer("speed", axis)
 
 
 def _position(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    return f"position {rounded_limit(trip.value)} {unit}, beyond the limit of {_limit(trip)} {unit}{_weak(axis)}", ""
+    cause = f"position {rounded_limit(trip.value)} {unit}, beyond the limit of {_limit(trip)} {unit}{_weak(axis)}"
+    return cause, f"Move the handle back. The travel is axis.{axis.name}.limits.position of the rig."
+
+
+def _softer(limit: str, axis: AxisPlan) -> str:
+    """Return the advice for a handle that moved too fast or too strongly."""
+    return f"Make the scene softer, or raise axis.{axis.name}.limits.{limit} in the rig."
 
 
 def _weak(axis: AxisPlan) -> str:

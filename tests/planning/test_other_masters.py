@@ -32,7 +32,7 @@ def test_a_drive_that_shows_nothing_lets_them_act_without_end() -> None:
     plan = planned(TCP, 50.0, drive((23,), actual=None))
     assert math.isinf(stated(plan)[EndCause.OTHER_MASTER])
     text = explain(plan)
-    assert "set-points of another master: without end, not detected" in text
+    assert "set-points of another master  without end  not detected" in text
     assert "unseen     set-points of another master on sim-modbus-tcp: all of them; no register of generic" in text
 
 

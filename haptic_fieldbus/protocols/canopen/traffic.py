@@ -95,7 +95,7 @@ class PdoTraffic:
 
 
 FAULT_TEXTS = {
-    LinkFlag.BUS_OFF: "the CAN controller went bus-off: check wiring, terminators and bit rate",
+    LinkFlag.BUS_OFF: "the CAN controller went bus-off",
     LinkFlag.BOOT_UP: "node {node} restarted",
     LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} was lost",
     LinkFlag.NOT_OPERATIONAL: "node {node} is not operational according to its heartbeat",
