@@ -147,7 +147,7 @@ def moment(t_ns: int, enabled_at_ns: int | None) -> str:
 
 
 LINK_ADVICE = {
-    LinkFlag.BUS_OFF: "Check wiring, terminators and bit rate.",
+    LinkFlag.BUS_OFF: "Check the cable, and on CAN the terminators and the bit rate.",
     LinkFlag.EMERGENCY: "Look up this error in the manual of the drive.",
     LinkFlag.BOOT_UP: "Check the power supply of the drive.",
     LinkFlag.NO_SIGN_OF_LIFE: "Check cable and power of the drive.",

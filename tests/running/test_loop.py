@@ -166,7 +166,7 @@ TRIPS: dict[str, tuple[Callable[[Bench], None], type[HapticFieldbusError], str]]
     "not operational": (_not_operational, DriveFaultError, "not operational according to its heartbeat"),
     "feedback lost": (_lose_feedback, BusTimeoutError, r"feedback lost: the last from node 1 is 3\d\.\d ms old"),
     "heartbeat lost": (_lose_heartbeat, BusTimeoutError, "heartbeat of node 1 was lost"),
-    "bus-off": (_bus_off, BusError, "bus-off; torque is off. Check wiring"),
+    "bus-off": (_bus_off, BusError, "bus-off; torque is off. Check the cable"),
     "malformed PDO": (_malform, BusError, "malformed PDO"),
     "speed": (_jump, SafetyTripError, r"speed .* m/s, above the limit of 2 m/s"),
 }

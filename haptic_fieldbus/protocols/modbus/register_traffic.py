@@ -320,8 +320,7 @@ EXCEPTIONS = {
 }
 """Exception codes (Modbus application protocol 1.1b3, 7)."""
 FAULT_TEXTS = {
-    LinkFlag.BUS_OFF: "the line is dead: the connection was closed, or the serial device is gone; check cable, power and "
-    "network",
+    LinkFlag.BUS_OFF: "the line is dead: the connection was closed, or the serial device is gone",
     LinkFlag.BOOT_UP: "unit {unit} restarted",
     LinkFlag.NO_SIGN_OF_LIFE: "unit {unit} does not answer",
     LinkFlag.NOT_OPERATIONAL: "unit {unit} left its torque mode",
