@@ -111,7 +111,7 @@ def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bo
     `behind` is rms(torque actual − target) / rms(target) of the worst axis whose drive tells its torque, None when none
     does. `rehearsed` says that the drives are simulated, in real time.
     """
-    head = "Rehearsed on a simulated drive" if rehearsed else f"Real drive, {effort} error unknown"
+    head = "Rehearsed on a simulated drive" if rehearsed else "Real drive, error unknown"
     parts = [f"{effort} limited in {percent(cut)} of periods" if cut else f"{effort} never limited"]
     if behind is not None:
         parts.append(f"motor torque {percent(behind)} off target")
@@ -127,8 +127,8 @@ def _felt(effort: str, felt: FeltError, contact: float) -> tuple[str, str]:
         return f"Feels different: {share}", noticed
     late = f"{rounded(1e3 * felt.late)} ms"
     if felt.by_event and felt.late <= EVENT_DELAY:
-        late = f"{late} late (people notice from {rounded(1e3 * EVENT_DELAY)} ms)"
-        return f"Feels right, {late}: {effort} error {percent(felt.shape)} without the delay", ""
+        noticed = f" (people notice from {rounded(1e3 * EVENT_DELAY)} ms and {percent(FELT_SHARE)})"
+        return f"Feels right, {late} late: {effort} error {percent(felt.shape)} without the delay", noticed
     return f"Feels different: {share}, {percent(felt.shape)} without the delay of {late}", noticed
 
 

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.report.texts import announcement
 from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.cli.command import counted
 from tests.golden.plans import (
     FOLDER,
     PROFILES,
@@ -23,8 +25,11 @@ LEAST = 20
 
 @pytest.mark.parametrize("path", cases(), ids=lambda path: str(path.relative_to(FOLDER)))
 def test_the_plan_reads_as_before(path: Path) -> None:
+    """A run begins with four short lines on it, besides caps and warnings."""
     assert path.exists(), f"new: python -m tests.golden writes {path.name}; read it, then commit it"
     assert text_of(*cases()[path]) == path.read_text(encoding="utf-8")
+    keys = [key for key, _ in counted(announcement(planned(*cases()[path])))]
+    assert keys == ["scene", "bench", "sends", "limit"]
 
 
 def test_no_golden_text_is_left_over() -> None:

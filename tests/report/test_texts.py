@@ -169,7 +169,7 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
         (FeltError(0.02, 0.02, 0.001, 0.4), 'Feels right: force error 2 % (people notice from 8 %), hand "push"'),
         (
             FeltError(0.5, 0.02, 0.0007, 0.4, by_event=True),
-            "Feels right, 0.7 ms late (people notice from 5.5 ms): force error 2 % without the delay",
+            "Feels right, 0.7 ms late: force error 2 % without the delay (people notice from 5.5 ms and 8 %)",
         ),
         (
             FeltError(0.5, 0.02, 0.0056, 0.4, by_event=True),
@@ -202,7 +202,7 @@ def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, 
 )
 def test_a_real_run_is_judged_by_what_loop_and_drive_tell(cut: float, behind: float | None, told: str) -> None:
     said = real_verdict(effort="torque", cut=cut, behind=behind)
-    assert said == f"Real drive, torque error unknown: {told}"
+    assert said == f"Real drive, error unknown: {told}"
 
 
 def test_a_rehearsal_is_not_called_a_run_on_a_real_drive() -> None:
