@@ -112,27 +112,27 @@ class OutputRow:
 def lines_of(rows: Iterable[OutputRow], *, once: bool = False, short: bool = False) -> list[Line]:
     """Return rows in words; `once`: a label that the row before has too is not repeated.
 
-    A `short` text has no details and no line over `LINE_WIDTH`, except where a single word is longer.
+    A `short` text repeats labels, has no details and no line over `LINE_WIDTH`, except where a single word is longer.
     """
     lines: list[Line] = []
     before = ""
     for row in rows:
-        if short and row.detail:
+        if short:
+            lines += [] if row.detail else _short(row)
             continue
-        for number, text in enumerate(_short(row) if short else row.note):
+        for number, text in enumerate(row.note):
             lines.append(("" if number or (once and row.label == before) else row.label, text))
             before = row.label
     return lines
 
 
-def _short(row: OutputRow) -> Iterator[str]:
-    """Yield the lines of a row that fit beside the keys: cut, or wrapped where nothing may be lost."""
+def _short(row: OutputRow) -> Iterator[Line]:
+    """Yield each text of a row beside its label, in lines that fit: cut, or wrapped where nothing may be lost."""
     width = LINE_WIDTH - KEY_WIDTH
     for text in row.note:
-        if row.cut:
-            yield fitted(text, width)
-        else:
-            yield from textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+        wrapped = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+        lines = [fitted(text, width)] if row.cut else wrapped
+        yield from ((row.label if number == 0 else "", line) for number, line in enumerate(lines))
 
 
 def fitted(text: str, width: int) -> str:

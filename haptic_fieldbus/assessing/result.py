@@ -324,7 +324,8 @@ class Result:
 def result_rows(result: Result) -> Iterator[OutputRow]:
     """Yield all that is told of a run, in the order of its text; figures that are not known have no text."""
     plan, timing, error, stability = result.plan, result.timing, result.torque_error, result.stability
-    yield OutputRow("watchdog", map(str, result.proofs), "guards", [proof.to_json() for proof in result.proofs])
+    proofs = filter(None, ["; ".join(map(str, result.proofs))])
+    yield OutputRow("watchdog", proofs, "guards", [proof.to_json() for proof in result.proofs], cut=True)
     yield from (
         OutputRow(key=name, value=getattr(result, name)) for name in ("scene", "drive", "bus", "clock", "cycles")
     )

@@ -155,7 +155,7 @@ LINK_ADVICE = {
     LinkFlag.EXCEPTION: "Check the wiring. Another program may have changed the configuration of the drive.",
     LinkFlag.DUPLICATE: "Give each device on the bus an address of its own.",
 }
-"""What to do about a fault of the link for which a protocol has no advice of its own."""
+"""Advice on a fault of the link, where a protocol has none of its own."""
 Told = tuple[str, str]
 """Cause of a trip, as a part of a sentence, and what to do, as sentences."""
 

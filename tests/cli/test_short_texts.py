@@ -118,6 +118,11 @@ def test_a_cut_keeps_whole_numbers_and_says_that_there_is_more(words: list[str],
     assert not kept[-1:].isdigit() or text[len(kept) :][:1] in ("", ";", ",")
 
 
+def test_each_of_several_warnings_has_its_key() -> None:
+    lines = lines_of([OutputRow("warning", ["one", "two"])], once=True, short=True)
+    assert lines == [("warning", "one"), ("warning", "two")]
+
+
 def test_a_warning_is_wrapped_and_never_cut() -> None:
     warning = " ".join(f"word{number}" for number in range(60))
     lines = lines_of([OutputRow("warning", [warning]), OutputRow("scene", [warning], cut=True)], short=True)

@@ -138,7 +138,7 @@ def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> N
         ("", "write two lines"),
         ("verdict", "Feels like a wall."),
     ]
-    assert outcome(real)[1:] == told[-3:]
+    assert outcome(real)[1:] == [told[-3], ("warning", "write two lines"), told[-1]]
 
 
 def test_an_announcement_has_each_key_once() -> None:
