@@ -382,7 +382,9 @@ def result_text(result: Result) -> str:
         return ""
     # Only a run that went to its end has a verdict, so nothing tripped.
     ended = [] if result.verdict is None else ["no trip"]
-    return "; ".join([periods_text(result), *ended, *(_depth_text(each) or travel_text(each) for each in result.travel)])
+    return "; ".join(
+        [periods_text(result), *ended, *(_depth_text(each) or travel_text(each) for each in result.travel)]
+    )
 
 
 def _periods_texts(result: Result) -> Iterator[str]:

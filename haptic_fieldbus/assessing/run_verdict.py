@@ -102,8 +102,6 @@ def run_verdict(
     return next((text for text in told if len(text) <= LONGEST), f"{head}; chatters")
 
 
-
-
 def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bool = False) -> str:
     """Return the verdict on a run on real drives, of which only what the loop and the drives tell is known.
 

@@ -43,8 +43,10 @@ def vcan(
 ) -> None:
     """Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on them.
 
-    The exit status is that of the command. The interfaces are those of this machine if it has them or this user may create them. Otherwise a guest kernel
-    (User-Mode Linux) provides them; it needs no rights and sees the same files, read-only except --out.
+    The exit status is that of the command.
+    The interfaces are those of this machine, if it has them or this user may create them.
+    Otherwise a guest kernel (User-Mode Linux) provides them. It needs no rights and sees the same files.
+    In a guest kernel the command can write to the folders of --out only.
     """
     from haptic_fieldbus.vcan.runner import GuestTask, run
 

@@ -152,7 +152,8 @@ class SceneOptions:
     ] = None
     profiles: ProfilesOption = None
     duration: Annotated[
-        float | None, option("S", "Duration from enabling.", RENDERING, default=DEFAULT_DURATION, parser=seconds)
+        float | None,
+        option("S", "Duration of the run, from enabling on.", RENDERING, default=DEFAULT_DURATION, parser=seconds),
     ] = None
     change: Annotated[
         list[str] | None,

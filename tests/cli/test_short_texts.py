@@ -1,10 +1,13 @@
 """A run prints at most eight lines of at most 110 characters, besides warnings, caps and paths."""
 
+import re
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.api import plan, run
+from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.numerals import KEY_WIDTH, LINE_WIDTH, MORE, OutputRow, as_typed, fitted, lines_of
 from haptic_fieldbus.report.texts import announcement, outcome
@@ -15,6 +18,8 @@ from tests.cases import every
 from tests.cli.command import Command, counted, printed
 from tests.several_buses import rig_on
 
+PROJECT = Path(__file__).resolve().parents[2]
+TUTORIAL, MAKEFILE = PROJECT / "docs" / "tutorials" / "first_wall.md", PROJECT / "Makefile"
 CHANGES = [(0.2, {"wall.stiffness": 500.0}), (0.4, {"wall.stiffness": 400.0, "wall.position": 0.025})]
 
 
@@ -25,6 +30,13 @@ def test_a_run_of_each_scene_has_at_most_eight_lines(scene: str, command: Comman
     assert finished.status == 0
     keys = [key for key, _ in counted(printed(finished.out))]
     assert keys == ["scene", "bench", "sends", "limit", "result", "verdict"]
+
+
+@pytest.mark.thorough("three seconds of a run")
+def test_the_tutorial_shows_what_its_demo_prints(command: Command) -> None:
+    (shown,) = re.findall(r"^```text\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    (demo,) = re.findall(r"haptic-fieldbus (run .*) --plot", MAKEFILE.read_text(encoding="utf-8"))
+    assert command(*demo.split()).out == shown
 
 
 def test_details_are_told_only_on_demand() -> None:
@@ -86,9 +98,7 @@ FELT = st.builds(
 def test_a_verdict_is_one_line_and_never_loses_a_chatter(
     *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None
 ) -> None:
-    told = run_verdict(
-        scene=scene, effort=effort, hand=hand, stable=stable, inside=inside, felt=felt, ripple=ripple
-    )
+    told = run_verdict(scene=scene, effort=effort, hand=hand, stable=stable, inside=inside, felt=felt, ripple=ripple)
     assert KEY_WIDTH + len(told) <= LINE_WIDTH
     if stable and felt is not None:
         assert ("chatters" in told) == (ripple is not None and ripple >= 0.08)
@@ -134,7 +144,14 @@ def test_a_warning_is_wrapped_and_never_cut() -> None:
 
 @every(
     ("value", "told"),
-    [(600.0, "600"), (0.0001, "0.0001"), (4e-5, "4e-5"), (681.573518196, "681.6"), (0.698131700798, "0.6981"), (-0.5, "-0.5")],
+    [
+        (600.0, "600"),
+        (0.0001, "0.0001"),
+        (4e-5, "4e-5"),
+        (681.573518196, "681.6"),
+        (0.698131700798, "0.6981"),
+        (-0.5, "-0.5"),
+    ],
 )
 def test_a_number_has_the_digits_that_one_would_type(value: float, told: str) -> None:
     assert as_typed(value) == told

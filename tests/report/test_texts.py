@@ -48,7 +48,9 @@ RUN = Result(
     missed_cycles=0,
     duration=10.0,
     bus_load=0.272,
-    torque_error=TorqueError(0.09, 0.412, "N", {"encoder": 0.171, "sampling and delay": 0.612, "torque loop": 0.001}, 0.02, 0.4),
+    torque_error=TorqueError(
+        0.09, 0.412, "N", {"encoder": 0.171, "sampling and delay": 0.612, "torque loop": 0.001}, 0.02, 0.4
+    ),
     energy_generated=3e-4,
     verdict="Feels like a wall.",
     elapsed=0.5,

@@ -65,7 +65,7 @@ def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_
     if section.interface in SERIAL:
         yield latency_timer(section.channel.split("@")[0], root)
     else:
-        yield Check("usb_latency_timer", None, "none: the bus uses no serial port")
+        yield Check("usb_latency_timer", None, "the bus uses no serial port")
 
 
 @dataclass(frozen=True)
