@@ -112,8 +112,8 @@ def _of_axis(
 ) -> Iterable[TorqueDeadline]:
     """Yield the deadlines of one axis, in the order of `EndCause`.
 
-    `others` takes the words on the axes beside it, and is empty for one axis alone. Feedback of an `age` [s] is a trip on the most patient axis. `untied` axes do not fade with one another, and a
-    `shared` line has other drives.
+    `others` is a form for words on the other axes, empty for one axis. Feedback of an `age` [s] is a trip on the most
+    patient axis. `untied` axes do not fade with one another, and a `shared` line has other drives.
     """
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
     guard = math.inf if alone else traffic.guard(axis.name)
