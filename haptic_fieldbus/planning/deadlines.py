@@ -120,7 +120,7 @@ def _of_axis(
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period, age)
-    by_loop = "zero set-points in the next period"
+    by_loop = "zero torque sent in the next period"
     by_guard = "a person who cuts the power" if alone else f"drive watchdog {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
     by_age = f"trip when feedback is older than {rounded(1e3 * age)} ms"
@@ -150,7 +150,7 @@ def _of_axis(
     yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
     if axis.other_masters is not None:
         yield TorqueDeadline(EndCause.OTHER_MASTER, _replaced(axis.other_masters, period) + seen, _shown(axis))
-    yield TorqueDeadline(EndCause.END, seen, "zero set-points at once")
+    yield TorqueDeadline(EndCause.END, seen, "zero torque sent at once")
 
 
 def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
