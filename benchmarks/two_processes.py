@@ -196,7 +196,7 @@ def start(folder: Path, seconds: float) -> Start:
 
 
 def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, stolen: float) -> Start:
-    from haptic_fieldbus.assessing.result import Right, rights_texts
+    from haptic_fieldbus.assessing.result import Right, refused_texts
 
     figures = json.loads(said) if said.strip() else {}
     rights = [Right(**{**each, "advice": each["advice"] or ""}) for each in figures.get("host", [])]
@@ -207,7 +207,8 @@ def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, s
     lost, beside = (
         0.0 if (found := each.search(words)) is None else float(found.group(1)) for each in (CAPPED, BESIDE)
     )
-    rights_told = tuple(rights_texts(rights))
+    granted = ", ".join(right.got for right in rights if right.granted)
+    rights_told = tuple(filter(None, [granted, *refused_texts(rights)]))
     words = " ".join(last.split())
     return Start(status, words, stolen, loop, timer, age, missed, rights_told, force_age(figures), int(lost), beside)
 

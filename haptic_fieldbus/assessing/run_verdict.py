@@ -82,14 +82,15 @@ def run_verdict(
     """
     if not stable:
         return "Unstable: above the limit of this bench. A hand may damp it; the drive alone cannot."
+    above = "" if inside else "; above the limit"
     if felt is None:
-        return f"No contact in this run: the handle touched nothing{_with(hand)}."
+        return f"No contact in this run: the handle touched nothing{_with(hand)}{above}"
     if felt.contact is None:
         head, noticed, by = "Not judged: the handle did not move during contact", "", _with(hand)
     else:
         head, noticed = _felt(effort, felt, felt.contact)
         by = f', hand "{hand}"' if hand else ""
-    chatter, above = "", "" if inside else "; above the limit"
+    chatter = ""
     if ripple is not None and ripple >= FELT_SHARE:
         chatter = f"; the {scene} chatters: {percent(ripple)} ripple"
     # What matters least goes first, when all of it is too long for a line; a warning tells of the limit too.

@@ -22,10 +22,10 @@ from haptic_fieldbus.cli.options import (
     options_of,
     seconds,
 )
-from haptic_fieldbus.cli.screen import KEY_WIDTH, plain, print_json, show
+from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.numerals import KEY_WIDTH, exactly, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.model import EnvironmentModel

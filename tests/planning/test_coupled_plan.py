@@ -176,7 +176,7 @@ class TestAges:
         late = f"{rounded(1e3 * total)} ms after both motions"
         line = f"shaft: force on left {late}, on right {late}"
         assert line in explain(plan)
-        assert dict(announcement(plan))["coupling"] == line
+        assert dict(announcement(plan, verbose=True))["coupling"] == line
 
     def test_count_that_a_slow_bus_latches_later(self) -> None:
         """The worst SYNC of 55 bits ends 220 − 55 µs later at 250 kbit/s; what it latched is so much younger."""

@@ -187,7 +187,7 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
             'Feels different: force error 50 % (people notice from 8 %), hand "push"',
         ),
         (FeltError(None, 0.0, 0.0, 0.0), 'Not judged: the handle did not move during contact (hand "push")'),
-        (None, 'No contact in this run: the handle touched nothing (hand "push").'),
+        (None, 'No contact in this run: the handle touched nothing (hand "push")'),
     ],
 )
 def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, told: str) -> None:
