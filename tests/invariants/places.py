@@ -154,8 +154,8 @@ def place_of(bus: Any) -> Place | None:
     wire = getattr(bus, "_wire", None)
     if wire is not None:
         owner = getattr(wire._port, "_bus", None)
-        simulated = hasattr(owner, "world") and hasattr(owner, "_controller")
-        return CanPlace(owner.world, owner._controller.port) if owner is not None and simulated else None
+        simulated = hasattr(owner, "world") and hasattr(owner, "controller")
+        return CanPlace(owner.world, owner.controller.port) if owner is not None and simulated else None
     line = getattr(bus, "_transport", None)
     return ModbusPlace(line) if hasattr(line, "unit") and hasattr(line, "_rack") else None
 

@@ -129,7 +129,7 @@ class Slow(Watched):
         return bool(self.targets)
 
     def _later(self, late_ns: int, octets: bytes) -> None:
-        alarm = self.drive.node._alarms.new(lambda t_ns: self._respond([octets]))
+        alarm = self.drive.node.alarms.new(lambda t_ns: self._respond([octets]))
         alarm.at(self.clock.now_ns() + late_ns)
 
 

@@ -37,7 +37,7 @@ from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaste
 from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, Setup
 from haptic_fieldbus.buses.canopen.target_readback import TargetReadback
-from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.canopen.wire import CanPort, Wire
 from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
@@ -106,7 +106,8 @@ REFUSED_WRITES = 3
 class CanopenBus(InSteps):
     """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down.
 
-    `echoes` tells that the interface gives back the frames one sends, without marking them.
+    `echoes` tells that the interface gives back the frames one sends, without marking them. `port` is a way to the bus
+    that is shorter than python-can's messages; None: there is none.
     """
 
     def __init__(
@@ -117,12 +118,13 @@ class CanopenBus(InSteps):
         *,
         owned: bool = False,
         echoes: bool = False,
+        port: CanPort | None = None,
     ) -> None:
         self.facts: dict[str, DriveFacts] = {}
         self.warnings: list[str] = []
         self._can_bus = can_bus if owned else None
         self._clock = clock
-        self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes)
+        self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes, port=port)
         self._plan: Plan | None = None
         self._setups: tuple[Setup, ...] = ()
         self._links: tuple[Link, ...] = ()

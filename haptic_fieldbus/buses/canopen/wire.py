@@ -224,7 +224,14 @@ class Wire:
     """
 
     def __init__(
-        self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None, *, echoes: bool = False
+        self,
+        can_bus: can.BusABC,
+        clock: Clock,
+        name: str,
+        log: FrameLog | None = None,
+        *,
+        echoes: bool = False,
+        port: CanPort | None = None,
     ) -> None:
         self.clock = clock
         self.name = name
@@ -234,7 +241,7 @@ class Wire:
         self.refusal: BusError | None = None
         """Error of the last frame that the full transmit queue refused; None when there was none."""
         # Bound methods are looked up once: the loop calls them for every frame.
-        self._port = port_to(can_bus, clock, echoes=echoes)
+        self._port = port or port_to(can_bus, clock, echoes=echoes)
         self._send, self._receive = self._port.send, self._port.receive
         self._now_ns = clock.now_ns
         self._empty_ns = self._logged_ns = 0

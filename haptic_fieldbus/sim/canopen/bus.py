@@ -76,14 +76,14 @@ class SimulatedBus(can.BusABC):
             channel, bitrate, clock, partial(_new_world, channel, bitrate, seed, hand, workspace, profiles)
         )
         self.channel_info = f"haptic_sim {channel}".rstrip()
-        self._pace = self.world.pace
-        self._controller = self._pace.attach(receive_own=receive_own_messages)
+        self.pace = self.world.pace
+        self.controller = self.pace.attach(receive_own=receive_own_messages)
         super().__init__(channel, can_filters, **kwargs)
 
     @property
     def state(self) -> can.BusState:
         """Return ERROR while the controller is bus-off, else ACTIVE."""
-        return can.BusState.ERROR if self._controller.off else can.BusState.ACTIVE
+        return can.BusState.ERROR if self.controller.off else can.BusState.ACTIVE
 
     @state.setter
     def state(self, new_state: can.BusState) -> None:
@@ -104,7 +104,7 @@ class SimulatedBus(can.BusABC):
             raise can.CanOperationError("only classical data and remote frames can be sent")
         data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
         frame = Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
-        self._pace.send(self._controller, frame, timeout)
+        self.pace.send(self.controller, frame, timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame, or None when none arrives within `timeout` [s]; None waits without limit.
@@ -115,21 +115,21 @@ class SimulatedBus(can.BusABC):
         """
         filters = self._filters
         accept = None if filters is None else lambda received: self._matches_filters(self._message(received))
-        received = self._pace.receive(self._controller, timeout, accept)
+        received = self.pace.receive(self.controller, timeout, accept)
         return None if received is None else self._message(received)
 
     def shutdown(self) -> None:
         """Leave the wire; the last bus of a channel also discards the channel's world."""
         if not self._is_shutdown:
             super().shutdown()  # first, for it stops the tasks that send
-            self._pace.detach(self._controller)
+            self.pace.detach(self.controller)
             if self._channel is not None:
                 _release(self._channel)
 
     def _message(self, received: Received) -> can.Message:
         t_ns, frame, own, error = received
         return can.Message(
-            timestamp=self._pace.timestamp(t_ns),
+            timestamp=self.pace.timestamp(t_ns),
             arbitration_id=frame.can_id,
             is_extended_id=frame.extended,
             is_remote_frame=frame.remote,

@@ -11,7 +11,9 @@ from typing import Protocol, assert_never
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.canopen.link import Frame, Port
+from haptic_fieldbus.sim.canopen.services.basics import Alarms
 from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import (
@@ -127,6 +129,8 @@ class SimulatedDrives(DriveBench):
         self.attached: list[tuple[Port, Slave]] = []
         self.due_ns = NEVER_NS
         """Time of the next timer or planned action; NEVER_NS when there is none."""
+        self._timers: list[Operation | Alarms] = []
+        """What has a `due_ns` of its own in the slaves."""
         self._line = line
         self.plan = self.agenda.plan
 
@@ -140,6 +144,7 @@ class SimulatedDrives(DriveBench):
         self.follow(slave.drive, slot, LineFault | HostFault, install, action)
         self.slaves[slot.node] = slave
         self.attached.append((port, slave))
+        self._timers += slave.drive.operation, slave.node.alarms
         slave.power_on(t_ns, booted=slot.booted)
         self.find_due()
         return slave
@@ -151,10 +156,20 @@ class SimulatedDrives(DriveBench):
 
     def receive(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
         """Pass a frame that has ended to every slave except its sender."""
-        for port, slave in self.attached:
-            # A real bus has no port of ours: then `sender` is None and every slave receives the frame.
-            if port is not sender:
-                slave.receive(frame, t_ns)
+        can_id, data, extended, remote = frame
+        # A real bus has no port of ours: then `sender` is None and every slave receives the frame.
+        if extended or remote or not can_id:
+            for port, slave in self.attached:
+                if port is not sender:
+                    slave.receive(frame, t_ns)
+        else:
+            # As `Slave.receive`; a frame of the process data concerns one slave, and costs the others a look-up.
+            for port, slave in self.attached:
+                node = slave.node
+                handler = node.handlers.get(can_id)
+                if handler is not None and port is not sender and t_ns >= slave.silent_until_ns:
+                    node.now_ns = t_ns
+                    handler(data, t_ns)
         self.find_due()
 
     def timers(self, t_ns: int) -> None:
@@ -168,8 +183,9 @@ class SimulatedDrives(DriveBench):
     def find_due(self) -> None:
         """Update `due_ns`; call it after anything that may have changed a slave's timers."""
         due_ns = self.agenda.due_ns
-        for _port, slave in self.attached:
-            due_ns = min(due_ns, slave.due_ns)
+        for timers in self._timers:
+            if timers.due_ns < due_ns:
+                due_ns = timers.due_ns
         self.due_ns = due_ns
 
     def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:

@@ -29,7 +29,7 @@ from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
-from haptic_fieldbus.sim.canopen.link import Frame, Port
+from haptic_fieldbus.sim.canopen.link import Frame, Port, arbitration_key
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 
@@ -306,11 +306,10 @@ class Host:
             waiting = [port for port, _slave in self._rack.attached if port.waiting]
             if not waiting:
                 return
-            port = min(waiting, key=lambda port: port.candidate()[0])
-            item = port.candidate()
-            port.waiting.remove(item)
-            self._outlet.send(item[1])
-            self._rack.receive(item[1], port, t_ns)
+            port = min(waiting, key=lambda port: arbitration_key(port.candidate()))
+            frame = port.take()
+            self._outlet.send(frame)
+            self._rack.receive(frame, port, t_ns)
 
     def _focus(self) -> None:
         """Tell the bus which frames concern the drives, when a parameter or a state has changed."""

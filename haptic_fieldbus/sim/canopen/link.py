@@ -3,10 +3,9 @@
 from array import array
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +34,8 @@ TAIL_BITS = 10
 """CRC delimiter, acknowledge slot, acknowledge delimiter and end of frame."""
 INTERMISSION_BITS = 3
 """Bits after the end of frame before the bus is free again."""
+LONGEST_BITS = 160
+"""Largest number of bits of a frame and its intermission: an extended one of 8 octets, with all stuff bits."""
 
 # x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1 without its highest term (ISO 11898-1).
 _CRC_POLYNOMIAL = 0x4599
@@ -65,16 +66,16 @@ def arbitration_key(frame: Frame) -> int:
 
 def wire_bits(frame: Frame) -> int:
     """Return the bits from start of frame to end of frame, stuff bits included, intermission excluded."""
-    crc, state, bits = _header(frame.can_id, len(frame.data), frame.extended, frame.remote)
-    if not frame.remote:
-        for octet in frame.data:
-            crc = (crc << 8 & _CRC_MASK) ^ _CRC_TABLE[crc >> 7 ^ octet]
-            step = _STUFF_8[state << 8 | octet]
-            state = step & 7
-            bits += step >> 3
+    can_id, data, extended, remote = frame
+    crc, table, bits = _header(can_id, len(data), extended, remote)
+    if not remote:
+        for octet in data:
+            crc = (crc & 0x7F) << 8 ^ _CRC_TABLE[crc >> 7 ^ octet]
+            table, sent = table.octets[octet]
+            bits += sent
     # The 15 bits of the CRC sequence are stuffed as well: the upper eight, then the lower seven.
-    step = _STUFF_8[state << 8 | crc >> 7]
-    return bits + (step >> 3) + (_STUFF_7[(step & 7) << 7 | crc & 0x7F] >> 3) + TAIL_BITS
+    table, sent = table.octets[crc >> 7]
+    return bits + sent + table.last_bits[crc & 0x7F] + TAIL_BITS
 
 
 def _stuff(state: int, value: int, width: int) -> int:
@@ -100,13 +101,26 @@ def _crc(crc: int, value: int, width: int) -> int:
     return crc
 
 
+class _Stuffing:
+    """One state of the stuffing, the bits that follow in it, and the state after them."""
+
+    __slots__ = ("last_bits", "octets")
+
+    def __init__(self, state: int) -> None:
+        self.octets: list[tuple[_Stuffing, int]] = []
+        """By octet: the state after it, and the bits sent."""
+        self.last_bits = [_stuff(state, value, 7) >> 3 for value in range(128)]
+        """By the last seven bits of the CRC: the bits sent."""
+
+
 _CRC_TABLE = [_crc(0, octet, 8) for octet in range(256)]
-_STUFF_8 = [_stuff(state, octet, 8) for state in range(_RUN_STATES) for octet in range(256)]
-_STUFF_7 = [_stuff(state, value, 7) for state in range(_RUN_STATES) for value in range(128)]
+_STUFFING = [_Stuffing(state) for state in range(_RUN_STATES)]
+for _state, _table in enumerate(_STUFFING):
+    _table.octets += [(_STUFFING[step & 7], step >> 3) for step in (_stuff(_state, each, 8) for each in range(256))]
 
 
 @lru_cache(maxsize=4096)
-def _header(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, int, int]:
+def _header(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, _Stuffing, int]:
     """Return CRC register, stuffing state and bits sent after the control field."""
     # Identifier (its upper 11 bits, SRR 1, IDE 1, its lower 18 bits), RTR, two reserved bits, four bits of length.
     if extended:
@@ -118,7 +132,7 @@ def _header(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int
         width = 18
     # The start of frame is dominant after an idle bus: a run of one zero.
     step = _stuff(0, value, width)
-    return _crc(_crc(0, 0, 1), value, width), step & 7, 1 + (step >> 3)
+    return _crc(_crc(0, 0, 1), value, width), _STUFFING[step & 7], 1 + (step >> 3)
 
 
 # The medium: one transmission at a time, arbitration by identifier, a transmit queue for each node.
@@ -145,15 +159,25 @@ class Port:
 
     def __init__(self, *, in_order: bool) -> None:
         self.in_order = in_order
-        self.waiting: deque[tuple[int, Frame]] = deque()
-
-    def send(self, frame: Frame) -> None:
+        self.waiting: deque[Frame] = deque()
+        self.send: Callable[[Frame], None] = self.waiting.append
         """Queue a frame."""
-        self.waiting.append((arbitration_key(frame), frame))
 
-    def candidate(self) -> tuple[int, Frame]:
+    def candidate(self) -> Frame:
         """Return the frame that takes part in the next arbitration; of equal priorities the older one."""
-        return self.waiting[0] if self.in_order or len(self.waiting) == 1 else min(self.waiting, key=itemgetter(0))
+        return self.waiting[0] if self.in_order or len(self.waiting) == 1 else min(self.waiting, key=arbitration_key)
+
+    def take(self) -> Frame:
+        """Take that frame out of the queue."""
+        if self.in_order or len(self.waiting) == 1:
+            return self.waiting.popleft()
+        frame = self.candidate()
+        self.waiting.remove(frame)
+        return frame
+
+
+def _urgency(port: Port) -> int:
+    return arbitration_key(port.candidate())
 
 
 class Wire:
@@ -171,6 +195,7 @@ class Wire:
         self.end_ns = NEVER_NS
         """End of the frame on the wire; NEVER_NS when there is none."""
         self._free_ns = 0
+        self._durations = [self.duration_ns(bits) for bits in range(LONGEST_BITS + 1)]
         self._ends = array("q")
         self._bits = array("H")
         self._longest = longest
@@ -197,15 +222,15 @@ class Wire:
     def start(self, t_ns: int) -> None:
         """Arbitrate at `t_ns` and put the winning frame on the wire."""
         contenders = [port for port in self.ports if port.waiting]
-        winner = contenders[0] if len(contenders) == 1 else min(contenders, key=lambda port: port.candidate()[0])
-        item = winner.candidate()
-        winner.waiting.remove(item)
-        self.sender, self._frame = winner, item[1]
-        bits = wire_bits(item[1])
-        self.end_ns = t_ns + self.duration_ns(bits)
-        self._free_ns = t_ns + self.duration_ns(bits + INTERMISSION_BITS)
-        self._ends.append(self.end_ns)
-        self._bits.append(bits + INTERMISSION_BITS)
+        winner = contenders[0] if len(contenders) == 1 else min(contenders, key=_urgency)
+        self.sender = winner
+        self._frame = frame = winner.take()
+        bits, durations = wire_bits(frame), self._durations
+        self.end_ns = end_ns = t_ns + durations[bits]
+        bits += INTERMISSION_BITS
+        self._free_ns = t_ns + durations[bits]
+        self._ends.append(end_ns)
+        self._bits.append(bits)
         # Cut only at twice the length, so that the deletion costs little per frame on average.
         if self._longest is not None and len(self._ends) > 2 * self._longest:
             del self._ends[: -self._longest], self._bits[: -self._longest]
@@ -341,25 +366,22 @@ class _Active:
 
 
 class Disturbances:
-    """The disturbances that are at work; false when there is none."""
+    """The disturbances that are at work; `active` is empty when there is none."""
 
     def __init__(self) -> None:
-        self._active: list[_Active] = []
-
-    def __bool__(self) -> bool:
-        return bool(self._active)
+        self.active: list[_Active] = []
 
     def add(self, fault: Disturbance) -> None:
         """Disturb the next frames of a service."""
-        self._active.append(_Active(fault, fault.count))
+        self.active.append(_Active(fault, fault.count))
 
     def arriving(self, frame: Frame) -> Sequence[tuple[int, Frame]]:
         """Return what arrives of a frame: (time by which it is later [ns], frame)."""
-        for active in self._active:
+        for active in self.active:
             if _concerns(active.fault, frame):
                 active.left -= 1
                 if not active.left:
-                    self._active.remove(active)
+                    self.active.remove(active)
                 return _disturbed(active.fault, frame)
         return ((0, frame),)
 

@@ -53,7 +53,7 @@ class Node:
         self._application = application
         self._send = send
         self._options = options
-        self._alarms = alarms = Alarms()
+        self.alarms = alarms = Alarms()
         self._boot_alarm = alarms.new(self._boot)
         self._sdo_alarm = alarms.new(lambda _t_ns: self._respond(self.sdo.expire()))
         self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
@@ -74,11 +74,6 @@ class Node:
             dictionary, application, self.emergencies, self._emit, self._route, alarms,
             options.rpdos, options.tpdos, options.acts_at_sync,
         )  # fmt: skip
-
-    @property
-    def due_ns(self) -> int:
-        """Return the time of the next timer; NEVER_NS when there is none."""
-        return self._alarms.due_ns
 
     def power_on(self, t_ns: int, delay_ns: int | None) -> None:
         """Switch the voltage on; the boot-up message follows after `delay_ns`.
@@ -110,7 +105,7 @@ class Node:
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
         self.now_ns = t_ns
-        self._alarms.ring(t_ns)
+        self.alarms.ring(t_ns)
 
     def reset(self, t_ns: int, boot_ns: int | None = None) -> None:
         """Reset the node as at power-on; the boot-up message follows after `boot_ns`, None: the model's reset time."""

@@ -2,18 +2,51 @@
 
 from collections.abc import Sequence
 
-from haptic_fieldbus.buses.canopen.frames import FrameLog
+from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, FrameLog
 from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.buses.canopen.wire import OURS, Received
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.drives import KINDS
+from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import ClockStep
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.simulation import Simulation
+
+
+class WorldPort:
+    """The port of a master to a simulated wire: the same frames as through python-can, without its messages."""
+
+    def __init__(self, bus: SimulatedBus) -> None:
+        self._bus = bus
+        self._send, self._receive, self._controller = bus.pace.send, bus.pace.receive, bus.controller
+
+    def send(self, can_id: int, data: bytes | bytearray) -> None:
+        extended, remote = bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG)
+        octets = bytes(len(data)) if remote else bytes(data)
+        self._send(self._controller, Frame(can_id & CAN_ID_MASK, octets, extended, remote), None)
+
+    def receive(self, seconds: float) -> Received | None:
+        received = self._receive(self._controller, seconds, None)
+        if received is None:
+            return None
+        _, (can_id, data, extended, remote), own, error = received
+        if own:
+            return OURS
+        if extended or remote or error:
+            can_id |= EXTENDED_FLAG * extended | REMOTE_FLAG * remote | ERROR_FLAG * error
+        return can_id, data
+
+    def arrived_ns(self, earliest_ns: int) -> int | None:
+        """Return None, as of any interface of python-can."""
+        return None
+
+    def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
+        """Do nothing: a filter would cost more than the look-up of a handler."""
 
 
 class CanSimulation(Simulation):
@@ -38,7 +71,8 @@ class CanSimulation(Simulation):
         apart = any(isinstance(fault, ClockStep) for slot in slots for fault in slot.faults)
         for slot in slots:
             world.add(slot)
-        return CanopenBus(SimulatedBus(channel, world=world), clock, log, owned=True), (None if apart else world)
+        bus = SimulatedBus(channel, world=world)
+        return CanopenBus(bus, clock, log, owned=True, port=WorldPort(bus)), (None if apart else world)
 
 
 SIMULATION = CanSimulation()

@@ -241,7 +241,7 @@ class Slave:
     @property
     def due_ns(self) -> int:
         """Return the time of the next timer; NEVER_NS when there is none."""
-        return min(self.node.due_ns, self.drive.due_ns)
+        return min(self.node.alarms.due_ns, self.drive.due_ns)
 
     @property
     def concerns(self) -> frozenset[tuple[int, bool]]:
@@ -273,7 +273,7 @@ class Slave:
         # The drive first: the node may send values that the drive computes at the same instant.
         if self.drive.due_ns <= t_ns:
             self.drive.timer(t_ns)
-        if self.node.due_ns <= t_ns:
+        if self.node.alarms.due_ns <= t_ns:
             self.node.timer(t_ns)
 
     # Called by the drive.

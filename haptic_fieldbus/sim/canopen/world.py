@@ -392,11 +392,14 @@ class World:
         """Run the events up to and including the limit, or until a frame was received."""
         wire, rack = self._wire, self._rack
         while not until:
-            end_ns, due_ns = wire.end_ns, rack.due_ns
             # No arbitration can start while a frame is on the wire.
-            t_ns = min(end_ns, due_ns) if end_ns != NEVER_NS else min(wire.start_ns(self._now_ns), due_ns)
+            end_ns, due_ns = wire.end_ns, rack.due_ns
+            t_ns = end_ns if end_ns != NEVER_NS else wire.start_ns(self._now_ns)
+            if due_ns < t_ns:
+                t_ns = due_ns
             if t_ns > limit_ns:
-                self._now_ns = max(self._now_ns, limit_ns)
+                if limit_ns > self._now_ns:
+                    self._now_ns = limit_ns
                 return
             self._now_ns = t_ns
             # The order of events at one instant, as stated in the theory above.
@@ -409,9 +412,8 @@ class World:
                 wire.start(t_ns)
 
     def _deliver(self, t_ns: int) -> None:
-        sender = self._wire.sender
-        frame = self._wire.finish()
-        if self._disturbances:
+        frame, sender = self._wire.finish(), self._wire.sender
+        if self._disturbances.active:
             for later_ns, arriving in self._disturbances.arriving(frame):
                 if later_ns:
                     self._rack.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
@@ -423,19 +425,19 @@ class World:
         # Taps see what was sent, whatever arrives of it.
         for watch in self._watches:
             watch(t_ns, frame, sender)
-        if not frame.remote:
+        if self._taps and not frame.remote:
             for tap in self._taps:
                 tap(t_ns, frame.can_id, frame.data)
 
     def _pass_on(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
         self._rack.receive(frame, sender, t_ns)
-        for controller in self._controllers:
-            if self.adapter_ns:
-                self._rack.plan(t_ns + self.adapter_ns, partial(controller.frame_ended, frame, sender))
-            else:
+        if not self.adapter_ns:
+            for controller in self._controllers:
                 controller.frame_ended(frame, sender, t_ns)
-        if self.adapter_ns:
-            self._rack.find_due()
+            return
+        for controller in self._controllers:
+            self._rack.plan(t_ns + self.adapter_ns, partial(controller.frame_ended, frame, sender))
+        self._rack.find_due()
 
     # Faults.
 

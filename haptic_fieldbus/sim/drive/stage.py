@@ -18,6 +18,7 @@ from haptic_fieldbus.sim.drive.dictionary import Entry
 from haptic_fieldbus.sim.drive.objects import NO_LIMIT, PERMILLE, Objects
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.drive.units import Units
+from haptic_fieldbus.sim.mechanics.motion import SPEED, TORQUE
 
 # Ratio of the time constant 1/a of the loops to hold and lag (see above).
 _LAGS = 4
@@ -111,16 +112,18 @@ class Stage:
 
     def show(self) -> None:
         """Update the actual values of position, velocity, torque and current."""
-        servo, units = self.servo, self.units
-        counts = servo.counts()
+        servo, units, actual = self.servo, self.units, self._actual
+        counts, state = servo.counts(), servo.plant.state
         self._position.value = counts if units.plain else units.position(counts)
-        self._velocity.value = units.velocity(servo.plant.velocity * servo.encoder_factor)
+        self._velocity.value = units.velocity(state[SPEED] * servo.encoder_factor)
         # The drive measures its current: a motor that turns the other way does not show there.
-        torque, actual = servo.plant.torque * servo.torque_sign, self._actual
+        torque = state[TORQUE] * servo.torque_sign
         value = round(torque * self._per_step)
         actual.value = value if actual.low <= value <= actual.high else actual.low if value < 0 else actual.high
-        permille = round(torque * self._per_permille)
-        self._current.value = max(-_HIGHEST_PERMILLE, min(_HIGHEST_PERMILLE, permille))
+        value = round(torque * self._per_permille)
+        if not -_HIGHEST_PERMILLE <= value <= _HIGHEST_PERMILLE:
+            value = -_HIGHEST_PERMILLE if value < 0 else _HIGHEST_PERMILLE
+        self._current.value = value
 
     # Loops.
 

@@ -53,7 +53,8 @@ def _power_of_ten(code: int) -> Fraction:
 
 def fit(value: float) -> int:
     """Return a value rounded and bounded to an INTEGER32."""
-    return max(_LOWEST, min(_HIGHEST, round(value)))
+    rounded = round(value)
+    return rounded if _LOWEST <= rounded <= _HIGHEST else _LOWEST if rounded < 0 else _HIGHEST
 
 
 class Units:

@@ -45,7 +45,7 @@ class Plant(Body):
     ) -> None:
         super().__init__(t_ns, (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0), ORDER)
         self._shaft = shaft
-        self._coulomb = shaft.coulomb
+        self._coulomb, self._inertia = shaft.coulomb, shaft.inertia
         self._threshold = shaft.coulomb * _BREAKAWAY
         self._longest_ns = MAX_STEP_NS if shaft.coulomb > 0 else NEVER_NS
         self._motions: dict[int, tuple[Motion, Motion]] = {}
@@ -55,6 +55,7 @@ class Plant(Body):
     def _hold(self, grip: Grip | None) -> None:
         self._grip = grip
         self._stiffness, self._damping = (grip.stiffness, grip.damping) if grip is not None else (0.0, 0.0)
+        self._drag = self._shaft.damping + self._damping
         self._slipping, self._sticking = self._motions_of(grip)
         speed = self.state[SPEED]
         if speed == 0.0:
@@ -85,21 +86,17 @@ class Plant(Body):
 
     def _move(self, t_ns: int) -> None:
         longest_ns = self._longest_ns
-        while (span_ns := t_ns - self.t_ns) > 0:
-            before = self.state
-            self._step(span_ns if span_ns < longest_ns else longest_ns)
+        while (left_ns := t_ns - self.t_ns) > 0:
+            before, span_ns = self.state, left_ns if left_ns < longest_ns else longest_ns
+            after = self._motion.step(before, span_ns)
+            # Without Coulomb friction the mode never changes; with it, most steps end at this cheap test.
+            if self._coulomb and self._may_switch(before, after, span_ns * 1e-9):
+                after = self._through_events(before, after, span_ns)
+            self.state = after
+            self.t_ns += span_ns
             # A shaft that sticks, where a step changes nothing, rests until something acts on it.
-            if not self._direction and span_ns > longest_ns and self.state == before:
+            if left_ns > longest_ns and not self._direction and after == before:
                 self.t_ns = t_ns
-
-    def _step(self, span_ns: int) -> None:
-        before = self.state
-        after = self._motion.step(before, span_ns)
-        # Without Coulomb friction the mode never changes; with it, most steps end at this cheap test.
-        if self._coulomb and self._may_switch(before, after, span_ns * 1e-9):
-            after = self._through_events(before, after, span_ns)
-        self.state = after
-        self.t_ns += span_ns
 
     def _pull(self, state: State) -> float:
         """Return the torque on the shaft at rest, friction apart [N·m]."""
@@ -107,18 +104,17 @@ class Plant(Body):
 
     def _may_switch(self, before: State, after: State, span: float) -> bool:
         """Return whether an event inside the step is possible."""
-        direction = self._direction
+        _, speed, torque, stretch, hand_speed, force, _, target, friction = before
+        pull, direction = torque + self._stiffness * stretch + self._damping * hand_speed, self._direction
         if direction:
-            speed = before[SPEED]
-            drag = (self._shaft.damping + self._damping) * speed
-            acceleration = (self._pull(before) + before[FRICTION] - drag) / self._shaft.inertia
+            acceleration = (pull + friction - self._drag * speed) / self._inertia
             return direction * after[SPEED] < 0.0 or direction * (speed + acceleration * span) < 0.0
         # A bound on the rate of the pull, from the rates of the torque loop and of the hand's spring and damper.
-        rate = abs(before[TARGET] - before[TORQUE]) / self._shaft.lag
+        rate = abs(target - torque) / self._shaft.lag
         if self._grip is not None:
-            press = before[FORCE] - self._stiffness * before[STRETCH] - self._damping * before[HAND_SPEED]
-            rate += abs(self._stiffness * before[HAND_SPEED] + self._damping * press / self._grip.inertia)
-        return abs(self._pull(after)) > self._threshold or abs(self._pull(before)) + rate * span > self._threshold
+            press = force - self._stiffness * stretch - self._damping * hand_speed
+            rate += abs(self._stiffness * hand_speed + self._damping * press / self._grip.inertia)
+        return abs(self._pull(after)) > self._threshold or abs(pull) + rate * span > self._threshold
 
     def _through_events(self, before: State, after: State, span_ns: int) -> State:
         """Return the state at the end of the step, through the changes of mode inside it."""

@@ -148,7 +148,7 @@ class TestEmbedded:
             frames = {frame.arbitration_id: frame for frame in iter(lambda: bus.recv(0.0), None)}
             emergency = frames[0x080 + NODE]
             assert emergency.data[:2] == b"\x30\x81"
-            late = emergency.timestamp - bus._pace.timestamp(alive_ns)  # type: ignore[attr-defined]
+            late = emergency.timestamp - bus.pace.timestamp(alive_ns)  # type: ignore[attr-defined]
             assert late == pytest.approx(0.050, abs=1e-3)
 
 

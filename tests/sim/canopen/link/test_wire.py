@@ -104,4 +104,4 @@ def test_statistics_count_frames_that_ended_in_the_window_with_their_intermissio
 def test_a_port_offers_the_only_frame_it_has() -> None:
     port = Port(in_order=False)
     port.send(A)
-    assert port.candidate()[1] == A
+    assert port.candidate() == A
