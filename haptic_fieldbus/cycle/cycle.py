@@ -8,6 +8,7 @@ puts together the decoded, computed and sent values of the period; a run that is
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import chain
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
@@ -114,7 +115,7 @@ class Cycle:
     @property
     def row(self) -> tuple[float, ...]:
         """One number for each name in `columns`."""
-        return (self.t_ns, *[value for axis in self.axes.values() for value in axis.row()])
+        return (self.t_ns, *chain.from_iterable([axis.row() for axis in self.axes.values()]))
 
     @property
     def t_ns(self) -> int:

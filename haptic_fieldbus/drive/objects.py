@@ -11,6 +11,9 @@ from dataclasses import dataclass, fields
 from enum import Enum
 
 
+_STRUCT_CODES = {"int8": "b", "int16": "h", "int32": "i", "uint8": "B", "uint16": "H", "uint32": "I"}
+
+
 class DataType(Enum):
     """Basic data types; the value is the name in profile files."""
 
@@ -21,30 +24,24 @@ class DataType(Enum):
     UINT16 = "uint16"
     UINT32 = "uint32"
 
-    @property
-    def code(self) -> str:
+    def __init__(self, name: str) -> None:
+        self.code = _STRUCT_CODES[name]
         """Character of the type in a `struct` format."""
-        return _STRUCT_CODES[self]
-
-    @property
-    def size(self) -> int:
+        self._struct = struct.Struct("<" + self.code)
+        self.size = self._struct.size
         """Size on the wire [octets]."""
-        return struct.calcsize("<" + self.code)
-
-    @property
-    def limits(self) -> tuple[int, int]:
-        """Smallest and largest value."""
         bits = 8 * self.size
         # In a `struct` format signed integers have small letters.
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
+        self.limits = (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
+        """Smallest and largest value."""
 
     def pack(self, value: int) -> bytes:
         """Return the little-endian octets of a value; raises struct.error when it is out of range."""
-        return struct.pack("<" + self.code, value)
+        return self._struct.pack(value)
 
     def unpack(self, data: bytes) -> int:
         """Return the value of little-endian octets; raises struct.error when their number is wrong."""
-        value: int = struct.unpack("<" + self.code, data)[0]
+        value: int = self._struct.unpack(data)[0]
         return value
 
 
@@ -55,15 +52,6 @@ class Order(Enum):
     BIG = "big"
     BIG_LOW_WORD_FIRST = "big, low word first"
 
-
-_STRUCT_CODES = {
-    DataType.INT8: "b",
-    DataType.INT16: "h",
-    DataType.INT32: "i",
-    DataType.UINT8: "B",
-    DataType.UINT16: "H",
-    DataType.UINT32: "I",
-}
 
 NAMES = {
     0x1000: "device type",

@@ -124,7 +124,35 @@ def _codec(start: str, signals: Sequence[MappedSignal], values: Sequence[MappedS
     straight = tuple(signals) == tuple(values)
     if straight and all(mapped.order is Order.LITTLE for mapped in signals):
         return struct.Struct(start + "".join(mapped.type.code for mapped in signals))
-    return WireCodec(start, signals, range(len(signals)) if straight else [signals.index(each) for each in values])
+    places = range(len(signals)) if straight else [signals.index(each) for each in values]
+    all_big = all(mapped.order is Order.BIG for mapped in signals)
+    return (BigCodec if all_big else WireCodec)(start, signals, places)
+
+
+class BigCodec:
+    """A codec for big-endian signals in any order, as on Modbus; the fields of `start` are little-endian."""
+
+    def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
+        self._first = struct.Struct(start)
+        self._signals = struct.Struct(">" + "".join(mapped.type.code for mapped in signals))
+        self._middle, self.size = self._first.size, self._first.size + self._signals.size
+        self._fields = len(self._first.unpack(bytes(self._middle)))
+        self._places, self._values = tuple(places), tuple(places.index(place) for place in range(len(places)))
+        """Place on the wire of each value, and value at each place."""
+
+    def pack(self, *values: int) -> bytes:
+        own = values[self._fields :]
+        return self._first.pack(*values[: self._fields]) + self._signals.pack(*[own[each] for each in self._values])
+
+    def pack_into(self, buffer: bytearray, offset: int, *values: int) -> None:
+        buffer[offset : offset + self.size] = self.pack(*values)
+
+    def unpack(self, buffer: bytes | bytearray) -> tuple[int, ...]:
+        return self.unpack_from(buffer)
+
+    def unpack_from(self, buffer: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
+        found = self._signals.unpack_from(buffer, offset + self._middle)
+        return (*self._first.unpack_from(buffer, offset), *[found[place] for place in self._places])
 
 
 class WireCodec:

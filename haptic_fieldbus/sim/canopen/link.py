@@ -221,8 +221,15 @@ class Wire:
 
     def start(self, t_ns: int) -> None:
         """Arbitrate at `t_ns` and put the winning frame on the wire."""
-        contenders = [port for port in self.ports if port.waiting]
-        winner = contenders[0] if len(contenders) == 1 else min(contenders, key=_urgency)
+        winner: Port | None = None
+        for port in self.ports:
+            if port.waiting:
+                if winner is not None:
+                    winner = min([each for each in self.ports if each.waiting], key=_urgency)
+                    break
+                winner = port
+        if winner is None:
+            raise RuntimeError("no frame is waiting")
         self.sender = winner
         self._frame = frame = winner.take()
         bits, durations = wire_bits(frame), self._durations

@@ -26,9 +26,12 @@ class WorldPort:
         self._send, self._receive, self._controller = bus.pace.send, bus.pace.receive, bus.controller
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
-        extended, remote = bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG)
-        octets = bytes(len(data)) if remote else bytes(data)
-        self._send(self._controller, Frame(can_id & CAN_ID_MASK, octets, extended, remote), None)
+        if can_id <= CAN_ID_MASK:  # no flag
+            frame = Frame(can_id, bytes(data))
+        else:
+            extended, remote = bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG)
+            frame = Frame(can_id & CAN_ID_MASK, bytes(len(data)) if remote else bytes(data), extended, remote)
+        self._send(self._controller, frame, None)
 
     def receive(self, seconds: float) -> Received | None:
         received = self._receive(self._controller, seconds, None)

@@ -352,7 +352,8 @@ class World:
         now_ns = self.clock.now_ns()
         # Events of this very instant come later, so that the frame takes part in their arbitration.
         self._run(now_ns - 1)
-        self._now_ns = max(self._now_ns, now_ns)
+        if now_ns > self._now_ns:
+            self._now_ns = now_ns
         if controller.off:
             return False
         if self.adapter_ns:
@@ -410,6 +411,10 @@ class World:
                 rack.timers(t_ns)
             else:
                 wire.start(t_ns)
+                # Mostly nothing happens before the frame ends, and the program waits for it.
+                if (end_ns := wire.end_ns) < rack.due_ns and end_ns <= limit_ns:
+                    self._now_ns = end_ns
+                    self._deliver(end_ns)
 
     def _deliver(self, t_ns: int) -> None:
         frame, sender = self._wire.finish(), self._wire.sender

@@ -47,6 +47,8 @@ class Servo:
         self._free = timing.free and timing.control_period_ns > 0
         self._tick_ns = timing.control_period_ns * (1.0 + timing.drift)
         self._latency_ns = timing.latency_ns
+        self._late = self._free or self._latency_ns > 0
+        """Whether the angle that the drive has is one of before."""
         self._grid_ns = plant.t_ns + (round(timing.phase * self._tick_ns) if self._free else 0)
         self._pending_ns = NEVER_NS
         self._pending = 0.0
@@ -74,7 +76,8 @@ class Servo:
             return
         self._grid_ns = t_ns
         # The SYNC is a tick, so a waiting target takes effect now.
-        self._pending_ns = min(self._pending_ns, t_ns) if self._pending_ns != NEVER_NS else NEVER_NS
+        if self._pending_ns != NEVER_NS and self._pending_ns > t_ns:
+            self._pending_ns = t_ns
 
     def tick(self, t_ns: int) -> int:
         """Return the first control tick at or after `t_ns`; `t_ns` itself for a drive without control period."""
@@ -130,14 +133,13 @@ class Servo:
         """Return the encoder's counts at the plant's present time, wrapped to 32 bits."""
         plant = self.plant
         if plant.t_ns >= self.stuck_until_ns:
-            shown = math.floor(self._angle() * self._counts_per_radian + self._round) + self._offset
+            angle = self._angle() if self._late else plant.state[0]
+            shown = math.floor(angle * self._counts_per_radian + self._round) + self._offset
             self._shown = (shown + _HALF) % _WRAP - _HALF
         return self._shown
 
     def _angle(self) -> float:
-        """Return the shaft angle that the drive has at the plant's present time [rad]."""
-        if not self._free and not self._latency_ns:
-            return self.plant.state[0]
+        """Return the shaft angle that a drive which reads it late has at the plant's present time [rad]."""
         read_ns = self.plant.t_ns
         if self._free:
             read_ns = self._grid_ns + round(math.floor((read_ns - self._grid_ns) / self._tick_ns) * self._tick_ns)

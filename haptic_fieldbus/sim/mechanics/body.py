@@ -107,10 +107,11 @@ class Body(ABC):
 
     def advance(self, t_ns: int) -> None:
         """Move to `t_ns`, which must not be before the body's own time."""
-        if self.led and t_ns - self.t_ns >= 2 * LEADING_NS:
+        if t_ns - self.t_ns >= 2 * LEADING_NS and self.led:
             self._leave_out((t_ns - self.t_ns) // LEADING_NS - 1)
-        while self._agenda and self._agenda[0][0] <= t_ns:
-            at_ns, piece = self._agenda.popleft()
+        agenda = self._agenda
+        while agenda and agenda[0][0] <= t_ns:
+            at_ns, piece = agenda.popleft()
             self._move(at_ns)
             self._begin(piece)
             if self.led:

@@ -13,9 +13,10 @@ from typing import Protocol
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.modbus.unit import Unit
+from haptic_fieldbus.sim.modbus.unit import Unit, Watchdog
 from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 # Faults of answers on their way to the master: what arrives, and when.
@@ -60,7 +61,7 @@ class AnswerDisturbances:
         held, self._held = self._held, []
         return held
 
-    def arriving(self, fault: faults.AnswerDisturbance | None, octets: bytes) -> Iterator[tuple[int, bytes]]:
+    def arriving(self, fault: faults.AnswerDisturbance, octets: bytes) -> Iterator[tuple[int, bytes]]:
         """Yield what arrives in the place of an answer: by how much later [ns], and its octets."""
         match fault:
             case faults.AnswerLost():
@@ -114,6 +115,8 @@ class SimulatedUnits(DriveBench):
         self.units: dict[int, Unit] = {}
         self.now_ns = 0
         """Up to where timers and actions have been served."""
+        self._timers: list[Operation | Watchdog] = []
+        """What has a `due_ns` of its own in the drives."""
         self._line = line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
@@ -126,13 +129,18 @@ class SimulatedUnits(DriveBench):
         self.follow(unit.drive, slot, faults.ConnectionReset | faults.HostFault, install, action)
         unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
         self.units[slot.node] = unit
+        self._timers += [unit.drive.operation, *([] if unit.watchdog is None else [unit.watchdog])]
         unit.power_on(t_ns)
         return unit
 
     @property
     def due_ns(self) -> int:
         """Return the time of the next timer or planned action; NEVER_NS when there is none."""
-        return min((self.agenda.due_ns, *(unit.due_ns for unit in self.units.values())))
+        due_ns = self.agenda.due_ns
+        for timers in self._timers:
+            if timers.due_ns < due_ns:
+                due_ns = timers.due_ns
+        return due_ns
 
     def run(self, until_ns: int) -> None:
         """Serve all timers and actions up to and including this instant, each at its own."""
@@ -142,7 +150,8 @@ class SimulatedUnits(DriveBench):
             for unit in self.units.values():
                 if unit.due_ns <= due_ns:
                     unit.timer(due_ns)
-        self.now_ns = max(self.now_ns, until_ns)
+        if until_ns > self.now_ns:
+            self.now_ns = until_ns
 
     def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
         """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""

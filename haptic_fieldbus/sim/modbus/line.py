@@ -51,19 +51,20 @@ class _Coming:
     octet_ns: float
     octets: bytes
 
-    @property
-    def last_ns(self) -> int:
-        return self.first_ns + round(self.octet_ns * max(0, len(self.octets) - 1))
+    def __post_init__(self) -> None:
+        self.last_ns = self.first_ns + round(self.octet_ns * max(0, len(self.octets) - 1))
 
     def taken(self, now_ns: int) -> bytes:
         """Take what has arrived."""
+        if now_ns >= self.last_ns:
+            arrived, self.octets = self.octets, b""
+            return arrived
         if now_ns < self.first_ns:
             return b""
-        count = len(self.octets)
-        if now_ns < self.last_ns:
-            count = 1 + int((now_ns - self.first_ns) / self.octet_ns)
+        count = 1 + int((now_ns - self.first_ns) / self.octet_ns)
         arrived, self.octets = self.octets[:count], self.octets[count:]
         self.first_ns += round(self.octet_ns * count)
+        self.__post_init__()
         return arrived
 
 
@@ -120,7 +121,7 @@ class SimulatedLine:
     def discard(self) -> bytes:
         """Drop all octets that wait, and return them; raises BusError when the line is dead."""
         self._check_alive()
-        return self._arrived()
+        return self._taken()
 
     def send(self, frame: bytes | bytearray) -> None:
         """Send a frame; raises BusError when the line is dead."""
@@ -128,7 +129,8 @@ class SimulatedLine:
         begin_ns, frame = self._clock.now_ns(), bytes(frame)  # a master fills the same octets again
         self._tell(begin_ns, True, frame)
         glued, end_ns = self._is_glued(begin_ns), begin_ns + round(self._octet_ns * len(frame))
-        self._traffic.append((begin_ns, end_ns))
+        if self.serial:
+            self._traffic.append((begin_ns, end_ns))
         if self._echo:
             self._comes(begin_ns, frame)
         for octets in self._desk.disturbances.released():
@@ -141,17 +143,18 @@ class SimulatedLine:
     def receive(self, deadline_ns: int) -> bytes:
         """Return what has arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
         self._check_alive()
-        octets = self._arrived()
+        octets = self._taken()
         if octets:
             return octets
-        limit_ns = self._clock.now_ns() + max(0, deadline_ns - self._host.now_ns())
-        while self._rack.due_ns <= min(limit_ns, self._next_ns):
-            self._rack.run(self._rack.due_ns)
+        limit_ns, rack = self._clock.now_ns() + max(0, deadline_ns - self._host.now_ns()), self._rack
+        while (due_ns := rack.due_ns) <= min(limit_ns, self._next_ns):
+            rack.run(due_ns)
             if self._broken:
                 self._clock.sleep_until(min(limit_ns, self._dead_since_ns))
                 self._check_alive()
         self._clock.sleep_until(min(limit_ns, self._next_ns))
-        return self._arrived()
+        self.run()
+        return self._taken()
 
     def reopen(self) -> None:
         """Open a dead line anew; raises BusError while it cannot be."""
@@ -207,7 +210,7 @@ class SimulatedLine:
     @property
     def _next_ns(self) -> int:
         """Arrival of the last octet of what comes first."""
-        return min((coming.last_ns for coming in self._coming), default=NEVER_NS)
+        return min([coming.last_ns for coming in self._coming], default=NEVER_NS)
 
     def _answer_ns(self, asked: ServerRequest) -> int:
         unit = self._rack.units.get(asked.unit)
@@ -223,17 +226,21 @@ class SimulatedLine:
         """Let octets come, the first of them one character after `begin_ns`."""
         if octets:
             self._coming.append(_Coming(begin_ns + round(self._octet_ns), self._octet_ns, octets))
-            self._traffic.append((begin_ns, begin_ns + round(self._octet_ns * len(octets))))
+            if self.serial:
+                self._traffic.append((begin_ns, begin_ns + round(self._octet_ns * len(octets))))
 
     def _is_glued(self, t_ns: int) -> bool:
         """Return whether something is on the serial line at this time, or has ended within the silence before it."""
+        if not self.serial:
+            return False
         since_ns = t_ns - self._silence_ns + _TOLERANCE_NS
         self._traffic = deque(each for each in self._traffic if each[1] > since_ns)
-        return self.serial and any(begin_ns <= t_ns for begin_ns, _ in self._traffic)
+        return any(begin_ns <= t_ns for begin_ns, _ in self._traffic)
 
-    def _arrived(self) -> bytes:
+    def _taken(self) -> bytes:
         """Take what has arrived by now."""
-        self.run()
+        if not self._coming:
+            return b""
         now_ns = self._clock.now_ns()
         octets = b"".join(coming.taken(now_ns) for coming in self._coming)
         self._coming = deque(coming for coming in self._coming if coming.octets)

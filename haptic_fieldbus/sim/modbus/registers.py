@@ -9,9 +9,15 @@ profile says that they can be read, and cannot be written.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
+from struct import Struct
 
 from haptic_fieldbus.protocols.modbus.profile import LineSection, Register, WordOrder
 from haptic_fieldbus.sim.drive.dictionary import Access, AccessRefused, Entry
+
+
+_LOW_FIRST = {1: Struct("<H"), 2: Struct("<2H")}
+"""Number of registers of a value → its words, the low one first."""
 
 
 class Refusal(IntEnum):
@@ -33,16 +39,17 @@ class RegisterCell:
 
     def words(self, order: WordOrder) -> list[int]:
         """Return the registers of the present value; more than 16 bits are cut off where there is only one."""
-        count = self.register.count
-        value = int.from_bytes(self.reads.read(), "little", signed=self.reads.low < 0)
-        octets = (value & ((1 << 16 * count) - 1)).to_bytes(2 * count, "big")
-        words = [int.from_bytes(octets[place : place + 2], "big") for place in range(0, 2 * count, 2)]
-        return words if order == "high first" else words[::-1]
+        form, octets = _LOW_FIRST[self.register.count], self.reads.read()
+        if len(octets) < form.size:
+            value = int.from_bytes(octets, "little", signed=self.reads.low < 0)
+            octets = value.to_bytes(form.size, "little", signed=self.reads.low < 0)
+        words = [*form.unpack_from(octets)]
+        return words[::-1] if order == "high first" else words
 
     def value(self, words: Sequence[int], order: WordOrder) -> int:
         """Return the value of these registers."""
-        octets = b"".join(word.to_bytes(2, "big") for word in (words if order == "high first" else words[::-1]))
-        return int.from_bytes(octets, "big", signed=self.register.type.limits[0] < 0)
+        octets = _LOW_FIRST[len(words)].pack(*(words[::-1] if order == "high first" else words))
+        return int.from_bytes(octets, "little", signed=self.register.type.limits[0] < 0)
 
 
 class Registers:
@@ -53,9 +60,12 @@ class Registers:
         self._cells: dict[int, RegisterCell] = {}
         self._owner: dict[int, int] = {}
         """Address of each register → first address of its value."""
+        # A master asks for the same registers in every period.
+        self._whole = lru_cache(maxsize=256)(self._found)
 
     def add(self, register: Register, reads: Entry, writes: Entry | None = None) -> None:
         """Put a value behind its registers; a second one at the same address adds what can be written there."""
+        self._whole.cache_clear()
         before = self._cells.get(register.address)
         if before is not None:
             reads, writes = before.reads, writes or before.writes
@@ -100,7 +110,7 @@ class Registers:
             listener()
         return list(taken)
 
-    def _whole(self, address: int, count: int) -> dict[int, RegisterCell] | None:
+    def _found(self, address: int, count: int) -> dict[int, RegisterCell] | None:
         """Return the values within these registers, by address; None when one is cut, or a register does not exist."""
         asked = range(address, address + count)
         if not all(each in self._owner or self._can_be_read(each, each + 1) for each in asked):

@@ -1,4 +1,6 @@
-"""The drives' end of a line: octets of requests in, octets of answers out, encoded and decoded by pymodbus.
+"""The drives' end of a line: octets of requests in, octets of answers out.
+
+pymodbus decodes every request but the usual ones, which would cost more than the drive, and frames every answer.
 
 Theory (Modbus application protocol 1.1b3). A request is checked as a whole, function, counts and addresses, before any
 of it is carried out. Function 23 writes before it reads. A request to everybody (unit 0) is carried out by all and
@@ -6,25 +8,20 @@ answered by none; one to a unit that is not there, or whose checksum is wrong, i
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from struct import Struct, pack, unpack_from
+from typing import NamedTuple
 
-from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
-from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
-    ReadHoldingRegistersResponse,
-    ReadInputRegistersResponse,
     ReadWriteMultipleRegistersRequest,
-    ReadWriteMultipleRegistersResponse,
     WriteMultipleRegistersRequest,
-    WriteMultipleRegistersResponse,
     WriteSingleRegisterRequest,
-    WriteSingleRegisterResponse,
 )
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.protocols.modbus.profile import READ_INPUT
+from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, READ_INPUT, WRITE_MULTIPLE, WRITE_SINGLE
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.modbus.drives import AnswerDisturbances, FaultyLine, SimulatedUnits
 from haptic_fieldbus.sim.modbus.registers import Refusal
@@ -34,16 +31,21 @@ LONGEST_TCP = 254
 """Largest number that the length field of an MBAP header may have: unit id and PDU."""
 EVERYBODY = 0
 """Unit id of a request to all drives."""
+MOST_READ = 125
+"""Largest number of registers that one request may read."""
+_TWO, _WRITE = Struct(">HH"), Struct(">HHB")
 
 
-@dataclass(frozen=True)
-class ServerRequest:
-    """A whole request; `pdu` None: its function, or what it asks for, is none of Modbus."""
+class ServerRequest(NamedTuple):
+    """A whole request: (first address, count) of what is read, (first address, values) of what is written first."""
 
     unit: int
     transaction: int
     function: int
-    pdu: ModbusPDU | None
+    reads: tuple[int, int] | None = None
+    writes: tuple[int, tuple[int, ...]] | None = None
+    valid: bool = True
+    """False: its function, or what it asks for, is none of Modbus."""
 
 
 class Station:
@@ -51,20 +53,19 @@ class Station:
 
     def __init__(self, units: Mapping[int, Unit], *, serial: bool) -> None:
         self._units = units
-        self._framer: FramerBase = (FramerRTU if serial else FramerSocket)(DecodePDU(True))
+        self._decoder = DecodePDU(True)
+        self._framer: FramerBase = (FramerRTU if serial else FramerSocket)(self._decoder)
 
     def next(self, octets: bytes) -> tuple[int, ServerRequest | None]:
         """Return how many octets were used, and the first request in them; (0, None) when more are needed."""
-        try:
-            used, pdu = self._framer.handleFrame(octets, 0, 0)
-        except ModbusException as error:
-            # The frame is whole, but pymodbus knows no such function, or no such count.
-            used, unit, transaction, data = self._framer.decode(octets)
-            return used, ServerRequest(unit, transaction, data[0] & 0x7F, None) if data and error else None
-        return used, None if pdu is None else ServerRequest(pdu.dev_id, pdu.transaction_id, pdu.function_code, pdu)
+        used, unit, transaction, body = self._framer.decode(octets)
+        if not used or not body:
+            return used, None
+        asked = usual_request(unit, transaction, body)
+        return used, asked or any_request(unit, transaction, body, self._decoder.decode(body))
 
-    def carry_out(self, asked: ServerRequest, t_ns: int) -> ModbusPDU | None:
-        """Carry a request out at this time and return its answer; None when nobody answers."""
+    def carry_out(self, asked: ServerRequest, t_ns: int) -> bytes | None:
+        """Carry a request out at this time and return the PDU of its answer; None when nobody answers."""
         if asked.unit == EVERYBODY:
             for unit in self._units.values():
                 if unit.hears(t_ns):
@@ -76,10 +77,9 @@ class Station:
         outcome = _carry_out(asked, addressed, t_ns)
         return exception_for(asked, outcome) if isinstance(outcome, Refusal) else outcome
 
-    def frame(self, asked: ServerRequest, answer: ModbusPDU) -> bytes:
+    def frame(self, asked: ServerRequest, answer: bytes) -> bytes:
         """Return the octets of an answer."""
-        answer.dev_id, answer.transaction_id = asked.unit, asked.transaction
-        return self._framer.buildFrame(answer)
+        return self._framer.encode(answer, asked.unit, asked.transaction)
 
 
 def starts_no_frame(octets: bytes) -> bool:
@@ -89,44 +89,64 @@ def starts_no_frame(octets: bytes) -> bool:
     return octets[2:4] != b"\0\0" or not 2 <= int.from_bytes(octets[4:6], "big") <= LONGEST_TCP
 
 
-def exception_for(asked: ServerRequest, code: int) -> ModbusPDU:
-    """Return the exception by which a request is refused."""
-    return ExceptionResponse(asked.function, code)
+def usual_request(unit: int, transaction: int, body: bytes) -> ServerRequest | None:
+    """Return a request that reads or writes registers as it should; None for every other PDU.
+
+    It is what pymodbus makes of it, without its objects, which cost more than the drive does.
+    """
+    function, size = body[0], len(body)
+    if function in (READ_HOLDING, READ_INPUT) and size == 5:
+        reads = _TWO.unpack_from(body, 1)
+        return ServerRequest(unit, transaction, function, reads) if 1 <= reads[1] <= MOST_READ else None
+    if function == WRITE_MULTIPLE and size >= 6:
+        address, count, octets = _WRITE.unpack_from(body, 1)
+        if octets == 2 * count == size - 6:
+            return ServerRequest(unit, transaction, function, None, (address, unpack_from(f">{count}H", body, 6)))
+    return None
 
 
-def _carry_out(asked: ServerRequest, unit: Unit, t_ns: int) -> ModbusPDU | Refusal:
-    pdu = asked.pdu
-    if not unit.has(asked.function):
-        return Refusal.FUNCTION
-    if pdu is None:  # its function is known, so what it asks for cannot be
-        return Refusal.VALUE
+def any_request(unit: int, transaction: int, body: bytes, pdu: ModbusPDU | None) -> ServerRequest:
+    """Return a request as pymodbus has understood it; None: not at all."""
+    invalid = ServerRequest(unit, transaction, body[0] & 0x7F, valid=False)
+    if pdu is None:
+        return invalid
+    asked = invalid._replace(function=pdu.function_code)
     if isinstance(pdu, ReadHoldingRegistersRequest):  # the request for input registers is one of them
-        words = unit.read(asked.function, pdu.address, pdu.count, t_ns)
-        answer = ReadInputRegistersResponse if asked.function == READ_INPUT else ReadHoldingRegistersResponse
-        return words if isinstance(words, Refusal) else answer(registers=words)
+        return asked._replace(reads=(pdu.address, pdu.count), valid=True)
     if isinstance(pdu, WriteSingleRegisterRequest):
-        return unit.write(pdu.address, pdu.registers, t_ns) or WriteSingleRegisterResponse(
-            address=pdu.address, registers=pdu.registers
-        )
+        return asked._replace(writes=(pdu.address, tuple(pdu.registers)), valid=True)
     if isinstance(pdu, WriteMultipleRegistersRequest):
-        if not pdu.count == len(pdu.registers) == (pdu.byte_count or 0) // 2:
-            return Refusal.VALUE
-        return unit.write(pdu.address, pdu.registers, t_ns) or WriteMultipleRegistersResponse(
-            address=pdu.address, count=pdu.count
-        )
-    return _read_write(pdu, unit, t_ns) if isinstance(pdu, ReadWriteMultipleRegistersRequest) else Refusal.FUNCTION
+        whole = pdu.count == len(pdu.registers) == (pdu.byte_count or 0) // 2
+        return asked._replace(writes=(pdu.address, tuple(pdu.registers)), valid=whole)
+    if isinstance(pdu, ReadWriteMultipleRegistersRequest):
+        whole = pdu.write_count == len(pdu.write_registers) == pdu.write_byte_count // 2
+        written = (pdu.write_address, tuple(pdu.write_registers))
+        return asked._replace(reads=(pdu.read_address, pdu.read_count), writes=written, valid=whole)
+    return asked
 
 
-def _read_write(pdu: ReadWriteMultipleRegistersRequest, unit: Unit, t_ns: int) -> ModbusPDU | Refusal:
-    if not pdu.write_count == len(pdu.write_registers) == pdu.write_byte_count // 2:
+def exception_for(asked: ServerRequest, code: int) -> bytes:
+    """Return the exception by which a request is refused."""
+    return bytes((asked.function | 0x80, code))
+
+
+def _carry_out(asked: ServerRequest, unit: Unit, t_ns: int) -> bytes | Refusal:
+    function, reads, writes = asked.function, asked.reads, asked.writes
+    if not unit.has(function):
+        return Refusal.FUNCTION
+    if not asked.valid:  # its function is known, so what it asks for cannot be
         return Refusal.VALUE
-    # What cannot be read keeps the drive from writing too.
-    outcome = unit.cannot_read(pdu.function_code, pdu.read_address, pdu.read_count)
-    outcome = outcome or unit.write(pdu.write_address, pdu.write_registers, t_ns)
-    if outcome is not None:
-        return outcome
-    words = unit.read(pdu.function_code, pdu.read_address, pdu.read_count, t_ns)
-    return words if isinstance(words, Refusal) else ReadWriteMultipleRegistersResponse(registers=words)
+    if writes is not None:
+        # What cannot be read keeps the drive from writing too.
+        outcome = unit.cannot_read(function, *reads) if reads is not None else None
+        outcome = outcome or unit.write(*writes, t_ns)
+        if outcome is not None:
+            return outcome
+    if reads is None:
+        address, values = writes or (0, ())
+        return bytes((function,)) + _TWO.pack(address, values[0] if function == WRITE_SINGLE else len(values))
+    words = unit.read(function, *reads, t_ns)
+    return words if isinstance(words, Refusal) else pack(f">BB{len(words)}H", function, 2 * len(words), *words)
 
 
 # Requests carried out and answered, with the faults of the answers: what a line in virtual time and a server share.
@@ -154,5 +174,9 @@ class RequestServer:
                 return
             answer = found
         if isinstance(fault, faults.AnswerWrongUnit):
-            asked = replace(asked, unit=fault.to)
-        yield from self.disturbances.arriving(fault, self.station.frame(asked, answer))
+            asked = asked._replace(unit=fault.to)
+        octets = self.station.frame(asked, answer)
+        if fault is None:
+            yield 0, octets
+        else:
+            yield from self.disturbances.arriving(fault, octets)
