@@ -1,9 +1,9 @@
-"""Does this tree write the same octets at the same instants as another one? `python -m benchmarks.same_frames TREE`.
+"""Does this tree write the same octets at the same instants as another one? `python benchmarks/same_frames.py TREE`.
 
 Each case is run in both trees and its recordings, results and errors are compared by their hashes: frames (.log) and
-rows (.csv) of library scenes on CANopen, Modbus TCP and RTU, on benches that are not rigid, with several axes and buses,
-with drawn faults; the seeded runs of the soak; and random frames into drives and into the master. Times of the computer
-are left out. `--seeds N` draws that many seeded runs.
+rows (.csv) of library scenes on CANopen, Modbus TCP and RTU, on benches that are not rigid, with several axes and
+buses, with drawn faults; the seeded runs of the soak; and random frames into drives and into the master. Times of the
+computer are left out. `--seeds N` draws that many seeded runs.
 """
 
 import argparse

@@ -52,9 +52,11 @@ class VirtualClock:
         return self._now_ns
 
     def sleep_until(self, deadline_ns: int) -> int:
-        lateness_ns = max(0, self._now_ns - deadline_ns)
-        self._now_ns = max(self._now_ns, deadline_ns)
-        return lateness_ns
+        lateness_ns = self._now_ns - deadline_ns
+        if lateness_ns > 0:
+            return lateness_ns
+        self._now_ns = deadline_ns
+        return 0
 
     def compute(self, duration_ns: int) -> None:
         self._now_ns += duration_ns

@@ -130,7 +130,7 @@ class SimulatedDrives(DriveBench):
         self.due_ns = NEVER_NS
         """Time of the next timer or planned action; NEVER_NS when there is none."""
         self._timers: list[Operation | Alarms] = []
-        """What has a `due_ns` of its own in the slaves."""
+        """Timers of the slaves, each with a `due_ns` of its own."""
         self._line = line
         self.plan = self.agenda.plan
 

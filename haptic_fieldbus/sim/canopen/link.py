@@ -67,15 +67,27 @@ def arbitration_key(frame: Frame) -> int:
 def wire_bits(frame: Frame) -> int:
     """Return the bits from start of frame to end of frame, stuff bits included, intermission excluded."""
     can_id, data, extended, remote = frame
+    if remote or not data:
+        return _bits_without_data(can_id, len(data), extended, remote)
     crc, table, bits = _header(can_id, len(data), extended, remote)
-    if not remote:
-        for octet in data:
-            crc = (crc & 0x7F) << 8 ^ _CRC_TABLE[crc >> 7 ^ octet]
-            table, sent = table.octets[octet]
-            bits += sent
+    for octet in data:
+        crc = (crc & 0x7F) << 8 ^ _CRC_TABLE[crc >> 7 ^ octet]
+        table, sent = table.octets[octet]
+        bits += sent
+    return bits + _tail_bits(crc, table)
+
+
+@lru_cache(maxsize=4096)
+def _bits_without_data(can_id: int, length: int, extended: bool, remote: bool) -> int:
+    crc, table, bits = _header(can_id, length, extended, remote)
+    return bits + _tail_bits(crc, table)
+
+
+def _tail_bits(crc: int, table: "_Stuffing") -> int:
+    """Return the bits from the CRC sequence on."""
     # The 15 bits of the CRC sequence are stuffed as well: the upper eight, then the lower seven.
     table, sent = table.octets[crc >> 7]
-    return bits + sent + table.last_bits[crc & 0x7F] + TAIL_BITS
+    return sent + table.last_bits[crc & 0x7F] + TAIL_BITS
 
 
 def _stuff(state: int, value: int, width: int) -> int:

@@ -18,13 +18,11 @@ from haptic_fieldbus.sim.hand import Grip
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.motion import (
     ANGLE,
-    FORCE,
     FRICTION,
     HAND_SPEED,
     ORDER,
     SPEED,
     STRETCH,
-    TARGET,
     TORQUE,
     Motion,
     Shaft,

@@ -5,6 +5,7 @@ A segment starts where the law of the motion changes: a new target, a piece of t
 
 from array import array
 from bisect import bisect_right
+from struct import Struct
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,22 +28,29 @@ class Recorder:
         self.flows: list[Flow] = []
         self.flow_of_segment = array("H")
         self.segments = array("d")
+        self._pack = Struct(f"{2 + order}d").pack
+        self._flow: Flow | None = None
+        self._number = 0
+        """The flow of the last segment, and its number."""
         self.target_times_ns = array("q")
         self.target_torques = array("d")
 
     def segment(self, t_ns: int, offset_ns: float, flow: Flow, state: State) -> None:
         """Add a segment: from t_ns + offset_ns on, the state follows this flow."""
+        if flow is not self._flow:
+            self._flow, self._number = flow, self._number_of(flow)
+        self.flow_of_segment.append(self._number)
+        self.segments.frombytes(self._pack(t_ns, offset_ns, *state))
+        if self.longest is not None and len(self.flow_of_segment) > 2 * self.longest:
+            del self.flow_of_segment[: -self.longest], self.segments[: -self.longest * (2 + self.order)]
+
+    def _number_of(self, flow: Flow) -> int:
         # From the end, because the latest flows are the most likely ones.
         for number in range(len(self.flows) - 1, -1, -1):
             if self.flows[number] is flow:
-                break
-        else:
-            number = len(self.flows)
-            self.flows.append(flow)
-        self.flow_of_segment.append(number)
-        self.segments.extend((t_ns, offset_ns, *state))
-        if self.longest is not None and len(self.flow_of_segment) > 2 * self.longest:
-            del self.flow_of_segment[: -self.longest], self.segments[: -self.longest * (2 + self.order)]
+                return number
+        self.flows.append(flow)
+        return len(self.flows) - 1
 
     def target(self, t_ns: int, torque: float) -> None:
         """Add a target [N·m] of the torque loop."""

@@ -116,7 +116,7 @@ class SimulatedUnits(DriveBench):
         self.now_ns = 0
         """Up to where timers and actions have been served."""
         self._timers: list[Operation | Watchdog] = []
-        """What has a `due_ns` of its own in the drives."""
+        """Timers of the drives, each with a `due_ns` of its own."""
         self._line = line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:

@@ -15,7 +15,6 @@ from struct import Struct
 from haptic_fieldbus.protocols.modbus.profile import LineSection, Register, WordOrder
 from haptic_fieldbus.sim.drive.dictionary import Access, AccessRefused, Entry
 
-
 _LOW_FIRST = {1: Struct("<H"), 2: Struct("<2H")}
 """Number of registers of a value → its words, the low one first."""
 

@@ -3,8 +3,9 @@
 import random
 
 import pytest
+from pymodbus.pdu import DecodePDU
 
-from haptic_fieldbus.sim.modbus.station import RequestServer
+from haptic_fieldbus.sim.modbus.station import RequestServer, any_request, usual_request
 from tests.sim.modbus.test_line import READ, crc, rtu, tcp
 from tests.sim.modbus.units import NUMBER, NoLine, slot
 
@@ -46,3 +47,24 @@ def test_the_drives_live_on(thousands: int, serial: bool) -> None:
     assert used
     assert asked is not None
     assert len(list(desk.answer(asked, t_ns))) == 1
+
+
+def usual_body(draw: random.Random) -> bytes:
+    """A request that reads or writes registers, mostly as it should."""
+    address = draw.randrange(0x10000).to_bytes(2, "big")
+    if draw.random() < 0.5:
+        return bytes((draw.choice((3, 4)),)) + address + draw.randrange(140).to_bytes(2, "big")
+    count = draw.randrange(124)
+    octets = draw.randbytes(2 * count + draw.choice((0, 0, 0, -1, 1, 2)) * (count > 0))
+    return b"\x10" + address + count.to_bytes(2, "big") + bytes((2 * count + draw.choice((0, 0, 0, 1)),)) + octets
+
+
+def test_a_usual_request_is_what_pymodbus_makes_of_it() -> None:
+    draw, decoder, usual = random.Random(1), DecodePDU(True), 0
+    for _ in range(2000):
+        body = usual_body(draw)
+        found = usual_request(7, 8, body)
+        if found is not None:
+            usual += 1
+            assert found == any_request(7, 8, body, decoder.decode(body))
+    assert usual > 1000

@@ -1,0 +1,155 @@
+"""How many times real time is a simulated run, with and without its assessment, beside a bare prototype?
+
+The prototype is a wall, a hand and a shaft as one loop by hand: two linear steps, the octets of three frames, and the
+force. It has no wire, no object dictionary, no guards and no record. Each figure is that of the fastest periods,
+because other programs only ever make a period slower, and runs and prototype take turns. An assessment is added by its
+processor time. `python benchmarks/virtual_time.py` ends with 1 when a ratio leaves its bound; `--write` puts the table
+into docs/reference/performance.md.
+"""
+
+import struct
+import sys
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter, process_time
+from unittest.mock import patch
+
+from rows import machine
+
+from haptic_fieldbus.api import run
+from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.summary import Assessment
+
+FASTEST = 0.02
+"""Share of the periods that are the figure."""
+ROUNDS, DURATION = 5, 3.0
+"""How often each run is repeated, and its duration [s]."""
+SIX = 'description = "Six walls"\n' + "".join(
+    f'[axis.{name}]\nworkspace = "linear"\n[[element]]\nkind = "wall"\nname = "wall_{name}"\naxis = "{name}"\n'
+    "position = 0.02\nstiffness = 300.0\n"
+    for name in "abcdef"
+)
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "performance.md"
+BEGIN, END = "<!-- written by python benchmarks/virtual_time.py --write -->\n", "<!-- end -->\n"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One kind of run; `bound` is the largest ratio to the prototype that is promised."""
+
+    name: str
+    bound: float
+    bus: str = "sim"
+    six: bool = False
+    """At 500 Hz, because the frames of six axes do not fit into 1 ms."""
+
+
+FIGURES = (
+    Figure("CANopen", 40.0),
+    Figure("Modbus TCP", 75.0, "sim-modbus-tcp"),
+    Figure("CANopen, six axes at 500 Hz", 230.0, six=True),
+)
+
+
+def prototype(periods: int) -> float:
+    """Return the time of a period of the loop by hand [s]."""
+    position, speed, torque, stretch, hand, target = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    feedback, command, times = struct.Struct("<Hih"), struct.Struct("<Hh"), []
+    for number in range(periods):
+        begun = perf_counter()
+        for step in (4e-4, 6e-4):
+            friction = -2e-3 if speed > 0.0 else 2e-3
+            pull = 300.0 * stretch + 4.0 * (hand - speed)
+            position, stretch = position + step * speed, stretch + step * (hand - speed)
+            speed += step * (torque + friction + pull - 1e-3 * speed) * 2.0
+            hand += step * (6.0 * min(1.0, 2e-3 * number) - pull) * 10.0
+            torque += 0.9 * (target - torque)
+        octets = (b"", feedback.pack(0x0637, round(position * 1e5), round(max(-32e3, min(32e3, torque * 1e2)))))
+        _, counts, _ = feedback.unpack(octets[1])
+        here = counts * 1e-5
+        force = -600.0 * (here - 0.02) if here > 0.02 else 0.0
+        force = max(-50.0, min(50.0, force))
+        _, permille = command.unpack(command.pack(0x0F, round(force * 100.0)))
+        target = permille * 1e-2
+        times.append(perf_counter() - begun)
+    return fastest(times)
+
+
+def fastest(times: list[float]) -> float:
+    """Return the time of the fastest periods [s]."""
+    return sorted(times)[int(FASTEST * len(times))]
+
+
+def simulated(figure: Figure) -> tuple[float, float]:
+    """Return the time of a period [s], and what its assessment adds."""
+    begins, count, finish = list[float](), LoopReport.count, Assessment.finish
+    assessing = [0.0]
+
+    def counted(report: LoopReport, *times: int) -> int:
+        begins.append(perf_counter())
+        return count(report, *times)
+
+    def finished(assessment: Assessment, elapsed: float) -> object:
+        begun = process_time()
+        try:
+            return finish(assessment, elapsed)
+        finally:
+            assessing[0] = process_time() - begun
+
+    with (
+        TemporaryDirectory() as folder,
+        patch.object(LoopReport, "count", counted),
+        patch.object(Assessment, "finish", finished),
+    ):
+        scene, rate = "wall", 1000.0
+        if figure.six:
+            scene, rate = str(Path(folder) / "six.toml"), 500.0
+            Path(scene).write_text(SIX, encoding="utf-8")
+        result = run(scene, bus=figure.bus, rate=rate, duration=DURATION, hand="push")
+    periods = [after - before for before, after in pairwise(begins)]
+    return fastest(periods), assessing[0] / result.cycles
+
+
+def rows() -> list[tuple[Figure, float, float, float]]:
+    """Return (figure, period, assessment, prototype) of each kind of run [s], the least of all rounds."""
+    found = []
+    for figure in FIGURES:
+        runs, bare = [], []
+        for _ in range(ROUNDS):
+            bare.append(prototype(10_000))
+            runs.append(simulated(figure))
+        found.append((figure, min(each[0] for each in runs), min(each[1] for each in runs), min(bare)))
+    return found
+
+
+def table(found: list[tuple[Figure, float, float, float]]) -> str:
+    """Return the figures as a table."""
+    lines = [
+        "| run | a period [µs] | times real time | with assessment | prototype [µs] | ratio | at most |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for figure, period, assessing, bare in found:
+        length = 2e-3 if figure.six else 1e-3
+        lines.append(
+            f"| {figure.name} | {period * 1e6:.0f} | {length / period:.1f} | {length / (period + assessing):.1f} | "
+            f"{bare * 1e6:.1f} | {period / bare:.1f} | {figure.bound:g} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Measure, print, and judge."""
+    found = rows()
+    text = f"Measured on {machine()}.\n\n{table(found)}"
+    print(text)
+    if "--write" in sys.argv:
+        page = PAGE.read_text(encoding="utf-8")
+        before, rest = page.split(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    return 1 if any(period > figure.bound * bare for figure, period, _, bare in found) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
