@@ -108,6 +108,7 @@ def run_one(arguments: dict[str, Any]) -> str:
             first, second = [each.name for each in load_scene(given["scene"]).axes]
             given["axes"] = {first: "left", second: "right"}
         error = ""
+        result: Any = None
         try:
             result = api.run(**given, record=record)
         except HapticFieldbusError as raised:
