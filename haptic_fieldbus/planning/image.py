@@ -129,32 +129,6 @@ def _codec(start: str, signals: Sequence[MappedSignal], values: Sequence[MappedS
     return (BigCodec if all_big else WireCodec)(start, signals, places)
 
 
-class BigCodec:
-    """A codec for big-endian signals in any order, as on Modbus; the fields of `start` are little-endian."""
-
-    def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
-        self._first = struct.Struct(start)
-        self._signals = struct.Struct(">" + "".join(mapped.type.code for mapped in signals))
-        self._middle, self.size = self._first.size, self._first.size + self._signals.size
-        self._fields = len(self._first.unpack(bytes(self._middle)))
-        self._places, self._values = tuple(places), tuple(places.index(place) for place in range(len(places)))
-        """Place on the wire of each value, and value at each place."""
-
-    def pack(self, *values: int) -> bytes:
-        own = values[self._fields :]
-        return self._first.pack(*values[: self._fields]) + self._signals.pack(*[own[each] for each in self._values])
-
-    def pack_into(self, buffer: bytearray, offset: int, *values: int) -> None:
-        buffer[offset : offset + self.size] = self.pack(*values)
-
-    def unpack(self, buffer: bytes | bytearray) -> tuple[int, ...]:
-        return self.unpack_from(buffer)
-
-    def unpack_from(self, buffer: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
-        found = self._signals.unpack_from(buffer, offset + self._middle)
-        return (*self._first.unpack_from(buffer, offset), *[found[place] for place in self._places])
-
-
 class WireCodec:
     """A codec for any order of octets and signals; it costs a Python call for each signal."""
 
@@ -183,6 +157,24 @@ class WireCodec:
         found = self._struct.unpack_from(buffer, offset)
         own = [(self._signals[place], found[self._fields + place]) for place in self._places]
         return (*found[: self._fields], *[mapped.type.unpack(_turned(mapped, octets)) for mapped, octets in own])
+
+
+class BigCodec(WireCodec):
+    """A codec for big-endian signals in any order, as on Modbus: one struct for all of them."""
+
+    def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
+        super().__init__(start, signals, places)
+        self._rest = struct.Struct(">" + "".join(mapped.type.code for mapped in signals))
+        self._values = tuple(places.index(place) for place in range(len(places)))
+        """By place on the wire: the value that stands there."""
+
+    def pack(self, *values: int) -> bytes:
+        own = values[self._fields :]
+        return self._first.pack(*values[: self._fields]) + self._rest.pack(*[own[each] for each in self._values])
+
+    def unpack_from(self, buffer: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
+        found = self._rest.unpack_from(buffer, offset + self._first.size)
+        return (*self._first.unpack_from(buffer, offset), *[found[place] for place in self._places])
 
 
 def _turned(mapped: MappedSignal, octets: bytes) -> bytes:

@@ -67,27 +67,14 @@ def arbitration_key(frame: Frame) -> int:
 def wire_bits(frame: Frame) -> int:
     """Return the bits from start of frame to end of frame, stuff bits included, intermission excluded."""
     can_id, data, extended, remote = frame
-    if remote or not data:
-        return _bits_without_data(can_id, len(data), extended, remote)
     crc, table, bits = _header(can_id, len(data), extended, remote)
-    for octet in data:
+    for octet in b"" if remote else data:
         crc = (crc & 0x7F) << 8 ^ _CRC_TABLE[crc >> 7 ^ octet]
         table, sent = table.octets[octet]
         bits += sent
-    return bits + _tail_bits(crc, table)
-
-
-@lru_cache(maxsize=4096)
-def _bits_without_data(can_id: int, length: int, extended: bool, remote: bool) -> int:
-    crc, table, bits = _header(can_id, length, extended, remote)
-    return bits + _tail_bits(crc, table)
-
-
-def _tail_bits(crc: int, table: "_Stuffing") -> int:
-    """Return the bits from the CRC sequence on."""
     # The 15 bits of the CRC sequence are stuffed as well: the upper eight, then the lower seven.
     table, sent = table.octets[crc >> 7]
-    return sent + table.last_bits[crc & 0x7F] + TAIL_BITS
+    return bits + sent + table.last_bits[crc & 0x7F] + TAIL_BITS
 
 
 def _stuff(state: int, value: int, width: int) -> int:
@@ -233,16 +220,8 @@ class Wire:
 
     def start(self, t_ns: int) -> None:
         """Arbitrate at `t_ns` and put the winning frame on the wire."""
-        winner: Port | None = None
-        for port in self.ports:
-            if port.waiting:
-                if winner is not None:
-                    winner = min([each for each in self.ports if each.waiting], key=_urgency)
-                    break
-                winner = port
-        if winner is None:
-            raise RuntimeError("no frame is waiting")
-        self.sender = winner
+        contenders = [port for port in self.ports if port.waiting]
+        self.sender = winner = contenders[0] if len(contenders) == 1 else min(contenders, key=_urgency)
         self._frame = frame = winner.take()
         bits, durations = wire_bits(frame), self._durations
         self.end_ns = end_ns = t_ns + durations[bits]

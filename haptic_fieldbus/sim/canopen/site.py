@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, FrameLog
 from haptic_fieldbus.buses.canopen.master import CanopenBus
-from haptic_fieldbus.buses.canopen.wire import OURS, Received
+from haptic_fieldbus.buses.canopen.wire import OURS, PythonCanPort, Received
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.protocols.canopen.bus import can_section
@@ -18,11 +18,11 @@ from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.simulation import Simulation
 
 
-class WorldPort:
+class WorldPort(PythonCanPort):
     """The port of a master to a simulated wire: the same frames as through python-can, without its messages."""
 
     def __init__(self, bus: SimulatedBus) -> None:
-        self._bus = bus
+        super().__init__(bus)
         self._send, self._receive, self._controller = bus.pace.send, bus.pace.receive, bus.controller
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
@@ -43,13 +43,6 @@ class WorldPort:
         if extended or remote or error:
             can_id |= EXTENDED_FLAG * extended | REMOTE_FLAG * remote | ERROR_FLAG * error
         return can_id, data
-
-    def arrived_ns(self, earliest_ns: int) -> int | None:
-        """Return None, as of any interface of python-can."""
-        return None
-
-    def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
-        """Do nothing: a filter would cost more than the look-up of a handler."""
 
 
 class CanSimulation(Simulation):

@@ -71,9 +71,3 @@ def test_a_master_meets_the_same_bus_as_through_python_can(seed: int, own: bool)
     direct, through = (Played(seed, direct=each, own=own).told for each in (True, False))
     assert direct == through
     assert len(direct) > 400
-
-
-def test_the_port_knows_no_instants_and_needs_no_filter() -> None:
-    port = WorldPort(SimulatedBus(world=World(VirtualClock())))
-    port.focus(None, 1)
-    assert port.arrived_ns(0) is None
