@@ -90,3 +90,15 @@ def test_signals_may_lie_in_any_order_and_their_octets_too(order: Order, positio
     layout.axes[0].output.pack_into(output, 0, 0x0F, -3)
     assert bytes(output) == bytes.fromhex(torque) + word
     assert layout.axes[0].output.unpack(output) == (0x0F, -3)
+
+
+def test_signals_of_an_axis_may_differ_in_the_order_of_their_octets() -> None:
+    orders = (Order.BIG_LOW_WORD_FIRST, Order.BIG, Order.LITTLE)
+    signals = (Signal.POSITION, Signal.STATUSWORD, Signal.TORQUE_ACTUAL)
+    kinds = (DataType.INT32, DataType.UINT16, DataType.INT16)
+    received = tuple(map(mapped, signals, kinds, orders))
+    sent = (mapped(Signal.CONTROLWORD, DataType.UINT16, Order.BIG),)
+    layout = lay_out_image([Plain(1, (), (), received, sent)])
+    image = HEADER.pack(1) + AXIS_HEADER.pack(2, 0, 0) + bytes.fromhex("fffe7fff 0637 fdff")
+    assert layout.input.unpack(image) == (1, 2, 0, 0, 0x7FFF_FFFE, 0x0637, -3)
+    assert layout.input.pack(*layout.input.unpack(image)) == image
