@@ -146,8 +146,8 @@ class AxisPlan:
     def largest_stretch(self) -> float:
         """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1.
 
-        The margin is the nominal one, of one stiffness beside all others, so several elements are judged by the age of their
-        forces: gaps make them older by Σ(s² − s)/Σs periods at most (`margins.linear`).
+        The nominal margin is that of one stiffness beside all others, so several elements are judged by the age of
+        their forces: gaps make them older by Σ(s² − s)/Σs periods at most (`margins.linear`).
         """
         margin, group = None if self.stability is None else self.stability.nominal_margin, self.group
         if margin is None or margin <= 1.0:
