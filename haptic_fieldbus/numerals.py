@@ -131,11 +131,11 @@ def _short(row: OutputRow) -> Iterator[Line]:
     width = LINE_WIDTH - KEY_WIDTH
     for text in row.note:
         wrapped = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
-        lines = [fitted(text, width)] if row.cut else wrapped
+        lines = [shortened(text, width)] if row.cut else wrapped
         yield from ((row.label if number == 0 else "", line) for number, line in enumerate(lines))
 
 
-def fitted(text: str, width: int) -> str:
+def shortened(text: str, width: int) -> str:
     """Return a text whose last clauses are left out until it has at most `width` characters, and says so.
 
     Clauses end with a semicolon, else with a comma. A clause that is too long by itself is cut between two words, and

@@ -204,7 +204,7 @@ GUARDS = {
     ),
     "cap after a gap": _cycle(
         "safety",
-        "if permission.blind and missing > soon:",
+        "if permission.blind and missing > soon and not permission.is_long:",
         "if False:",
         "test_back_in_contact_the_force_stays_below_that_before_the_gap",
         of=SAFETY,

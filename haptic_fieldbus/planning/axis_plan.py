@@ -232,14 +232,14 @@ def draft_axis(
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
-        basis=Basis.SIMULATED if is_shipped(rig, scene_axis.name) else Basis.STATED,
+        basis=Basis.SIMULATED if has_shipped_values(rig, scene_axis.name) else Basis.STATED,
         # On a real bench a cable may have been swapped since.
         sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
         bus_name=protocol.bus_name(rig.bus[axis.bus]).text,
     )
 
 
-def is_shipped(rig: Rig, name: str) -> bool:
+def has_shipped_values(rig: Rig, name: str) -> bool:
     """Return whether an axis has the values of the shipped bench on a simulated bus, so that they are exact."""
     axis, section = rig.axis[name], rig.bus[rig.axis[name].bus]
     shipped = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)

@@ -36,7 +36,7 @@ from haptic_fieldbus.report.drawing import (
     save,
     thin,
 )
-from haptic_fieldbus.report.plot import limit_of
+from haptic_fieldbus.report.plot import limit_drawn
 from haptic_fieldbus.report.texts import parameter_units
 
 # Picture of a model: the poles of each method on the z-plane, and the growth of a free motion in a step.
@@ -313,4 +313,4 @@ def _limit_at(judgement: Judgement, damping: float) -> float:
     """Return the limit [N/m or N·m/rad] with this damping of the stiffest element; ∞ where it has none."""
     group = judgement.group
     own = float(getattr(group.stiffest, "damping", 0.0))
-    return limit_of((group if damping == own else group._damped(damping)).stability)
+    return limit_drawn((group if damping == own else group._damped(damping)).stability)

@@ -177,7 +177,7 @@ def headline(result: Result) -> tuple[str, str]:
     for axis in result.plan.axes if result.plan and verdict.startswith("Unstable") else ():
         found, unit = axis.stability, parameter_units(axis.workspace)["stiffness"]
         if found is not None and found.stiffness is not None and found.stiffness_limit.stable is not None:
-            limit = min(found.stiffness_limit.stable, limit_of(found))
+            limit = min(found.stiffness_limit.stable, limit_drawn(found))
             if found.stiffness > limit:
                 return (
                     f"Unstable: {exactly(found.stiffness)} {unit}, limit {rounded_limit(limit)} {unit}",
@@ -194,7 +194,7 @@ def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def limit_of(stability: Stability) -> float:
+def limit_drawn(stability: Stability) -> float:
     """Return the limit of an axis [N/m or N·m/rad]; ∞ where it has none."""
     return math.inf if stability.stiffness is None else stability.limit.value
 

@@ -103,7 +103,7 @@ def test_lines_for_people_come_before_the_sentence(command: Command, at_wait: An
     at_wait(IN_CONTACT, three_times(signal.SIGINT))
     finished = command("run", "wall", "--duration", "60")
     assert (finished.status, finished.err[:18]) == (130, "stopped by you at ")
-    for words in ("result     ", "handle from", "verdict"):
+    for words in ("result     ", "deep in wall", "verdict"):
         assert words in finished.out
 
 

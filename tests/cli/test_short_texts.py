@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
-from haptic_fieldbus.numerals import KEY_WIDTH, LINE_WIDTH, MORE, OutputRow, as_typed, fitted, lines_of
+from haptic_fieldbus.numerals import KEY_WIDTH, LINE_WIDTH, MORE, OutputRow, as_typed, lines_of, shortened
 from haptic_fieldbus.report.texts import announcement, outcome
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.wall import Wall
@@ -117,7 +117,7 @@ WORDS = st.lists(st.sampled_from(["wall", "600 N/m", "0.0125 rad", "a" * 60, "-1
 @given(words=WORDS, separator=st.sampled_from(["; ", ", ", " "]), width=st.integers(40, 120))
 def test_a_cut_keeps_whole_numbers_and_says_that_there_is_more(words: list[str], separator: str, width: int) -> None:
     text = separator.join(words)
-    told = fitted(text, width)
+    told = shortened(text, width)
     assert len(told) <= width
     if told == text:
         return

@@ -200,11 +200,11 @@ def test_the_gaps_of_tied_axes_are_those_of_both() -> None:
 
 
 def test_several_springs_bear_the_gaps_that_one_of_their_sum_bears() -> None:
-    """The margin of 1.49 is that of one of both beside the other one; both together have 1.24."""
+    """The nominal margin of 1.49 is that of one of both beside the other one; both together have 1.24."""
     (one,) = plan_of(scene_of(Wall("handle", 1200.0))).axes
     (two,) = plan_of(scene_of(Wall("handle", 600.0), Wall("handle", 600.0, name="other"))).axes
     assert two.stability is not None
-    assert two.stability.margin == pytest.approx(1.49, abs=0.02)
+    assert two.stability.nominal_margin == pytest.approx(1.49, abs=0.02)
     assert two.largest_stretch == pytest.approx(one.largest_stretch, abs=0.02)
 
 

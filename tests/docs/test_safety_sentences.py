@@ -25,6 +25,8 @@ ANSWERS = f"{PLANNING}deadlines.py::test_feedback_that_one_of_two_drives_loses_e
 KEYS = f"{PLANNING}descriptive_keys.py::test_no_descriptive_key_of_a_rig_lifts_what_is_permitted"
 LOWERED = f"{CYCLE}standstill.py::test_at_the_limit_the_force_is_lowered_slowly_and_no_pulse_goes_beyond_it"
 
+FORGIVEN = f"{SYSTEM}energy_in_gaps.py::test_no_scene_of_the_library_trips_by_energy_in_gaps"
+ALONE = f"{CYCLE}energy_in_gaps.py::test_a_handle_that_is_left_alone_is_given_no_power_that_is_felt"
 LIMIT = "tests/planning/test_limit_of_a_plan.py::test_"
 TESTS: dict[int, dict[str, str]] = {
     20: {},
@@ -75,7 +77,7 @@ TESTS: dict[int, dict[str, str]] = {
         "for at most 10 ms": f"{SAFETY}after_a_short_gap_the_place_of_the_law_is_looked_after_until_the_force_is_back",
         "by at most the motion": MEMORY,
         "wall within a millimetre": f"{PLACE}a_wall_stays_where_it_is_under_a_hand_that_leans_and_trembles",
-        "within the budget of 0044": f"{PLACE}torque_held_on_the_way_out_of_a_body_with_a_memory_is_forgiven",
+        "within the budget of 0044": FORGIVEN,
     },
     48: {
         "raises it by at most": f"{CYCLE}gaps.py::test_the_stretch_is_what_the_worst_timing_costs_in_stiffness",
@@ -86,6 +88,11 @@ TESTS: dict[int, dict[str, str]] = {
     55: {
         "is `stable` at most": "tests/margins/test_limit.py::test_above_the_limit_a_loop_is_not_called_passive",
         "at most 5 % of rated": f"{LIMIT}what_is_forced_above_its_limit_has_5_percent_of_rated_torque",
+    },
+    58: {
+        "never takes up more energy": f"{PLACE}under_the_cap_of_a_gap_the_law_takes_up_no_more_than_the_hand_pays",
+        "forgiven within the budget": FORGIVEN,
+        "at most 50 mJ and 2 mW": ALONE,
     },
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""

@@ -38,7 +38,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> ServerRequest:
         patch.setenv("CAN_CONFIG", f'{{"port": {there.options["port"]}}}')
         with can.Bus(**there.options) as listener:
             with pytest.raises(UsageError, match="not enabled"):
-                run("wall", rig=rig, confirm=refuse)
+                run("wall", rig=rig, settings={"wall.stiffness": 200.0}, confirm=refuse)
             heard = list(iter(lambda: listener.recv(0.1), None))
     drive = (SDO_RESPONSES, HEARTBEAT)
     return ServerRequest(questions[0], [frame for frame in heard if frame and frame.arbitration_id not in drive])

@@ -12,7 +12,7 @@ from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Basis, Plant
 from haptic_fieldbus.margins.bodies import HungBody, limit_with
 from haptic_fieldbus.margins.plant import COUPLING_SHARES
-from haptic_fieldbus.planning.axis_plan import is_shipped
+from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.compile import compile_plan, ranges_of
 from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
@@ -128,13 +128,13 @@ def test_a_rig_has_the_same_limit_on_the_simulated_bus_in_the_place_of_its_own(b
 def test_values_of_a_bench_are_exact_on_the_shipped_simulated_one_alone() -> None:
     axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="p")
     shipped = Rig({"b": SIMULATED}, {"handle": axis})
-    assert is_shipped(shipped, "handle")
+    assert has_shipped_values(shipped, "handle")
     others = (
         replace(shipped, source="rig.toml"),
         replace(shipped, bus={"b": REAL}),
         replace(shipped, axis={"handle": replace(axis, inertia=5.0e-5)}),
     )
-    assert not any(is_shipped(rig, "handle") for rig in others)
+    assert not any(has_shipped_values(rig, "handle") for rig in others)
 
 
 def refused(section: CanSection, stiffness: float) -> str:

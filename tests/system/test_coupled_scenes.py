@@ -16,4 +16,5 @@ def test_the_shipped_scenes_run_on_both_shipped_benches(name: str, drive: str, h
     assert (result.missed_cycles, result.trips) == (0, ())
     assert result.stability is not None
     assert result.stability.margin is not None
-    assert result.stability.margin > 1.8
+    assert result.stability.nominal_margin is not None
+    assert result.stability.nominal_margin > 1.8

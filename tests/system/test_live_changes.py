@@ -128,7 +128,7 @@ def test_an_unstable_request_is_refused_and_the_old_value_stays(tmp_path: object
 
     def progress(done: int, total: int) -> None:
         if done == 1000:
-            with pytest.raises(UnstableSceneError, match="unstable on this bench: limit") as error:
+            with pytest.raises(UnstableSceneError, match="90000 N/m exceeds the limit of 750 N/m") as error:
                 changes.request({"wall.stiffness": 90_000.0})
             refused.append(error.value)
 

@@ -141,7 +141,7 @@ def test_max_over_two_is_half_the_limit() -> None:
     half = plan("wall", settings={"wall.stiffness": "max/2"}).stability
     assert limit is not None
     assert half is not None
-    assert half.stiffness == pytest.approx((limit.stiffness_limit.stable or 0.0) / 2)
+    assert half.stiffness == pytest.approx(limit.limit.value / 2)
 
 
 def test_a_start_inside_the_wall_does_not_kick() -> None:

@@ -98,7 +98,7 @@ class CanSection(BusSection):
 
 
 @dataclass(frozen=True)
-class StandInSection(CanSection):
+class StandInCanSection(CanSection):
     """The simulated bus in the place of a real one of a rig."""
 
     @property
@@ -142,7 +142,7 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
     found = replace(
         section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate, arguments=arguments
     )
-    return StandInSection(**vars(found)) if found.simulated and not section.simulated else found
+    return StandInCanSection(**vars(found)) if found.simulated and not section.simulated else found
 
 
 def _parse_bare(text: str) -> BusName:

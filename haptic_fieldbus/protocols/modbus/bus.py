@@ -77,7 +77,7 @@ class ModbusSection(BusSection):
 
 
 @dataclass(frozen=True)
-class StandInSection(ModbusSection):
+class StandInModbusSection(ModbusSection):
     """The simulated line in the place of a real one of a rig."""
 
     @property
@@ -146,4 +146,4 @@ def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
 
 def _standing_in(section: ModbusSection, found: ModbusSection) -> ModbusSection:
     """Return the section that takes the place of another one, marked where it simulates a real one."""
-    return StandInSection(**vars(found)) if found.simulated and not section.simulated else found
+    return StandInModbusSection(**vars(found)) if found.simulated and not section.simulated else found

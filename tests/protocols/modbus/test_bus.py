@@ -8,9 +8,9 @@ import pytest
 from haptic_fieldbus.errors import PlanError, RigError, UsageError
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load, select
-from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.bus import CanSection, StandInCanSection
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section, parse_bus
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection, StandInModbusSection, modbus_section, parse_bus
 from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from tests.protocols.modbus.lines import GENERIC, with_line
@@ -149,7 +149,7 @@ def test_a_line_and_a_can_bus_are_simulated_together(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8") + second, encoding="utf-8")
     selection = select(Task("virtual_shaft", path, bus="sim"))
     assert {bus.protocol for bus in selection.plan.buses} == {"canopen", "modbus"}
-    assert {type(section) for section in selection.plan.rig.bus.values()} == {CanSection, ModbusSection}
+    assert {type(section) for section in selection.plan.rig.bus.values()} == {StandInCanSection, StandInModbusSection}
     with pytest.raises(UsageError, match="is one bus, but the axes of"):
         load(Task("virtual_shaft", path, bus="modbus-tcp:10.0.0.1"))
 

@@ -34,8 +34,8 @@ def test_the_lines_of_a_plan_tell_function_octets_time_and_registers() -> None:
         "               register 0104h torque actual",
     ]
     assert "bus        100 Hz by FC23 on Modbus RTU at 115200 bit/s, load 68 %" in text
-    assert "ways       FC23 at 100 Hz, delay 10.2 ms: stable to 104.9 N/m, chosen" in text
-    assert "           FC3 then FC16 at 83 Hz, delay 6.34 ms: stable to 128.5 N/m" in text
+    assert "ways       FC23 at 100 Hz, delay 10.2 ms: limit 102 N/m, chosen" in text
+    assert "           FC3 then FC16 at 83 Hz, delay 6.34 ms: limit 122 N/m" in text
 
 
 def test_a_command_that_stands_apart_is_told_as_what_takes_the_place_of_a_set_point() -> None:
