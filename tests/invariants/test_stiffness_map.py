@@ -35,7 +35,7 @@ def test_commands_set_points_states_and_torques_are_written_down(witness: Witnes
 @pytest.mark.parametrize("law", ["torque within limits", "slew within limits"])
 def test_smaller_limits_than_those_that_were_kept_are_found_broken(law: str, witness: Witness) -> None:
     (axis,) = witness.stated.axes
-    tighter = replace(axis, torque=0.02 * axis.torque, slew=0.01 * axis.slew)
+    tighter = replace(axis, torque=0.02 * axis.torque, slew=0.001 * axis.slew)
     judged = replace(witness, stated=replace(witness.stated, axes=(tighter,)))
     assert list(LAWS[law](judged))
     assert not list(LAWS[law](witness))
