@@ -180,7 +180,20 @@ def start(folder: Path, seconds: float) -> Start:
     with process(*simulated, port=port) as drive:
         assert drive.stdout is not None
         drive.stdout.readline()
-        words = ("run", "wall", "--rig", str(rig), "--yes", "--rate", str(RATE), "--duration", str(seconds), "--json")
+        words = (
+            "run",
+            "wall",
+            "--set",
+            "wall.stiffness=max/2",
+            "--rig",
+            str(rig),
+            "--yes",
+            "--rate",
+            str(RATE),
+            "--duration",
+            str(seconds),
+            "--json",
+        )
         with (
             process("--keep", str(kept), *words, port=port, program=[__file__]) as loop,
             process("--sleep", str(slept), port=port, program=[__file__]) as timer,
@@ -199,7 +212,7 @@ def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, s
     from haptic_fieldbus.assessing.result import Right, refused_texts
 
     figures = json.loads(said) if said.strip() else {}
-    rights = [Right(**{**each, "advice": each["advice"] or ""}) for each in figures.get("host", [])]
+    rights = [Right(**{**each, "advice": each["advice"] or ""}) for each in figures.get("host") or []]
     last = complaint.strip().splitlines()[-1] if complaint.strip() else ""
     age = (figures.get("timing") or {}).get("age_us") or {}
     missed = figures.get("missed_cycles") or 0

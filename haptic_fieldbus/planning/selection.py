@@ -64,7 +64,8 @@ def at_limit(task: Task, scene: Scene, part: str, stability: Stability | None) -
     values = parsed(task.settings)
     text = f"{part}={values[part]}"
     limit = 0.0 if stability is None or stability.stiffness is None else stability.limit.value
-    # Also a limit of 0, of which each part is 0.
+    if not limit and stability is not None and stability.stiffness is not None:
+        raise UsageError(f"{text}: the limit is 0, because no stiffness is stable; make the other elements softer")
     if not limit or math.isinf(limit):
         raise UsageError(f"{text}: this scene has no limit on this bench")
     divisor = float(str(values[part]).partition("/")[2] or 1.0)

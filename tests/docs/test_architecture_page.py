@@ -36,7 +36,7 @@ HANDED_IN = {
         "running.session",
         "api.site",
     ): "the site of a run is a context that the caller made; the run enters and leaves it",
-    ("buses.canopen.wire", "sim.canopen.bus"): "the master has an interface of python-can; it cannot see which",
+    ("buses.canopen.wire", "sim.canopen.site"): "the master has a port to the wire; it cannot see which",
     ("buses.canopen.master", "sim.canopen.bus"): "the same, when it is closed",
     ("assessing.axis_assessment", "sim.canopen.world"): "a run is judged by the true motion that its world knows",
     ("assessing.summary", "sim.canopen.world"): "the world may forget the motion that has been judged",

@@ -22,7 +22,7 @@ def test_its_commands_end_as_it_says(command: str, status: int, capsys: pytest.C
         main(words)
     shown = capsys.readouterr()
     assert (ended.value.code or 0) == status
-    assert ("at 2 s wall.stiffness=300" in shown.out) == (status == 0)
+    assert ("at 2 s wall.stiffness=0.3 N/mm" in shown.out) == (status == 0)
     assert ("Inside the limit" in shown.err) == (status == 4)
 
 
@@ -32,7 +32,7 @@ def test_its_program_changes_a_running_wall_and_is_told_why_not(capsys: pytest.C
     exec(compile(PROGRAM, "how-to", "exec"), scope)
     refused, *_, in_force, made = capsys.readouterr().out.splitlines()
     assert refused.startswith("90000 N/m exceeds the limit of 750 N/m on this bench")
-    assert "stiffness=900.0" in in_force
+    assert "stiffness=700.0" in in_force
     assert "'wall.stiffness': 90000.0" not in made
 
 
