@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from haptic_fieldbus.numerals import (
     DIGITS,
     GIVEN_DIGITS,
+    MORE,
     PLAIN_BELOW,
     PLAIN_FROM,
     OutputRow,
@@ -22,6 +23,7 @@ from haptic_fieldbus.numerals import (
     rounded,
     rounded_down,
     rounded_limit,
+    shortened,
 )
 from tests.cases import every
 from tests.number_style import strange_numbers
@@ -161,3 +163,20 @@ def test_an_object_has_the_rows_with_a_key_the_ordered_ones_first() -> None:
 def test_lines_are_made_when_they_are_drawn() -> None:
     refused = (str(1 // number) for number in (0,))
     assert object_of([OutputRow("limits", refused, "limits", [])]) == {"limits": []}
+
+
+WORDS = st.lists(st.sampled_from(["wall", "600 N/m", "0.0125 rad", "a" * 60, "-12.5", "x1"]), min_size=1, max_size=30)
+
+
+@given(words=WORDS, separator=st.sampled_from(["; ", ", ", " "]), width=st.integers(40, 120))
+def test_a_cut_keeps_whole_numbers_and_says_that_there_is_more(words: list[str], separator: str, width: int) -> None:
+    text = separator.join(words)
+    told = shortened(text, width)
+    assert len(told) <= width
+    if told == text:
+        return
+    kept = told.removesuffix(MORE).rstrip("…;, ")
+    assert told.endswith(MORE)
+    assert text.startswith(kept)
+    # Where a number is the end of what is kept, nothing of it follows in the text: a separator does.
+    assert not kept[-1:].isdigit() or text[len(kept) :][:1] in ("", ";", ",")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
-from haptic_fieldbus.numerals import KEY_WIDTH, LINE_WIDTH, MORE, OutputRow, as_typed, lines_of, shortened
+from haptic_fieldbus.numerals import KEY_WIDTH, LINE_WIDTH, MORE, OutputRow, as_typed, lines_of
 from haptic_fieldbus.report.texts import announcement, outcome
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.wall import Wall
@@ -109,23 +109,6 @@ def test_a_verdict_on_a_real_run_is_one_line(cut: float, behind: float | None, r
     for effort in ("force", "torque"):
         told = real_verdict(effort=effort, cut=cut, behind=behind, rehearsed=rehearsed)
         assert KEY_WIDTH + len(told) <= LINE_WIDTH
-
-
-WORDS = st.lists(st.sampled_from(["wall", "600 N/m", "0.0125 rad", "a" * 60, "-12.5", "x1"]), min_size=1, max_size=30)
-
-
-@given(words=WORDS, separator=st.sampled_from(["; ", ", ", " "]), width=st.integers(40, 120))
-def test_a_cut_keeps_whole_numbers_and_says_that_there_is_more(words: list[str], separator: str, width: int) -> None:
-    text = separator.join(words)
-    told = shortened(text, width)
-    assert len(told) <= width
-    if told == text:
-        return
-    kept = told.removesuffix(MORE).rstrip("…;, ")
-    assert told.endswith(MORE)
-    assert text.startswith(kept)
-    # Where a number is the end of what is kept, nothing of it follows in the text: a separator does.
-    assert not kept[-1:].isdigit() or text[len(kept) :][:1] in ("", ";", ",")
 
 
 def test_each_of_several_warnings_has_its_key() -> None:

@@ -277,6 +277,17 @@ def test_torque_held_on_the_way_out_of_a_body_with_a_memory_is_paid_by_what_the_
     assert ledger.tally.held == 0.0, "of the body that is drawn back"
 
 
+def test_a_change_waits_while_it_would_throw_the_handle() -> None:
+    """A wall of 600 N/m that comes 50 mm nearer would push with 30 N; a quarter of the limit is 12.6 N."""
+    bench = Handled(bench_plan(Wall("handle", 600.0, position=0.01)))
+    begin = bench.cycle.prepare(bench.plan, bench_plan(Wall("handle", 600.0, position=-0.05)), 10)
+    assert not begin()
+    going(bench, [-0.5 * MILLI] * 50)
+    assert not begin(), "15 N at -25 mm"
+    going(bench, [-0.5 * MILLI] * 10)
+    assert begin(), "12 N at -30 mm"
+
+
 def test_what_held_torque_gives_is_forgotten_at_the_power_that_is_not_felt() -> None:
     tally = EnergyRecord(1.0)
     assert tally.charge(0.003, 0.0, 0) == 0.003

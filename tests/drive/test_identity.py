@@ -1,5 +1,6 @@
 """Which drive it is: 0 and all ones are no number, and only a serial number tells two drives of one model apart."""
 
+import struct
 from dataclasses import replace
 
 import pytest
@@ -60,3 +61,13 @@ def test_a_digest_changes_with_each_text_and_their_order() -> None:
     assert len(found) == 5
     # SHA-256 of the JSON list, by coreutils: printf '["6007h:00 = 2", "605Eh:00 = 0"]' | sha256sum | cut -c-16
     assert digest_of(texts) == "99969b466a916871"
+
+
+@pytest.mark.parametrize("each", DataType)
+def test_a_type_has_the_size_and_the_limits_of_its_struct(each: DataType) -> None:
+    each.__init__(each.value)  # type: ignore[misc]  # as at import, before any test
+    assert each.size == struct.calcsize(each.code)
+    for limit in each.limits:
+        assert each.unpack(each.pack(limit)) == limit == struct.unpack("<" + each.code, each.pack(limit))[0]
+    with pytest.raises(struct.error):
+        each.pack(each.limits[1] + 1)

@@ -8,12 +8,13 @@ import pytest
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import CompliantCoupling, Mechanics, Rig, default_axis
-from haptic_fieldbus.errors import UnstableSceneError
+from haptic_fieldbus.errors import UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Basis, Plant
 from haptic_fieldbus.margins.bodies import HungBody, limit_with
 from haptic_fieldbus.margins.plant import COUPLING_SHARES
 from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.compile import compile_plan, ranges_of
+from haptic_fieldbus.planning.explain import nominal_texts, verdict_texts
 from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
@@ -179,3 +180,21 @@ def test_a_run_that_is_not_capped_is_not_changed_above_its_limit_by_force() -> N
         plan_change(running, running, {"wall.stiffness": 600.0}, force=True)
     changed = plan_change(capped, capped, {"wall.stiffness": 600.0}, force=True).plan
     assert changed.axes[0].limits.effort == capped.axes[0].limits.effort
+
+
+def test_texts_of_nominal_limits_leave_out_what_there_is_not() -> None:
+    found = plan("wall")
+    (axis,) = found.axes
+    assert axis.stability is not None
+    none = replace(
+        axis.stability, stiffness_limit=replace(axis.stability.stiffness_limit, stable=0.0, quantisation=None)
+    )
+    assert list(nominal_texts(none))[0] == "stable at no stiffness"
+    assert not [text for text in nominal_texts(none) if "between two counts" in text]
+    assert list(verdict_texts(replace(found, axes=(replace(axis, stability=None),)))) == []
+
+
+def test_no_part_of_a_limit_of_0_can_be_asked_for() -> None:
+    task = Task("virtual_shaft", settings={"wall.stiffness": 3000.0, "shaft.stiffness": "max/2"})
+    with pytest.raises(UsageError, match=r"^shaft\.stiffness=max/2: the limit is 0, because no stiffness is stable"):
+        select(task)
