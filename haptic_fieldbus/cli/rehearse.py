@@ -22,6 +22,8 @@ WATCHED = 8.0
 OF_A_RIG = ("bus", "node", "rig", "axes", "zero", "faults", "prove", "force")
 """Options of `run` that a rehearsal leaves out: it has a bench of its own."""
 SCENE = "wall"
+SOFTER = "wall.stiffness=max/2"
+"""Setting of the wall unless others are given: inside the limit of a rig whose damping is stated."""
 KEPT = "rig.toml"
 HEADING = """Bench of `haptic-fieldbus rehearse`, as a run left it. For your own drive change bus, node and profile, and
 motor, mechanism and limits. Omit `proved` and `seen`: they belong to the simulated drive."""
@@ -56,6 +58,9 @@ def rehearse(options: RehearseOptions) -> None:
         if not options.yes:
             raise UsageError("no terminal to confirm on; add --yes")
         never_wait()
+    if options.scene == SCENE and not options.settings:
+        # The limit of a bench whose damping is stated is lower than that of the shipped one.
+        options = replace(options, settings=[SOFTER])
     task, trial = options.task(), options.given(api.Trial)
     check_plot(options.plot)
     if options.write_rig is not None:
@@ -68,7 +73,8 @@ def rehearse(options: RehearseOptions) -> None:
         show(_beginning(options), talk)
         show([("step", f"haptic-fieldbus watch --rig {path.name} --duration {WATCHED:g}")], talk)
         look(BenchRequest(rig=rig), WATCHED, talk)
-        show([("step", f"haptic-fieldbus run {options.scene} --rig {path.name}")], talk)
+        chosen = "".join(f" --set {each}" for each in options.settings or [])
+        show([("step", f"haptic-fieldbus run {options.scene} --rig {path.name}{chosen}")], talk)
         talk.flush()
         tell = instruct if sys.stderr.isatty() else _once()
         run_and_tell(options, replace(task, rig=rig, drive=None), replace(trial, hand=None, instruct=tell))
