@@ -291,7 +291,10 @@ THINGS: Mapping[str, NewThing] = {
             ),
         ),
         (MAKE_DOCS,),
-        ("docs/reference/methods.md",),
+        (
+            "docs/reference/methods.md",
+            *(f"docs/images/lecture/{name}.png" for name in ("cost", "growth", "loop", "poles")),
+        ),
         ("tests/numerics/test_integrators.py::test_every_method_has_a_textbook_and_a_line", *PAGES),
         (
             "tests/numerics/test_integrators.py",

@@ -63,13 +63,13 @@ h3 { font-size: 17.5px; margin: 30px 0 4px; }
 p, ul { max-width: 860px; }
 li { margin: 4px 0; }
 .lead, .assumed { color: #555; margin: 0; font-size: 13.5px; line-height: 1.45; max-width: none; }
-.assumed { font-size: 12.5px; line-height: 1.35; margin-top: 4px; border-top: 1px solid #e4e4e4; padding-top: 4px; }
+.assumed { font-size: 12.5px; line-height: 1.35; margin-top: 2px; border-top: 1px solid #e4e4e4; padding-top: 2px; }
 .busy { background: #fbeee6; border-left: 5px solid #D55E00; margin: 4px 0 0; padding: 3px 12px; font-size: 12.5px;
   line-height: 1.35; max-width: none; }
-.first { display: grid; grid-template-columns: 1.2fr 1fr; gap: 2px 28px; margin-top: 6px; }
+.first { display: grid; grid-template-columns: 1.2fr 1fr; gap: 2px 28px; margin-top: 3px; }
 .card { min-width: 0; }
 .card:only-child { grid-column: 1 / -1; max-width: 760px; }
-.card h2 { font-size: 16px; line-height: 1.3; margin: 0; padding: 3px 0 0; }
+.card h2 { font-size: 16px; line-height: 1.3; margin: 0; padding: 1px 0 0; }
 .card h2 a { text-decoration: none; color: #222; }
 .card p { font-size: 13px; line-height: 1.35; margin: 0 0 2px; min-height: 2.7em; max-width: none; }
 .card code { padding: 0 2px; }
