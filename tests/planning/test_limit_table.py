@@ -9,7 +9,7 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.drive.rig import Limits, Rig
 from haptic_fieldbus.drive.rig_units import rig_text
-from haptic_fieldbus.numerals import in_unit
+from haptic_fieldbus.numerals import MORE, in_unit, shortened
 from haptic_fieldbus.planning.explain import LimitRow, Reaction, explain, limit_rows, plan_json, recommended_limits
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -119,3 +119,11 @@ def test_the_plan_shows_every_limit_in_words_and_in_json(profile: object) -> Non
     for row in expected:
         assert f"{row.name} {in_unit(row.value, row.unit)}".rstrip() in text
     assert {row.reaction for row in expected} == set(Reaction)
+
+
+def test_a_text_that_is_too_long_keeps_whole_clauses_words_and_numbers() -> None:
+    assert shortened("wall; spring", 40) == "wall; spring"
+    assert shortened("wall at 20 mm; a spring of 600 N/m behind it", 30) == f"wall at 20 mm; {MORE}"
+    assert shortened("wall at 20 mm, a spring of 600 N/m behind it", 30) == f"wall at 20 mm, {MORE}"
+    assert shortened("stiffness of a wall 600 N/m at 20 mm", 34) == f"stiffness of a wall… {MORE}"
+    assert shortened("a" * 60, 30) == f"{'a' * (28 - len(MORE))}… {MORE}"
