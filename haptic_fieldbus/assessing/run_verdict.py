@@ -28,6 +28,8 @@ AVERAGED = 0.05
 """Length of the moving average that separates motion (slower) from ripple (faster) [s]."""
 LAST = 0.5
 """Length of the end of the run in which ripple is measured [s]."""
+RARE = 1e-3
+"""Share of periods below which a limit of the force counts as rare; then no figure is told."""
 
 Array = NDArray[np.float64]
 
@@ -111,7 +113,8 @@ def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bo
     does. `rehearsed` says that the drives are simulated, in real time.
     """
     head = "Rehearsed on a simulated drive" if rehearsed else "Real drive, error unknown"
-    parts = [f"{effort} limited in {percent(cut)} of periods" if cut else f"{effort} never limited"]
+    limited = f"limited in {percent(cut)} of periods" if cut >= RARE else "rarely limited"
+    parts = [f"{effort} {limited if cut else 'never limited'}"]
     if behind is not None:
         parts.append(f"motor torque {percent(behind)} off target")
     return f"{head}: {'; '.join(parts)}"

@@ -56,9 +56,10 @@ into a wall by gaps has paid what other gaps give it on the way out, F times the
 when the law is drawn back is credited to Q, and taken from the open account. The stored energy of elements with a
 memory is not exactly that of their force. Where there are such elements, or some that do not state what they store, the
 work of the law along the way of x − δ takes the place of the fall of U: a passive law gives no more on it than it
-holds. A virtual mass that is given the velocity alone has no place at which it could pause: of its held torque, which
-takes energy while the handle speeds up, what is given while it slows down is forgiven. While a law that does not resist
-is still being drawn back, F·δ is not held against the run.
+holds. Friction loses most of that work. Its memories take up their reserve at most, and the fall of U less that reserve
+counts where it is more than the work of the law. A virtual mass that is given the velocity alone has no place at which
+it could pause: of its held torque, which takes energy while the handle speeds up, what is given while it slows down is
+forgiven. While a law that does not resist is still being drawn back, F·δ is not held against the run.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
@@ -499,7 +500,7 @@ class LawAccount:
             return self._energy
         last = zip(self._ledger.terms, self._places, self._here, self._forces, strict=True)
         return self._energy + sum(
-            (here - there) * (force - leak * (here - there))
+            (here - there) * (force - leak * (here - there)) - terms.active * abs(here - there)
             for terms, there, here, force in last
             for leak in [terms.damping_between(min(there, here), max(there, here)) / self._ledger.period]
         )
@@ -514,9 +515,10 @@ class LawAccount:
             torque.given - terms.active * torque.path
             for torque, terms in zip(self._torques, self._ledger.terms, strict=True)
         )
-        ledger, work = self._ledger, self._work
-        if ledger.exact:  # then that is what the stored energy fell by, without the leak of a period
-            work = self._stored_at_gap - ledger.stored(ledger.here, self._here_at_gap)
+        ledger = self._ledger
+        work = self._stored_at_gap - ledger.stored(ledger.here, self._here_at_gap)
+        if not ledger.exact:  # friction loses most of its work, and holds its reserve at most
+            work = max(self._work, work - ledger.memory.reserve)
         given -= work + ledger.fallen(self._here_at_gap)
         self._begin_gap()
         return given
