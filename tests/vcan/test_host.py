@@ -39,7 +39,7 @@ def test_an_interface_that_was_down_is_down_again(vcan: Link) -> None:
 
 
 def test_an_interface_that_is_no_vcan_is_not_lent() -> None:
-    with pytest.raises(UsageError, match='interface "lo" exists and is no vcan'), runner.lent(["made0", "lo"]):
+    with pytest.raises(UsageError, match='interface "lo" exists and is not a vcan'), runner.lent(["made0", "lo"]):
         pass
     assert not exists("made0")
 
