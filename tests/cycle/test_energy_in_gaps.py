@@ -217,7 +217,7 @@ def left_alone(elements: Sequence[Element], damping: float, timing: Timing, seco
 def test_a_handle_that_is_left_alone_is_given_no_power_that_is_felt(name: str) -> None:
     elements, rotary = of_scenes(name.split("+")), name in ROTARY
     pitch = 0.01 * (1.0 / LEVER if rotary else 1.0)
-    for damping in (0.2, 1.58):
+    for damping in (0.003, 0.2, 1.58, 10 ** random.Random(name).uniform(-2.5, 0.7)):
         for timing in (AtPlaces(14, pitch, pause=70), AtPlaces(8, pitch, 0.88, pause=40), at_turns(5)):
             left_alone(elements, damping, timing, 2.0, rotary)
 
@@ -227,7 +227,13 @@ def test_a_handle_that_is_left_alone_is_given_no_power_that_is_felt(name: str) -
 def test_two_handles_that_are_left_alone_are_given_no_power_that_is_felt(name: str) -> None:
     scene = load_scene(name)
     rotary = scene.axes[0].workspace is Workspace.ROTARY
-    for damping, missing, lost in ((0.3, 14, (True, False)), (1.58, 8, (False, True)), (0.3, 5, (True, True))):
+    both = True, True
+    for damping, missing, lost in (
+        (0.3, 14, (True, False)),
+        (1.58, 8, (False, True)),
+        (0.3, 5, both),
+        (0.003, 8, both),
+    ):
         bench = TwoHandles(scene, [damping, damping], rotary)
         bench.v, last, left = [0.6 / (LEVER if rotary else 1.0), 0.0], 0.0, 0
         for number in range(2000):
