@@ -24,8 +24,8 @@ Accounts. Credit does not outlive a contact: each contact, from the first force 
 account of its own, in which nothing counts that a damper took before. Elements that cannot state what they hold from
 where the handle is (virtual masses, elements of other packages) keep their credit until the handle has rested without
 force for a turn of their slowest mode. They are judged by the force of the scene: a virtual mass does not know that its
-force was cut, and gives back what it would have taken. Their leak is −ΔF·Δx·(½ + τ/T) in each period, with its sign,
-because their force also changes while the handle stands still.
+force was cut, and gives back what it would have taken. Their work is Σ ½·(F_k + F_{k+1})·Δx, one sample late. A held
+force has no leak in this sum.
 
 A live change fades from one set of elements to another, and the stored energy with them: what it grows by where the
 handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. So

@@ -31,8 +31,6 @@ class _Side:
     sent_torque: SentTorque
     acting: float = 0.0
     """Force at the end of the period."""
-    changed: float = 0.0
-    """How much it differs from the one at its begin."""
     way: float = 0.0
     """Of the handle, or of the law where its force counts."""
     moved: float = 0.0
@@ -42,6 +40,11 @@ class _Side:
     """Sign of the force at which the account was opened."""
     path: float = 0.0
     """Length of the way since the last change began, while it is on its way."""
+    work: float = 0.0
+    """Done in the period; where the force of the scene counts, in the one before, by the trapezoid [J]."""
+    force: float = 0.0
+    pending: float = 0.0
+    """Force of the scene at the begin of the way before, and that way."""
 
     def passed(self) -> float:
         """Take in the period that has passed, and return the work that was done on the handle in it [J]."""
@@ -51,15 +54,20 @@ class _Side:
         if self.by_law:
             shift, self.shift = self.shift, self.port.permission.shift
             self.way -= self.shift - shift
+            self.work = 0.5 * (self.force + state.force) * self.pending
+            self.force, self.pending = state.force, self.way
         if self.by_law and state.steps > 1:
             # The way of several periods, through which the law was led; nothing leaks on it.
-            self.acting, self.changed = state.led_force, 0.0
+            self.acting = state.led_force
             self.sent = deque([self.acting] * len(self.sent))
+            self.work, self.force, self.pending = self.work + state.led_work, self.acting, 0.0
             return state.led_work
         self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
         self.acting = acting = self.sent.pop()
-        self.changed = changed = acting - before
-        return self.way * (acting - self.share * changed)
+        done = self.way * (acting - self.share * (acting - before))
+        if not self.by_law:
+            self.work = done
+        return done
 
     @property
     def last(self) -> float:
@@ -194,11 +202,10 @@ class _Account:
 
     def take(self, work: float) -> None:
         """Book the work of a period, judge the account, and open another one when contact is left."""
-        self._given += work
         for side, terms in zip(self._sides, self._ledger.terms, strict=True):
+            self._given += side.work
             self._granted += terms.active * abs(side.way)
             if side.by_law:
-                self._given += side.changed * side.way * terms.age
                 if side.port.state.steps > 1:  # each period of the straight line is off by as much as a way of its own
                     stiffness, way = side.damping(terms) / (terms.age * self._ledger.period), side.way
                     self._given -= stiffness * way * way / side.port.state.steps
