@@ -64,6 +64,7 @@ def test_with_one_more_of_each_kind_every_quick_test_passes(checkout: Checkout) 
     assert held.returncode == 0, held.stdout
 
 
+@pytest.mark.thorough("copies the package")
 def test_with_one_more_of_each_kind_the_cheap_tests_over_the_kinds_pass(tmp_path: Path) -> None:
     """These need no generated file; a run of the thorough lane has all others too."""
     checkout = copied(tmp_path / "copy")

@@ -90,6 +90,7 @@ def test_every_module_can_be_imported() -> None:
     assert on_windows(EVERY_MODULE) == "{}\n"
 
 
+@pytest.mark.thorough("commands one after another")
 def test_simulation_and_planning_work() -> None:
     lines = ("run wall --duration 0.2", "run wall --bus sim-modbus-tcp --duration 0.2", "plan damped_wall", "scan")
     for words, status, out, err in commands(*map(str.split, lines)):
@@ -121,6 +122,7 @@ REFUSALS = {
 }
 
 
+@pytest.mark.thorough("commands one after another")
 def test_what_does_not_work_is_refused_in_a_sentence() -> None:
     for words, status, _, err in commands(*map(str.split, REFUSALS)):
         expected, sentence = REFUSALS[" ".join(words)]

@@ -12,7 +12,6 @@ from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
 DRIVES = [name for name in profile_names() if load_profile(name).drive.usable]
-ONE_A_PROTOCOL = ("maxon_epos4", "generic_cia402_modbus")
 
 
 @cache
@@ -34,7 +33,7 @@ def is_inside(found: Plan) -> bool:
     return all(axis.stability is not None and axis.stability.is_inside for axis in found.axes)
 
 
-@pytest.mark.thorough("judges every scene with every drive", quick=ONE_A_PROTOCOL)
+@pytest.mark.thorough("judges every scene with every drive", quick=("maxon_epos4",))
 @pytest.mark.parametrize("drive", DRIVES)
 def test_every_scene_is_inside_its_limit_on_the_drives_that_it_is_made_for(drive: str) -> None:
     found = {scene: each for scene in scene_names() if (each := planned(scene, drive)) is not None}

@@ -121,6 +121,7 @@ def stuck(permissions: Permissions) -> Plan:
     return unseen_plan(Task("wall"), coulomb_friction=0.1, permissions=permissions)
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize(
     ("permissions", "largest", "key"),
     [
@@ -264,6 +265,7 @@ def test_the_probe_brings_the_handle_back_to_where_it_was() -> None:
     assert abs(position) <= probe.travel
 
 
+@pytest.mark.thorough("pulses of seconds")
 def test_a_coarse_encoder_makes_the_pulses_longer_and_the_travel_is_told() -> None:
     """24 counts a turn of 50 mm: the pulses move the handle by four of them, 8.3 mm, and without friction by 10 mm."""
     plan = unseen_plan(Task("wall"), encoder_counts_per_revolution=24)
