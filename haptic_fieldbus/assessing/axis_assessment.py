@@ -193,6 +193,7 @@ class AxisAssessment:
             found.shape_rms_contact / ideal,
             found.late,
             seconds,
+            found.energy_generated,
             by_event=all(abilities(each).by_event for each in acting),
         )
 

@@ -6,11 +6,10 @@ differential thresholds", Perception 18, 1989, doi:10.1068/p180681).
 Delay is an error like any other while the handle is in contact: a spring that comes late is felt as another stiffness,
 softer within the spring and harder across its surface (Pressman et al., "Perception of delayed stiffness", Int. J.
 Robotics Research 26, 2007; Nisky, Mussa-Ivaldi & Karniel, "A regression and boundary-crossing-based model for the
-perception of delayed stiffness", IEEE Trans. Haptics 1, 2008). It also gives the hand energy, which `run -v` tells.
-Where force comes from an event alone, as from a crossing, people notice a delay from about 5.5 ms on ("Vibration
-feedback latency affects material perception during rod tapping interactions", IEEE Trans. Haptics 10(2), 2017, 288,
-doi:10.1109/TOH.2016.2628900): until then the error counts that is left beside the delay.
-"""
+perception of delayed stiffness", IEEE Trans. Haptics 1, 2008). Its energy is part of the sentence. Where force comes
+from an event alone, as from a crossing, people notice a delay from about 5.5 ms on ("Vibration feedback latency affects
+material perception during rod tapping interactions", IEEE Trans. Haptics 10(2), 2017, 288,
+doi:10.1109/TOH.2016.2628900): until then the error counts that is left beside the delay. """
 
 from dataclasses import dataclass
 
@@ -62,6 +61,8 @@ class FeltError:
     """That delay [s]."""
     seconds: float
     """Time in moving contact [s]."""
+    energy: float = 0.0
+    """Work of the error on the hand [J]."""
     by_event: bool = False
     """Whether all of the force comes from events (`scenes.element.Abilities.by_event`)."""
 
@@ -131,7 +132,8 @@ def _felt(effort: str, felt: FeltError, contact: float) -> tuple[str, str]:
     if felt.by_event and felt.late <= EVENT_DELAY:
         noticed = f" (people notice from {rounded(1e3 * EVENT_DELAY)} ms and {percent(FELT_SHARE)})"
         return f"Feels right, {late} late: {effort} error {percent(felt.shape)} without the delay", noticed
-    return f"Feels different: {share}, {percent(felt.shape)} without the delay of {late}", noticed
+    added = f", which added {rounded(1e3 * felt.energy)} mJ" if felt.energy > 0.0 else ""
+    return f"Feels different: {share}, {percent(felt.shape)} without the delay of {late}{added}", noticed
 
 
 def _with(hand: str) -> str:

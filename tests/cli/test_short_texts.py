@@ -82,6 +82,7 @@ FELT = st.builds(
     st.floats(0.0, 99.0),
     st.floats(0.0, 0.09),
     st.floats(0.0, 9.0),
+    st.floats(-9.0, 9.0),
     by_event=st.booleans(),
 )
 

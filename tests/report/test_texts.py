@@ -181,6 +181,10 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
             FeltError(0.12, 0.022, 0.0107, 0.4),
             "Feels different: force error 12 %, 2.2 % without the delay of 10.7 ms (people notice from 8 %)",
         ),
+        (
+            FeltError(0.12, 0.022, 0.0107, 0.4, energy=0.0751),
+            "Feels different: force error 12 %, 2.2 % without the delay of 10.7 ms, which added 75.1 mJ",
+        ),
         (FeltError(0.12, 0.022, 0.0007, 0.4), "Feels different: force error 12 %"),
         (
             FeltError(0.5, 0.2, 0.0007, 0.4, by_event=True),

@@ -37,11 +37,10 @@ def test_half_the_limit_is_rendered_as_a_wall(bus: str, hand: str, feels: str) -
     assert result.verdict is not None
     assert result.verdict.startswith(feels)
     if bus == RTU:
-        told = re.search(r"([\d.]+) % without the delay of 10\.7 ms ", result.verdict)
+        told = re.search(r"([\d.]+) % without the delay of 10\.7 ms, which added ([\d.]+) mJ", result.verdict)
         assert told is not None
         assert float(told[1]) < 8.0
-        assert result.energy_generated is not None
-        assert result.energy_generated > 0.0
+        assert 1e-3 * float(told[2]) == pytest.approx(result.energy_generated, rel=5e-3)
     assert math.fsum(result.torque_error.by_source.values()) == pytest.approx(1.0, abs=1e-9)
 
 
