@@ -9,7 +9,8 @@ Robotics Research 26, 2007; Nisky, Mussa-Ivaldi & Karniel, "A regression and bou
 perception of delayed stiffness", IEEE Trans. Haptics 1, 2008). Its energy is part of the sentence. Where force comes
 from an event alone, as from a crossing, people notice a delay from about 5.5 ms on ("Vibration feedback latency affects
 material perception during rod tapping interactions", IEEE Trans. Haptics 10(2), 2017, 288,
-doi:10.1109/TOH.2016.2628900): until then the error counts that is left beside the delay. """
+doi:10.1109/TOH.2016.2628900): until then the error counts that is left beside the delay.
+"""
 
 from dataclasses import dataclass
 
