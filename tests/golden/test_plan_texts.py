@@ -23,7 +23,6 @@ LEAST = 20
 """Scenes that every drive can have."""
 
 
-@pytest.mark.thorough("every plan", quick=16)
 @pytest.mark.parametrize("path", cases(), ids=lambda path: str(path.relative_to(FOLDER)))
 def test_the_plan_reads_as_before(path: Path) -> None:
     """A run begins with four short lines on it, besides caps and warnings."""
