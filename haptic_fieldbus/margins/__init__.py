@@ -1,7 +1,7 @@
 """Limits of stability and passivity of a sampled loop, before anything moves.
 
-Code for coupled axes alone is in `coupled`, which a scene without couplings does not import. What hangs on a motor
-(`bodies`) is imported when a name of it is first used.
+Code for coupled axes alone is in `coupled`, which a scene without couplings does not import. `bodies` (loads behind a
+compliant transmission, hands) is imported when one of its names is first used.
 """
 
 from importlib import import_module

@@ -1,16 +1,16 @@
 """A device of more than one mass: a load behind a compliant transmission, a hand that holds the handle.
 
 Motor and encoder are on the first body, the plant. Each further body is connected to the body before it by a spring and
-a damper. A hand adds mass and damping, and hides an instability that appears when it lets go. The limit to quote is
-therefore that of the released handle. A handle that is both held and released has the smaller of both limits.
+a damper. A hand adds mass and damping, and hides an instability that appears on release. Quote therefore the limit of
+the released handle. A handle that is both held and released has the smaller of both limits.
 
-Passivity does not depend on the bodies. It is required for *any* passive hand. Encoder and torque are at the motor, and
-seen from there a passive load on a passive transmission, whatever holds it, is again a passive hand. The motor is
+Passivity does not depend on the bodies. It is required for *any* passive hand. Encoder and torque are at the motor. At
+the motor, a passive load on a passive transmission acts as a passive hand, whatever holds the load. The motor is
 therefore passive with all bodies up to `passivity.passive_limit_of(plant, …)`, where the plant is the motor alone with
 its own damping. When transmission and load have no losses this limit is also the largest possible, because their motion
-follows from that of the motor and takes no energy. Losses in them help only when they move: a load that is rigidly on
-the motor may be added to the plant with its mass and damping. A soft load may not, although it would help in slow
-motions.
+follows from that of the motor and takes no energy. Their losses help only when they move. A load that is rigidly
+connected to the motor may be added to the plant with its mass and damping. A softly connected load may not, although it
+helps in slow motions.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """A sampled loop for limits and verdicts: one axis, or several axes that couplings tie together.
 
-Limits, verdicts and suggestions need the same methods of both (`ClosedLoop`), but the computation differs. A single
+Both have the same methods for limits, verdicts and suggestions (`ClosedLoop`), but different computations. A single
 axis has closed forms, which are several times faster than the matrices of several axes (ADR 0013). The matrices are in
 `coupled`; `group` chooses between both.
 """
@@ -42,9 +42,9 @@ def stiffest_of(elements: Iterable[Kind]) -> Kind | None:
 
 
 def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
-    """Return the element in sustained contact, after those `changes` for which it has a parameter.
+    """Return the linear model of the element in sustained contact, with the `changes` that name one of its parameters.
 
-    A stiffness that follows from other parameters cannot be set; it is changed by a factor on the whole force.
+    If the stiffness follows from other parameters, a factor on the whole force changes it.
     """
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
     if "stiffness" in known and abilities(element).with_stiffness:
@@ -55,7 +55,7 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
 
 
 def with_parameters(element: Kind, changes: Mapping[str, float]) -> Kind:
-    """Return the element after those `changes` for which it has a parameter."""
+    """Return the element with the `changes` that name one of its parameters."""
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
     varied: Any = element
     if "stiffness" in known and (graded := abilities(varied).with_stiffness):
@@ -74,8 +74,8 @@ def environment_of(
 ) -> StateSpace:
     """Return the linearised elements as the loop runs them, x_k → F_k, with `changes` to the stiffest element.
 
-    `method` applies to elements whose virtual states the loop integrates. An element with a memory of its own steps it
-    exactly. Raises UsageError as `numerics.sampled.environment`.
+    `method` applies to elements whose virtual states the loop integrates. An element with its own memory steps this
+    memory exactly. Raises UsageError as `numerics.sampled.environment`.
     """
     stiffest = stiffest_of(elements)
     steps = []
@@ -106,7 +106,8 @@ class Axis:
         return max(float(self.environment.stiffness.max()), 0.0) if isinstance(self.environment, Places) else 0.0
 
     def damping_needed(self, places: Places, period: float) -> float:
-        """Return the damping that any hand on a device of this delay and torque loop needs [N·s/m or N·m·s/rad]."""
+        """Return the device damping that passivity with any hand needs, for this delay and torque loop [N·s/m or
+        N·m·s/rad]."""
         times = (period, self.delay, self.plant.torque_lag)
         needed = places.increments.damping_needed(*times)
         if places.swept is not None:
@@ -151,9 +152,9 @@ class ClosedLoop(ABC):
         """Return the largest modulus of the eigenvalues, without free shifts of the handles; below 1 is stable."""
 
     def judged_at(self, environment: StateSpace) -> tuple[RestingPlace | None, RestingPlace | None]:
-        """Return the resting place with the largest growth, and the place where the ideal itself grows the most.
+        """Return the equilibrium with the largest growth, and the one with the largest growth of the ideal scene.
 
-        None for a place that is not known, or does not exist.
+        None for an equilibrium that is unknown or does not exist.
         """
         return None, None
 
@@ -225,12 +226,12 @@ class OneAxis(ClosedLoop):
         return environment.worst(self.devices[0])[0], crest
 
     def damping_share(self, environment: StateSpace) -> float:
-        """Return the needed damping over the device's own; ∞ for a device without damping that needs any.
+        """Return the needed damping divided by the device damping; ∞ if damping is needed and the device has none.
 
-        With a tachometer no damping is enough for any force: the result is ∞, or 0 without a force. The readings do not
-        show the motion between them. A hand that is fast only at the instants of the readings sets the force as it
-        likes, at a cost of b·∫v² that goes to 0 as these instants get shorter, and lets the force work on it in
-        between.
+        With a tachometer the result is ∞, or 0 without a force: no damping is enough for a force. The readings do not
+        show the motion between them. A hand that moves fast only at the instants of the readings can choose the force.
+        The energy b·∫v² of these motions goes to 0 as they get shorter. Between the readings the force does work on the
+        hand.
         """
         (axis,) = self.axes
         if axis.plant.tachometer:

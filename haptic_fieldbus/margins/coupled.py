@@ -1,24 +1,25 @@
 """Axes that a coupling ties together: a virtual shaft, a bilateral coupling of two drives.
 
 The loop consists of several axes: each device is under its own delayed hold, and all are closed over one environment
-(`numerics.coupled`). Nobody holds a handle. The stiffness of the coupling varies; everything else is kept, including
-the axes' own elements, which are tried at their places, in all combinations of the axes. A coupling that has play or a
-largest force is also tried without force, where each axis is alone.
+(`numerics.coupled`). All handles are free. The stiffness of the coupling varies; everything else is kept. The axes' own
+elements are tried at their `Places`, in all combinations over the axes. A coupling with play or a largest force is also
+tried with no force; each axis is then alone.
 
 Passivity is required with any passive hands on all handles. A coupling of springs and dampers that nothing cuts has an
-exact condition (`numerics.coupled_passivity`). What own elements may give is bounded as on a single axis
-(`passivity`), and the damping that this needs is taken from the device first: both bounds are sums over the axes of a
-damping times ∫v², so that they add up.
+exact condition (`numerics.coupled_passivity`). The energy of own elements is bounded as on a single axis (`passivity`).
+The damping that this bound needs is subtracted from the device first. Both bounds are sums over the axes of a damping
+times ∫v², so they add up.
 
-A spring-damper between x1 and n·x2 with play, or cut at a largest force, is a law of the twist that keeps the bounds of
-`passivity`. With κ = (1, |n|) the way of the twist is at most Σ κ_i·∫|v_i|. By the proof there, with y_i the mean of
-|v_i| and ρ_i the size of the rest of it, it gives at most the form of
+A spring-damper between x1 and n·x2 with play or a largest force is a law of the twist, and keeps the bounds of
+`passivity`. With κ = (1, |n|) the path length of the twist is at most Σ κ_i·∫|v_i|. Let y_i be the mean of |v_i|, and
+ρ_i the size of the remainder |v_i| − y_i. By the proof in `passivity` the spring-damper generates at most the quadratic
+form of
 
     [[K·κ_i·κ_j·½(g_i + g_j) + B·κ_i·κ_j, ½·K·κ_i·κ_j·√S_j], [its transpose, 0]]
 
-on (y, ρ), which the dampings must cover; without B this is the exact condition again. Motors that cut the two ends at
-different twists, or that cut a sum with own elements, leave forces without a potential: moving the handles around a
-loop may take energy without end, and nothing is called passive.
+on (y, ρ). The dampings must cover this form; without B this is the exact condition again. The forces have no potential
+if the motors saturate at different twists on the two axes, or saturate the sum of coupling and own elements. Handles
+that move around a closed path may then extract energy in every turn, and no verdict is "passive".
 
 Encoder and Coulomb friction are judged at each handle while the others are held. A count D_i changes the force at its
 own handle by κ_i·K·D_i, where κ_i is the force there per stiffness of the coupling and position (1 and n² for a spring
@@ -56,11 +57,11 @@ class CoupledAxes(ClosedLoop):
     """Axes whose environment is a coupling (x_1 … x_n)_k → (F_1 … F_n)_k; the axes' own elements are added to it."""
 
     may_slacken: bool = False
-    """Whether the couplings may give no force for any slope: in their play, or at their largest force."""
+    """Whether a coupling has play or a largest force, so that its slope can be 0."""
     is_linear: bool = True
-    """Whether nothing cuts the forces of the couplings."""
+    """Whether no play and no largest force limits the couplings."""
     has_potential: bool = True
-    """Whether the forces remain those of springs where they are cut; if not, nothing is called passive."""
+    """Whether the forces still have a potential when they are limited; otherwise no verdict is "passive"."""
 
     @cached_property
     def _own(self) -> list[StateSpace]:
@@ -77,7 +78,7 @@ class CoupledAxes(ClosedLoop):
 
     @cached_property
     def _apart(self) -> float:
-        """Growth of the axis that grows the most when the couplings give no force."""
+        """Largest growth of a single axis when the couplings give no force."""
         found = [(axis, axis.environment) for axis in self.axes if axis.environment is not None]
         return max((OneAxis([axis], self.period).growth(own) for axis, own in found), default=0.0)
 
@@ -106,7 +107,8 @@ class CoupledAxes(ClosedLoop):
         if falls:
             matrix = coupled.loop_matrix(self.devices, environment)
             modes = np.linalg.eigvals(coupled.without_shifts(matrix, self.devices, environment))
-            # On a crest the ideal grows too: as many of the largest real eigenvalues above 1 do not count.
+            # At a crest the ideal grows too, once for each negative stiffness: as many of the largest real eigenvalues
+            # above 1 do not count.
             real = np.flatnonzero((np.abs(modes.imag) < 1e-9) & (modes.real > 1.0 - 1e-9))
             fallen = real[np.argsort(modes.real[real])[-falls:]]
             return float(np.abs(np.delete(modes, fallen)).max())
@@ -117,7 +119,8 @@ class CoupledAxes(ClosedLoop):
         return 1.0 if drifts and abs(found - 1.0) <= ROUNDING else found
 
     def damping_share(self, environment: StateSpace) -> float:
-        """Return the share of the devices' dampings that any passive hands need; ∞ when no damping is enough."""
+        """Return the share of the devices' dampings needed for passivity with any hands; ∞ when no damping is
+        enough."""
         if not self.has_potential:
             return math.inf
         left = [self._damping_left(axis) for axis in self.axes]
@@ -138,7 +141,7 @@ class CoupledAxes(ClosedLoop):
         return damping_share(whole, ports, self.period)
 
     def _share_when_cut(self, environment: StateSpace, dampings: Matrix) -> float:
-        """Return the share of these dampings that a coupling needs which may be cut."""
+        """Return the share of these dampings that a coupling with a limited force needs."""
         count, slopes, steps = len(self.axes), np.abs(_at_rest(environment)), self._steps(environment)
         ages = np.array([0.5 * self.period + axis.delay + axis.plant.torque_lag for axis in self.axes])
         spreads = [spread_of(self.period, axis.delay, axis.plant.torque_lag) for axis in self.axes]
@@ -152,7 +155,7 @@ class CoupledAxes(ClosedLoop):
         return float(np.linalg.eigvalsh(form / np.outer(root, root)).max())
 
     def _steps(self, environment: StateSpace) -> Matrix:
-        """Return the dampings B·κ_i·κ_j, as T times the sum of what the answers to steps differ from those at rest."""
+        """Return the dampings B·κ_i·κ_j: T times the sum over all periods of |step response − force at rest|."""
         at_rest, state = _at_rest(environment), np.zeros((environment.order, len(self.axes)))
         total: Matrix = np.zeros_like(at_rest)
         for _ in range(MOST_WEIGHTS if environment.order else 1):
@@ -161,7 +164,8 @@ class CoupledAxes(ClosedLoop):
         return self.period * total
 
     def _damping_left(self, axis: Axis) -> float:
-        """Return the damping of a device that its own elements leave [N·s/m or N·m·s/rad]; below 0: too little."""
+        """Return the device damping minus the damping that its own elements need [N·s/m or N·m·s/rad]; below 0: too
+        little."""
         # The readings of a tachometer do not show the motion between them, so the damping of its device counts as 0.
         own = 0.0 if axis.plant.tachometer else axis.plant.damping
         return own - axis.damping_needed(axis.environment, self.period) if isinstance(axis.environment, Places) else own
@@ -171,7 +175,8 @@ class CoupledAxes(ClosedLoop):
 
         The search assumes that the passive stiffnesses are one interval. This holds when the forces are a fixed part
         plus a part proportional to the stiffness, because the share s of the dampings is then the largest eigenvalue of
-        a matrix that is affine in the stiffness, which is convex. An undamped virtual mode is passive at no stiffness.
+        a matrix that is affine in the stiffness, which is convex. With an undamped virtual mode no stiffness is
+        passive.
         """
         return searched(
             lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
@@ -190,7 +195,7 @@ class CoupledAxes(ClosedLoop):
 
 
 def _environments(own: StateSpace | None, most: int) -> list[StateSpace]:
-    """Return the environments that own elements may be, at most so many of them."""
+    """Return the environments of own elements at their places, at most `most` of them."""
     if isinstance(own, Places):
         return own.environments(most)
     return [] if own is None else [own]
@@ -204,19 +209,21 @@ def _at_rest(environment: StateSpace) -> Matrix:
 
 
 def _stiffnesses(environment: StateSpace) -> NDArray[np.float64]:
-    """Return the principal stiffnesses at rest, without those that are 0 to rounding."""
+    """Return the principal stiffnesses at rest; a value within rounding of 0 is 0."""
     at_rest = _at_rest(environment)
     found = np.linalg.eigvalsh(-0.5 * (at_rest + at_rest.T))
     return np.asarray(np.where(np.abs(found) > ROUNDING * np.abs(found).max(initial=0.0), found, 0.0))
 
 
 def are_linear(couplings: Sequence[Any], efforts: Mapping[str, float]) -> bool:
-    """Return whether neither couplings nor motors of these largest forces [N or N·m] cut a force."""
+    """Return whether neither the couplings nor the motors limit a force; `efforts` are the motors' largest [N or
+    N·m]."""
     return all(map(math.isinf, efforts.values())) and not may_slacken(couplings)
 
 
 def has_potential(couplings: Sequence[Any], efforts: Mapping[str, float], are_alone: bool) -> bool:
-    """Return whether a coupling keeps a potential wherever its play, its largest force, or the motors cut it.
+    """Return whether the forces have a potential with the play and largest force of the couplings and the limits of the
+    motors.
 
     `efforts` are the largest forces of the motors [N or N·m]. `are_alone`: the axes have no elements of their own.
     """

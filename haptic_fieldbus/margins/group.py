@@ -1,7 +1,7 @@
 """Groups of coupled axes: their devices, their own elements in sustained contact, and the couplings between them.
 
-A single axis is a group of one. The stiffness that varies is that of the stiffest coupling, or of the stiffest element
-of an axis without couplings. Everything else is kept.
+A single axis is a group of one. One stiffness varies: that of the stiffest coupling, or of the stiffest element of an
+axis without couplings. Everything else is kept.
 """
 
 import math
@@ -64,7 +64,8 @@ class Member:
         return self.ranges or exact_bench((lag, lag), (self.delay, self.delay), Basis.STATED)
 
     def at(self, values: Values) -> "Member":
-        """Return the same axis with these values; its further bodies are heavier by the same share as its plant."""
+        """Return the same axis with these values; the mass of its further bodies changes by the same factor as its
+        plant."""
         share = values.plant.mass / self.plant.mass if self.plant.mass else 1.0
         bodies = tuple(
             replace(body, mass=share * body.mass, stiffness=values.coupling * body.stiffness) for body in self.bodies
@@ -118,7 +119,7 @@ class Group:
         return self.members[0].name if coupling is None else coupling.axes[0]
 
     def stabilities(self) -> dict[str, Stability]:
-        """Return the common judgement for each axis by its name, with the plant and delay of that axis.
+        """Return the verdict on the group for each axis by name, with the plant and delay of that axis.
 
         Raises UsageError for a stiffness that is not a finite number from 0 up.
         """
@@ -138,18 +139,18 @@ class Group:
 
     @cached_property
     def _own_laws(self) -> tuple[OwnLaw, ...]:
-        """How the elements of all axes that state no bounds of their own were judged."""
+        """Stability check of each element that states no bounds, on all axes."""
         return tuple(law for member in self.members for law in self._axle_of(member).own_laws)
 
     @property
     def stability(self) -> Stability:
-        """The judgement of the axis whose units it uses."""
+        """Verdict on the group, in the units of its reference axis."""
         return self.stabilities()[self.reference_axis]
 
     def limit_over_ranges(self) -> Limit:
         """Return the limit over the ranges of all values.
 
-        It takes some times as long as a limit of stability, so it is computed when it is asked for.
+        It is computed on demand, because it takes several times as long as a limit of stability.
         """
         return self._limit
 
@@ -162,14 +163,14 @@ class Group:
             grown = any(self._at(values).growth() > 1.0 + ROUNDING for values in corners(ranges))
             return Limit(0.0 if grown else math.inf, basis)
         found, at = least((values, self._at(values)) for values in corners(ranges))
-        # The plan's own delay and lag are inside of their ranges, and no corner.
+        # The delay and lag of the plan lie inside their ranges, so no corner has these values.
         found = min(found, self.stability.stiffness_limit.stable or 0.0)
         rough = self._at(least_friction(ranges))
         obstacle = None if found else self._obstacle(self.stiffest)
         return Limit(found, basis, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
 
     def _obstacle(self, varied: AnyElement) -> Obstacle | None:
-        """Return the stiffest of the others when it is too stiff without `varied`; None with couplings."""
+        """Return the stiffest other element if it exceeds its limit without `varied`; None with couplings."""
         if self.couplings:
             return None
         (alone,) = self.members
@@ -189,13 +190,13 @@ class Group:
         return replace(self, members=tuple(member.at(each) for member, each in pairs))
 
     def bears(self, stiffness: float) -> bool:
-        """Return whether the group is stable when the stiffest has this stiffness [N/m or N·m/rad]."""
+        """Return whether the group is stable with this stiffness of the stiffest [N/m or N·m/rad]."""
         return self.loop.bears(self.environment(stiffness=stiffness))
 
     def further_age(self, most: float) -> float:
-        """Return by how much older all forces may be in a stable loop [s], to a fiftieth; `most` is enough.
+        """Return the largest additional age of all forces in a stable loop [s], to 2 %; at most `most`.
 
-        Gaps make the force of every element older, and the margin is that of the stiffest alone.
+        Gaps make the force of every element older, but the margin of stiffness varies the stiffest element alone.
         """
         if not math.isfinite(most) or self._bears_age(most):
             return most
@@ -232,7 +233,7 @@ class Group:
         return self.loop.limit(self._varied(), factor=FACTOR, precision=PRECISION)
 
     def rough_margin(self) -> float:
-        """Return that limit over the stiffness, or over 1 for a stiffness of 0; ∞ when there is none to vary."""
+        """Return `rough_limit` divided by the stiffness (by 1 for a stiffness of 0); ∞ without a stiffness to vary."""
         return (
             math.inf if self.stiffest is None else self.rough_limit() / (closed_loop.stiffness_of(self.stiffest) or 1.0)
         )
@@ -259,7 +260,7 @@ class Group:
         )
 
     def _limit_with(self, damping: float) -> float:
-        """Return the limit over ranges when the stiffest has this damping; its own where it has none to vary."""
+        """Return the limit over ranges with this damping of the stiffest; an element without a damping is unchanged."""
         own = getattr(self.stiffest, "damping", None)
         return (self if own is None or damping == own else self._damped(damping)).limit_over_ranges().value
 

@@ -1,17 +1,18 @@
-"""The limit: the largest stiffness at which a loop is stable for every value that is open.
+"""The limit: the largest stiffness at which a loop is stable for every open value.
 
-Values that are open have ranges (`plant.Ranges`), and the limit is the smallest limit of stability over them.
+An open value is not known exactly, and has a range (`plant.Ranges`). The limit is the smallest limit of stability over
+these ranges.
 
-It is searched among the corners of the ranges. For a spring the limit is close to b/(T/2 + td + λ): it grows with the
-damping b and falls with delay td and lag λ, so that the worst corner is known but for the mass. Virtual damping,
-virtual masses and couplings can turn this round: with much virtual damping a light device is worst. Therefore all
-corners are tried; tests draw benches from inside of the ranges, and none has a smaller limit.
+The search tries the corners of the ranges. For a spring the limit is close to b/(T/2 + td + λ): it grows with the
+damping b, and falls with delay td and lag λ. The worst corner of a spring is therefore known except for the mass.
+Virtual damping, virtual masses and couplings can reverse this: with much virtual damping a light device is worst.
+Therefore all corners are tried. Tests draw benches from inside the ranges, and none has a smaller limit.
 
 Delays that change from period to period, by jitter or by a drive whose control tick is not locked to SYNC, are covered
 by the longest delay. A spring whose force is older by δ(t) at every instant acts like a damping −K·δ(t), which is never
-below −K·δ_max, whatever the pattern. The small-gain condition for delays that vary says the same: with T(s) the closed
-loop at the shortest delay, |T(jω)|·δ_max·ω < 1 is enough (Kao & Lincoln, Automatica 40(8), 2004, 1429), and at the
-resonance of a lightly damped spring this is K·δ_max < b − K·td again.
+below −K·δ_max, whatever the pattern. The small-gain condition for varying delays agrees: with T(s) the closed loop at
+the shortest delay, |T(jω)|·δ_max·ω < 1 is enough (Kao & Lincoln, Automatica 40(8), 2004, 1429), and at the resonance of
+a lightly damped spring this is K·δ_max < b − K·td again.
 """
 
 import math
@@ -32,7 +33,7 @@ from haptic_fieldbus.scenes.element import AnyElement
 
 @dataclass(frozen=True)
 class Suggestion:
-    """Values that would be stable; None for a value that does not exist or makes no sense."""
+    """Values of a stable scene; None for a value that does not exist or makes no sense."""
 
     stiffness: float | None
     """Stable stiffness [N/m or N·m/rad], with the damping kept."""
@@ -51,10 +52,10 @@ def suggest(
 ) -> Suggestion:
     """Return round values that make an unstable scene stable; `damping` is None when the scene has none to vary.
 
-    `environment_of` takes (stiffness, damping). `limit_with` returns the limit over all open values for a damping; the
-    suggested stiffness is this limit with the present damping, and the suggested damping the smallest at which it is at
-    least the present stiffness. Where it is None, the stiffness is 0.7 of the limit of the loop as it is, and the
-    damping has such a limit of at least 1.2 times the present stiffness.
+    `environment_of` takes (stiffness, damping). `limit_with` returns the limit over all open values for a damping. The
+    suggested stiffness is this limit at the present damping. The suggested damping is the smallest at which this limit
+    is at least the present stiffness. If `limit_with` is None, the nominal limit of `loop` replaces it: the suggested
+    stiffness is 0.7 times this limit, and the suggested damping makes it at least 1.2 times the present stiffness.
     """
 
     def damped(value: float) -> EnvironmentOf:
@@ -86,11 +87,12 @@ def _round_values(largest: float) -> list[float]:
 
 
 LOWER = (1.0, 0.6, 0.2)
-"""Shares of the smallest limit so far at which a further corner is tried before its own limit is computed."""
+"""Stiffnesses at which a further corner is checked before its limit is computed, as shares of the smallest limit so
+far."""
 MOST_MIXED = 3
-"""Largest number of coupled axes whose masses are varied independently, at the corner that is worst for a spring."""
+"""Largest number of coupled axes whose masses are varied independently, at the worst corner for a spring."""
 WORST = (0, 1, 1)
-"""That corner: least friction, longest lag, longest delay."""
+"""Worst corner for a spring: least friction, longest lag, longest delay."""
 FACTOR, PRECISION = 2.0, 1e-6
 """Ratio of neighbouring stiffnesses of the search, and its relative precision: coarser than for the limit itself."""
 
@@ -118,7 +120,7 @@ class Values:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Element that alone exceeds the limit, beside a stiffer element."""
+    """Element that exceeds its own limit even without the stiffer element beside it."""
 
     element: AnyElement
     limit: float
@@ -132,16 +134,16 @@ class Limit:
     """Limit of a loop [N/m or N·m/rad]."""
 
     value: float
-    """Stiffness up to which the loop is stable for every value that is open, rounded down to three digits; ∞: any. A
-    loop without a stiffness has ∞ if it is stable for all these values, else 0."""
+    """Stiffness up to which the loop is stable for every open value, rounded down to three digits; ∞: stable at any
+    stiffness. Without a stiffness: ∞ if the loop is stable for every open value, else 0."""
     basis: Basis
-    """Origin of the values of the bench, the least certain one of several axes."""
+    """Origin of the values of the bench; of several axes the least certain origin."""
     quantisation: float | None = None
     """Stiffness up to which the least friction holds the handle between two counts; None without quantisation."""
     judged_at: tuple[Values, ...] = ()
     """Values of each axis at which the loop has this limit; empty without a stiffness."""
     obstacle: Obstacle | None = None
-    """Element that alone exceeds the limit, so that the varied element can have no stiffness; None otherwise."""
+    """Element that exceeds its own limit, so that the varied element can have no stiffness; None otherwise."""
 
 
 class VariedLoop(Protocol):
@@ -155,10 +157,10 @@ class VariedLoop(Protocol):
 
 
 def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]]:
-    """Yield the corners of the ranges of all axes, the one that is the worst for a spring first.
+    """Yield the corners of the ranges of all axes; the worst corner for a spring comes first.
 
-    All axes are at the same corner of friction, lag, delay and compliant coupling; their masses differ at the worst one
-    of these. Corners that are equal, because a value is exact, are yielded once.
+    All axes are at the same corner of friction, lag, delay and compliant coupling. At the worst of these corners the
+    masses of the axes are varied independently. Equal corners, of a value that is exact, are yielded once.
     """
     count = len(axes)
     alike = [(1,) * count, (0,) * count]
@@ -192,7 +194,7 @@ def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
 
 
 def least(found: Iterator[tuple[tuple[Values, ...], VariedLoop]]) -> tuple[float, tuple[Values, ...]]:
-    """Return the smallest limit of these loops, and the values at which it is."""
+    """Return the smallest limit of these loops, and its values."""
     limit, at = math.inf, tuple[Values, ...]()
     for values, loop in found:
         if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):

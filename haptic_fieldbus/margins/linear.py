@@ -50,11 +50,11 @@ def limit_of(
 
 
 def crossing(excess: Callable[[float], float], low: float, high: float, precision: float) -> float:
-    """Return the largest argument known to have no excess, between `low`, which has none, and `high`, which has one.
+    """Return the largest argument found without excess; `low` has no excess, `high` has one.
 
-    Interpolates, and needs at most one evaluation more than bisection where that does not help: the ITP method with
-    κ₁ = 0.2/(high − low), κ₂ = 2 and n₀ = 1 (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021,
-    doi:10.1145/3423597). Ends at a relative `precision`.
+    Interpolates by the ITP method with κ₁ = 0.2/(high − low), κ₂ = 2 and n₀ = 1, which needs at most one evaluation
+    more than bisection (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021, doi:10.1145/3423597). Ends at a
+    relative `precision`.
     """
     below, above = min(excess(low), 0.0), excess(high)
     width, tolerance = high - low, 0.5 * precision * high
@@ -79,24 +79,24 @@ def crossing(excess: Callable[[float], float], low: float, high: float, precisio
 # Stability when frames are missing in a pattern that repeats.
 #
 # When a frame is missing, the last force is held and the states of the environment keep their values. A pattern of N
-# periods is one linear map, the product of the maps of its periods, and its eigenvalue of the largest modulus decides
-# (Floquet). A force is older the longer it is held, so the gaps count by their squares. With the times T_i between
+# periods is one linear map, the product of the maps of its periods. Its eigenvalue of the largest modulus decides
+# (Floquet). A force gets older while it is held, so the gaps count by their squares. With the times T_i between
 # samples, light damping and no delay,
 #
 #     K < 2·b·ΣT_i/ΣT_i²
 #
-# where the gaps fall on all phases of the oscillation alike. Gaps that fall once in each half turn do not. The worst
-# timing is bounded so. A spring K, whose force has the mean age A = T/2 + td + λ, leaves b' = b − K·A of the damping of
-# the device. Let V = ½·m·v² + ½·K·x² + ½·b'·x·v. For light damping V' = −b'/m·V at every phase, while no sample is
-# missing. A force that is held for s periods is older, on average by (s − 1)·T/2, whatever td and λ. So it gives
-# ½·K·T²·(s² − s)·v² more than in s single periods. v² is at most 2·V/m, so the gap multiplies V by exp(K·T²·(s² − s)/m)
-# at most. V falls while all these exponents together are below b'/m times the time that passes, which is T·Σs:
+# if the gaps are spread evenly over all phases of the oscillation. Gaps that come once in each half cycle are not. For
+# the worst timing there is a bound. A spring K, whose force has the mean age A = T/2 + td + λ, reduces the damping of
+# the device to b' = b − K·A. Let V = ½·m·v² + ½·K·x² + ½·b'·x·v. For light damping V' = −b'/m·V at every phase, while
+# no sample is missing. A force that is held for s periods is older by (s − 1)·T/2 on average, whatever td and λ. It
+# therefore gives ½·K·T²·(s² − s)·v² more than in s single periods. v² is at most 2·V/m, so the gap multiplies V by
+# exp(K·T²·(s² − s)/m) at most. V falls while the sum of these exponents is below b'/m times the elapsed time T·Σs:
 #
 #     K·(A + T·q) < b,  q = Σ(s² − s)/Σs,  that is  K < K₀/(1 + q·T/A)
 #
-# with K₀ = b/A, the limit without gaps. Where gaps are rare, half of q counts on average: without delay that is the
-# bound above. Tests draw devices, delays, dampers and patterns, and the eigenvalues of none that this permits are above
-# 1; the first that grow have 1.1 times its q.
+# with K₀ = b/A, the limit without gaps. If gaps are rare, half of q counts on average: without delay this is the bound
+# above. Tests draw devices, delays, dampers and patterns. No permitted pattern has an eigenvalue above 1; the first
+# patterns that grow have 1.1 times the permitted q.
 
 Pattern = Sequence[bool]
 """One entry for each period, True when its frame arrives; repeats for ever. The first entry must be True."""

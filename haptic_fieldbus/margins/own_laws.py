@@ -1,13 +1,13 @@
-"""Laws without bounds of their own, judged by their force: sampled over the travel that the handle can reach.
+"""Stability check of elements that state no bounds: their force is sampled over the travel of the handle.
 
-A shipped element states bounds of its slope between any two positions (`scenes.element`). An element that somebody else
-wrote may state its force and `linearised` alone, and nothing holds one to the other. So its force is read at places of
-the whole travel: at rest, and there the slope to either side and the change per speed. The places are spread unevenly,
-so that no pitch hides between them. Where force or slope changes they are halved down to the step of a difference
-quotient. A place counts where the force at rest is at most the effort limit.
+A shipped element states bounds of its slope between any two positions (`scenes.element`). An element of another package
+may state only its force and `linearised`, and the two may disagree. Its force is therefore sampled at places of the
+whole travel: the force at rest, the slope to either side, and the change per speed. The places are spaced unevenly, so
+that a periodic force cannot hide between them. Where force or slope changes, the intervals are halved, down to the step
+of a difference quotient. A place counts if the force at rest is at most the effort limit.
 
-Reading finds what it looks at, and proves nothing between two places. Such a law is called stable at best, never
-passive. What `linearised` states beside it counts too, wherever it is stiffer.
+Sampling proves nothing between two places. The verdict on such a law is "stable" at best, never "passive". The linear
+model of `linearised` is judged too, and counts wherever it is stiffer.
 """
 
 import math
@@ -26,27 +26,30 @@ from haptic_fieldbus.signals import Signal
 
 Array = NDArray[np.float64]
 FURTHEST = 1e4
-"""Position to which a travel without limits is read [m or rad]."""
+"""Largest position that is sampled when the travel has no limit [m or rad]."""
 NEAR = 2.0 * math.pi
-"""Position to which it is read as densely as a limited travel [m or rad]: a turn to either side."""
+"""Position up to which a travel without limits is sampled as densely as a limited one [m or rad]: a turn to either
+side."""
 MANY, FEW = 768, 96
-"""Places of the first reading; places of each further one, for another stiffness of the same element."""
+"""Number of places of the first sampling, and of each further sampling with another stiffness of the same element."""
 MOST = {MANY: 1536, FEW: 256}
-"""Places after halving."""
+"""Largest number of places after halving."""
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 STEP, SPEED = 1e-7, 1e-6
-"""Steps of difference quotients: a share of the distance from 0, at least of 1 [m or rad], and a speed [m/s, rad/s]."""
+"""Steps of difference quotients: a share of |position|, which counts as at least 1 [m or rad]; and a speed [m/s,
+rad/s]."""
 ROUNDING = 64 * 2.0**-52
 """Share of a force below which a difference is rounding."""
 GROWS = 1.5
-"""Ratio of the forces at the furthest tenth of the way from which a push grows without end."""
+"""Force at `FURTHEST` divided by the force at a tenth of this distance; a push above this ratio grows without bound."""
 UNBOUNDED = Local((-math.inf, math.inf), (-math.inf, math.inf), math.inf)
 UNREAD = Local((math.nan, math.nan), (math.nan, math.nan))
 
 
 @dataclass(frozen=True, eq=False)
 class SampledLaw:
-    """The force of an element without bounds, with the methods of `Varying`; it begins at the places of `start`."""
+    """Sampled force of an element without bounds, with the methods of `Varying`; sampling begins at the places of
+    `start`."""
 
     element: Any
     start: tuple[float, ...] = ()
@@ -70,11 +73,11 @@ class SampledLaw:
         return self.element.linearised()
 
     def local(self, lower: float, upper: float) -> Local:
-        """Return what is felt at a place; between two places nothing is known."""
+        """Return force, stiffness and damping at one place; between two places nothing is known."""
         return self.at(lower) if lower == upper else UNBOUNDED
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return the places that are read within the travel, closest together where force or slope changes."""
+        """Return the sampled places within the travel, closest together where force or slope changes."""
         if (lower, upper, effort) not in self._found:
             self._found[lower, upper, effort] = self._places(*reach(lower, upper, effort), effort)
         return self._found[lower, upper, effort]
@@ -106,7 +109,7 @@ class SampledLaw:
         return Local((here, here), (min(slopes), max(slopes)), damping)
 
     def _damping(self, place: float) -> float:
-        """Return the change per speed of a handle at rest, of the direction in which it is larger."""
+        """Return the change of the force per speed of a handle at rest, the larger of both directions."""
         force = self._force
         back, here, on = force(place, -SPEED), force(place, 0.0), force(place, SPEED)
         found = [_quotient(back, here, SPEED), _quotient(here, on, SPEED)]
@@ -115,7 +118,7 @@ class SampledLaw:
     @cached_property
     def _force(self) -> Callable[[float, float], float]:
         """Position and velocity → force; not-a-number where the law gives no number."""
-        # A copy: a force that counts its calls, which it should not, runs as if it had never been read.
+        # A copy: sampling must not change the run, even if a force wrongly keeps a state, such as a count of its calls.
         law, needs = copy(self.element).force, self.element.needs
 
         def force(position: float, velocity: float) -> float:
@@ -130,7 +133,7 @@ class SampledLaw:
         return force
 
     def _halved(self, places: Sequence[float], effort: float, most: int) -> list[float]:
-        """Return the middles of the intervals on which force or slope changes the most, at most so many."""
+        """Return the middles of the intervals with the largest changes of force or slope, at most `most`."""
         x = np.array(places)
         read = [self.at(each) for each in places]
         force = np.array([each.force[0] for each in read])
@@ -150,7 +153,7 @@ class SampledLaw:
 
 
 def read(element: Any, start: tuple[float, ...] = ()) -> SampledLaw:
-    """Return the law of an element that is to be sampled, with what was read of an equal one before."""
+    """Return the sampled law of an element; the samples of an equal element are reused."""
     try:
         return _kept(element, start)
     except TypeError:  # an element of one's own without a hash
@@ -169,13 +172,13 @@ def _quotient(before: float, after: float, step: float) -> float:
 
 
 def reach(lower: float, upper: float, effort: float) -> Interval:
-    """Return the travel that is read: to `FURTHEST` where it has no limit, to `NEAR` where the motor has none too."""
+    """Return the travel to sample: without a limit to `FURTHEST`, or to `NEAR` if the motor has no limit either."""
     far = FURTHEST if math.isfinite(effort) else NEAR
     return max(lower, -far) if math.isinf(lower) else lower, min(upper, far) if math.isinf(upper) else upper
 
 
 def uneven(lower: float, upper: float, count: int) -> Iterable[float]:
-    """Yield places from edge to edge, at uneven distances, and of a long travel most of them near its middle."""
+    """Yield unevenly spaced places from edge to edge; of a long travel most lie near position 0."""
     yield lower
     yield upper
     near = max(lower, -NEAR), min(upper, NEAR)
@@ -189,7 +192,7 @@ def uneven(lower: float, upper: float, count: int) -> Iterable[float]:
 
 
 def thinned(law: SampledLaw, travel: Interval, effort: float) -> tuple[float, ...]:
-    """Return some of the places of a reading, its steepest and flattest among them, to begin a further one with."""
+    """Return the places with which a further sampling begins: some of the last one, with its steepest and flattest."""
     places = law.places(*travel, effort)
     kept = {places[row] for row in np.linspace(0, len(places) - 1, min(FEW, len(places))).round().astype(int)}
     by_slope = sorted(places, key=lambda place: law.at(place).stiffness[1])
@@ -197,7 +200,7 @@ def thinned(law: SampledLaw, travel: Interval, effort: float) -> tuple[float, ..
 
 
 def runs_off(elements: Sequence[Any], travel: Interval) -> bool:
-    """Return whether the forces of position push a handle away, more and more, where the travel has no limit."""
+    """Return whether a force of position pushes the handle away, ever more strongly, in a direction without a limit."""
     laws = [read(each) for each in elements if _is_static(each)]
     for sign, end in ((-1.0, -travel[0]), (1.0, travel[1])):
         places = [sign * float(place) for place in np.geomspace(0.1 * FURTHEST, FURTHEST, 12)]
@@ -208,7 +211,7 @@ def runs_off(elements: Sequence[Any], travel: Interval) -> bool:
 
 
 def own_laws(elements: Sequence[Any], travel: Interval, effort: float) -> tuple[OwnLaw, ...]:
-    """Return how each element without bounds of its own was judged."""
+    """Return the stability check of each element that states no bounds."""
     off = runs_off(elements, travel)
     return tuple(_own_law(each, travel, effort, off) for each in elements if _is_told(each, off))
 
@@ -235,7 +238,7 @@ def _own_law(element: Any, travel: Interval, effort: float, runs_off: bool) -> O
 
 
 def _is_bounded(element: Any) -> bool:
-    """Return whether an element states what it feels like in all its places and phases, or is linear."""
+    """Return whether an element states its stiffness and damping at all places and phases, or is linear."""
     if is_varying(element) or is_dynamic(element) or hasattr(type(element), "increments"):
         return True
     return bool(abilities(element).phases) or not element.needs

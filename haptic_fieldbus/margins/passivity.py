@@ -16,36 +16,37 @@ from haptic_fieldbus.numerics.sampled import TACHOMETER
 
 # Passivity of forces that are not linear, by bounds on their increments; the proof.
 #
-# A law gives F_k at the sample t_k, and the motor f(t) gives F_k from t_k + td until t_{k+1} + td, through a torque
-# loop of the lag λ. Two bounds are asked of the law, whatever the motion:
+# A law returns F_k at the sample t_k. The force f(t) of the motor is F_k from t_k + td until t_{k+1} + td, behind a
+# torque loop of the lag λ. The law must keep two bounds for every motion:
 #
-# 1. without delay it gives at most Σ F_k·Δx_k ≤ S + ½·L·Σ Δx_k², with a bounded S and Δx_k = x_{k+1} − x_k;
-# 2. it does not jump: |F_k − F_{k−1}| ≤ L·|Δx_{k−1}|.
+# 1. Its energy without delay has the bound Σ F_k·Δx_k ≤ S + ½·L·Σ Δx_k², with a bounded S and Δx_k = x_{k+1} − x_k.
+# 2. It does not jump: |F_k − F_{k−1}| ≤ L·|Δx_{k−1}|.
 #
-# A force of the position alone whose slope is never above L, of either sign, keeps both: F(x_k)·Δx_k exceeds what its
-# potential loses, ∫F dx, by at most ½·L·Δx_k². So does a spring of stiffness L to an anchor that only moves towards the
-# handle (friction that sticks): moving the anchor loses energy. Cutting the force at the effort limit changes neither:
-# the slope of what is left is at most L, and with a cut spring to an anchor a, V = −∫ₐˣ cut(G(ξ) − L·(ξ − a)) dξ −
-# ∫ᵃ cut(G(ξ)) dξ still falls when the anchor moves towards the handle, by L·|da| times the way that is not cut.
+# A force of the position alone keeps both if its slope, of either sign, is never above L: F(x_k)·Δx_k exceeds the loss
+# of its potential, ∫F dx, by at most ½·L·Δx_k². A spring of stiffness L to an anchor that only moves towards the handle
+# (friction that sticks) keeps both too: moving the anchor loses energy. Both bounds still hold when the force is cut at
+# the effort limit: the slope of the cut force is at most L, and with a cut spring to an anchor a, V = −∫ₐˣ cut(G(ξ) −
+# L·(ξ − a)) dξ − ∫ᵃ cut(G(ξ)) dξ still falls when the anchor moves towards the handle, by L·|da| times the part of the
+# stretch that is not cut.
 #
-# For t in period j, f(t) = F_j + (f(t) − F_j). By 1, the first part gives at most S + ½·L·Σ(∫_j |v|)². The second is at
-# most L times the ways of the N(t) whole periods that the force is older than F_j. All this is an integral form of |v|
-# with a positive, T-periodic kernel, and by 2·a·b ≤ a² + b² it is bounded by its largest eigenvalue times ∫v². Because
-# the kernel is positive, the eigenfunction w is positive and has the period T. With W = ∫w over a period and c(u) the
-# mean N(t) at the time u of a period, the form is
+# For t in period j, f(t) = F_j + (f(t) − F_j). By bound 1 the first part gives at most S + ½·L·Σ(∫_j |v|)². The second
+# part is at most L times the path of N(t) whole periods, where N(t) is the age of f(t) beyond that of F_j. Both
+# together are an integral form of |v| with a positive, T-periodic kernel, and by 2·a·b ≤ a² + b² it is bounded by its
+# largest eigenvalue times ∫v². Because the kernel is positive, the eigenfunction w is positive and has the period T.
+# With W = ∫w over a period and c(u) the mean N(t) at the time u of a period, the form is
 #
 #     L·(½·W² + W·∫c·w),   ∫c = td + λ,
 #
 # which has the rank 2 and the eigenvalue ½·L·(g + √(g² + S)), g = T/2 + td + λ, S = T²·Var(c): δ·(T − δ) for a fraction
-# δ of a period without lag. This is the limit of a plain spring of stiffness L (`passivity.passive_limit`), so nothing
-# is given away. Without the exact S, td rounded up to whole periods bounds it: b ≥ L·(T/2 + td) + L·λ.
+# δ of a period without lag. This is the limit of a plain spring of stiffness L (`passivity.passive_limit`), so the
+# bound is sharp. Without the exact S, td rounded up to whole periods bounds it: b ≥ L·(T/2 + td) + L·λ.
 #
 # A part that depends on the velocity changes the force by at most B·|v̂_k|. With the backward difference, |v̂_k|·T is
-# at most the way of the period before, which adds B·W²/T to the form. The damping needed of the device is then
+# at most the path of the period before, which adds B·W²/T to the form. The damping needed of the device is then
 #
 #     b ≥ ½·(L·g + B + √((L·g + B)² + L²·S)).
 #
-# Another linear estimator counts with the sum of the moduli of its weights on the ways of single periods.
+# For another linear estimator B is multiplied by the sum of the moduli of its weights on the moves of single periods.
 #
 # Coulomb friction fc of the device covers the rounding of an encoder of step D, where fc ≥ L·D/2 + B·D/T: a position is
 # wrong by at most D/2.
@@ -68,7 +69,7 @@ class Increments:
         return 0.5 * (along + math.hypot(along, self.slope * math.sqrt(spread)))
 
     def rounding_is_bridged(self, plant: Plant, period: float) -> bool:
-        """Return whether Coulomb friction takes all that the rounding of the encoder may give."""
+        """Return whether Coulomb friction absorbs the energy that the rounding of the encoder may give."""
         return plant.coulomb >= (0.5 * self.slope + self.damping / period) * plant.resolution
 
 
@@ -88,7 +89,7 @@ def weight(estimator: str | None, period: float) -> float:
     if estimators.linear_stand_in(estimator) is not None:
         return math.inf
     form = estimators.linear_form(estimator, period)
-    # A step of the position is one move; what it gives at each period after it is the weight on that move.
+    # A step of the position is one move; the response in each period after it is the weight on that move.
     state, total = form.b[:, 0], abs(float(form.d[0, 0]))
     for _ in range(MOST_WEIGHTS):
         part = float(form.c[0] @ state + form.d[0, 0])
@@ -98,7 +99,7 @@ def weight(estimator: str | None, period: float) -> float:
 
 
 MOST_WEIGHTS = 400
-"""Periods after which the weights of an estimator are taken as over."""
+"""Number of periods after which the weights of an estimator count as 0."""
 
 
 def sum_of_bounds(found: Iterable[tuple[float, float] | None]) -> tuple[float, float]:

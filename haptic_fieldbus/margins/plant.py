@@ -12,10 +12,10 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
-# Values that are open: known roughly, assumed, or different from period to period.
+# Open values: values that are known roughly, assumed, or different from period to period.
 #
-# The limit of a loop is the smallest over all values in these ranges (`limit`). The values of the shipped bench are
-# those of its simulation, so they are exact; those of a rig are stated. A share multiplies the value of the rig.
+# The limit of a loop is the smallest over all values in these ranges (`limit`). The shipped bench is simulated with its
+# values, so they are exact. A rig states its values. A share multiplies the value of the rig.
 #
 # | value            | range                | reason                                                    |
 # |------------------|----------------------|-----------------------------------------------------------|
@@ -37,7 +37,7 @@ COULOMB_SHARES: Range = (0.5, 2.0)
 COUPLING_SHARES: Range = (0.5, 2.0)
 """Shares of the stiffness of a compliant coupling between motor and load."""
 ASSUMED_BANDWIDTH: Range = (0.3, 2.0)
-"""Shares of a bandwidth that no source gives."""
+"""Shares of a bandwidth that is assumed, without a source."""
 SOURCED_BANDWIDTH: Range = (0.7, 1.4)
 """Shares of a bandwidth that the vendor or a measurement gives; it still depends on the motor."""
 

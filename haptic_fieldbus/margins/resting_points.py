@@ -1,4 +1,5 @@
-"""The environment of one axis from its elements: a spring and damper at every place, and the states beside them."""
+"""The environment of one axis from its elements: a spring and a damper at every place, in parallel with virtual
+states."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,9 +37,9 @@ from haptic_fieldbus.scenes.element import (
 from haptic_fieldbus.signals import Signal
 
 MOST_COMBINED = 4
-"""Elements with a memory of which all combinations are tried; of more, all together and none."""
+"""Largest number of elements with a memory whose combinations are all tried; beyond it only all together, and none."""
 MOST_PIECES = 3
-"""Different stiffnesses of an element that is made of straight pieces: two sides and none."""
+"""Largest number of different stiffnesses of a piecewise linear element: one on each side, and 0."""
 
 
 Resting = tuple[Array, Array, Array]
@@ -47,7 +48,7 @@ Resting = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class AxisElements:
-    """The elements of one axis as the loop runs them, the stiffest of which varies."""
+    """Elements of one axis as the loop runs them; the stiffness of the stiffest element varies."""
 
     elements: tuple[Element, ...]
     period: float
@@ -70,7 +71,7 @@ class AxisElements:
         beside, scaled = self._beside(changes), self._scaled(changes)
         ground = self._ground(changes) if scaled is None else None
         position, stiffness, damping = self._stated(self._resting(ground) if scaled is None else scaled, changes)
-        if not len(stiffness):  # no place within the travel can be held: what is left is a handle that nothing touches
+        if not len(stiffness):  # the motor can hold no place: a free handle
             position, stiffness, damping = np.array([math.nan]), np.zeros(1), np.zeros(1)
         springs, dampers = np.array(beside.options).T
         stiffness, damping = np.add.outer(stiffness, springs).ravel(), np.add.outer(damping, dampers).ravel()
@@ -95,7 +96,7 @@ class AxisElements:
 
     @cached_property
     def _varies(self) -> bool:
-        """Whether the stiffest element has no memory, so that what acts beside the places stays as it is."""
+        """Whether the stiffest element has no memory; the states beside the places then do not change with it."""
         return _is_at_places(self.stiffest)
 
     @cached_property
@@ -103,13 +104,13 @@ class AxisElements:
         """Stability check of each element that states no bounds."""
         if all(is_shipped(each) and not is_sampled(each) for each in self.elements):
             return ()
-        from haptic_fieldbus.margins.own_laws import own_laws  # shipped elements do without it
+        from haptic_fieldbus.margins.own_laws import own_laws  # not needed by shipped elements
 
         return own_laws(self.elements, self.travel, self.effort)
 
     @cached_property
     def _runs_off(self) -> bool:
-        """Whether the elements push the handle away without end; shipped ones alone do not."""
+        """Whether the elements push the handle away without bound; shipped elements alone never do."""
         if all(map(is_shipped, self.elements)) or not any(map(math.isinf, self.travel)):
             return False
         from haptic_fieldbus.margins.own_laws import runs_off
@@ -117,7 +118,7 @@ class AxisElements:
         return runs_off(self.elements, self.travel)
 
     def _at_places(self, element: Element) -> Varying:
-        """Return an element with its bounds, or with what is read of its force."""
+        """Return the element if it states bounds, otherwise its sampled law."""
         if is_varying(element):
             return element
         from haptic_fieldbus.margins.own_laws import read
@@ -127,13 +128,13 @@ class AxisElements:
 
     @cached_property
     def _thinned(self) -> dict[str, tuple[float, ...]]:
-        """Places from which the force of an element is read again when its stiffness changes."""
+        """Places at which a further sampling of an element begins when its stiffness changes."""
         from haptic_fieldbus.margins.own_laws import read, thinned
 
         return {each.name: thinned(read(each), self.travel, self.effort) for each in self.elements if is_sampled(each)}
 
     def _ground(self, changes: Mapping[str, float]) -> StiffnessMap | None:
-        """Return the terrain of the elements without memory; None without any."""
+        """Return the stiffness map of the elements without memory; None if there are none."""
         if not changes or not self._varies or self._nominal is None:
             return self._nominal
         if set(changes) == {"stiffness"} and self._scales is not None:
@@ -153,9 +154,10 @@ class AxisElements:
 
     @cached_property
     def _scales(self) -> tuple[int, float] | None:
-        """Return (row, stiffness) of a stiffest element whose force scales at the same places; None where it does not.
+        """Return (row, stiffness) of the stiffest element if its force scales with its stiffness at fixed places, else
+        None.
 
-        The places of a contact that stiffens with depth move with its stiffness.
+        For example, the places of a contact that stiffens with depth move with its stiffness.
         """
         element: Any = self.stiffest
         nominal = self._nominal
@@ -175,7 +177,7 @@ class AxisElements:
         return row, closed_loop.stiffness_of(element)
 
     def _beside(self, changes: Mapping[str, float]) -> "ElementStates":
-        """Return what acts beside the places."""
+        """Return the elements that act in parallel with the places."""
         if not changes or (self._varies and set(changes) == {"stiffness"}):
             return self._nominal_beside
         return self._beside_of(self._changed(changes))
@@ -197,11 +199,11 @@ class AxisElements:
 
     @cached_property
     def _without_states(self) -> tuple[tuple[ParallelStates, ...], tuple[ParallelStates, ...]]:
-        """States that act beside the places when no element has states: without a velocity, and with it."""
+        """`ParallelStates` without elements: for elements that need no velocity, and for elements that need it."""
         return (ParallelStates((), self.period, None),), (ParallelStates((), self.period, self.estimator),)
 
     def _scaled(self, changes: Mapping[str, float]) -> "Resting | None":
-        """Return the places of a single element that scales with its stiffness; None for any other."""
+        """Return the places of a single element whose force scales with its stiffness; None for any other."""
         if len(self.elements) > 1 or set(changes) != {"stiffness"} or self._scales is None:
             return None
         position, stiffness, damping = self._unscaled
@@ -209,7 +211,7 @@ class AxisElements:
 
     @cached_property
     def _unscaled(self) -> "Resting":
-        """Places of a single element, each stiffness once; those without any stiffness are left out."""
+        """Places of a single element, one for each stiffness other than 0."""
         position, stiffness, damping = self._resting(self._nominal)
         _, rows = np.unique(np.round(stiffness, 12), return_index=True)
         rows = rows[stiffness[rows] != 0.0]
@@ -247,7 +249,7 @@ class AxisElements:
         return discretised(closed_loop.linearised(element, {}), self.period, method)
 
     def _together(self, elements: Sequence[Element]) -> tuple[ParallelStates, ...]:
-        """Return the combinations of the elements with states, those with virtual states always among them."""
+        """Return the combinations of the elements with states; elements with virtual states are in each of them."""
         pairs = [(each, self._discrete(each)) for each in elements if not _is_at_places(each)]
         always = [space for each, space in pairs if is_dynamic(each)]
         leaving = [space for each, space in pairs if space.order and not is_dynamic(each)]
@@ -265,7 +267,7 @@ class AxisElements:
     def _increments(self, ground: StiffnessMap | None, beside: "ElementStates") -> Increments:
         slope, damping = sum_of_bounds(beside.bounds)
         if ground is not None:
-            # What else pushes may hold the handle where these alone would be cut.
+            # Other elements may hold the handle at places where the force of these alone would be cut.
             effort = math.inf if any(each is None or any(each) for each in beside.bounds) else self.effort
             slope += float(ground.between.slope(effort).max(initial=0.0))
             damping += float(ground.between.lossy_damping(effort).max(initial=0.0))
@@ -284,10 +286,10 @@ class AxisElements:
 
 @dataclass(frozen=True, eq=False)
 class ElementStates:
-    """Elements with a memory or virtual states, which act beside the places."""
+    """Elements with a memory or virtual states, which act in parallel with the places."""
 
     options: tuple[tuple[float, float], ...]
-    """(K, B) of elements whose memory holds or slides, which touch or do not; all combinations."""
+    """(K, B) in all combinations of sticking and sliding, touching and not touching."""
     together: tuple[ParallelStates, ...]
     bounds: tuple[tuple[float, float] | None, ...]
     """Increments of each element; None for one that states none."""
@@ -296,19 +298,19 @@ class ElementStates:
 
 
 def _is_at_places(element: Element | None) -> bool:
-    """Return whether an element is judged at places: it has bounds, or its force is read."""
+    """Return whether an element is judged at places: it states bounds, or its force is sampled."""
     return element is not None and (is_varying(element) or is_sampled(element))
 
 
 def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
-    """Return (stiffness, damping) of an element as it holds, as it slides, and as it does not act."""
+    """Return (stiffness, damping) of an element for each of its phases: sticking, sliding, without contact."""
     told = abilities(element)
     if told.phases:
         return list(dict.fromkeys(told.phases))
     stiffness, damping = (-float(value) for value in space.d[0])
     if told.reserve is not None:  # its spring slides, with the same damping
         return list(dict.fromkeys([(stiffness, damping), (0.0, damping)]))
-    # A damper acts everywhere, but for slow motions in a dead band; a contact may be left.
+    # A damper acts everywhere, except for slow motions in a dead band; a handle may leave a contact.
     leaves = stiffness or getattr(element, "dead_band", 0.0)
     return [(stiffness, damping), (0.0, 0.0)] if leaves else [(stiffness, damping)]
 

@@ -1,12 +1,13 @@
 """An environment at all places where the handle may rest, for the eigenvalues of one period.
 
-At each place the elements without memory are a spring K and a damper B; those with memory or virtual states act beside
-them in every combination of holding and sliding, touching and not. The loop's matrix depends linearly on K and B, so
-that three matrices give those of all places.
+At each place the elements without memory are a spring K and a damper B; those with memory or virtual states act in
+parallel, in every combination of sticking and sliding, touching and not touching. The matrix of the loop depends
+linearly on K and B, so three matrices give the matrices of all places.
 
-K < 0 is a place where the force pushes the handle on: the crest between two detents, the edge of a magnet. There the
-ideal itself grows, m·s² + (b + B)·s + K = 0 by e^(s·T) a period, and no loop can hold the handle. Such a place is told
-with both growths. It counts as unstable only by its other eigenvalues.
+At a place with K < 0 the force pushes the handle away: the crest between two detents, the edge of a magnet. There even
+the ideal scene is unstable: with the positive root s of m·s² + (b + B)·s + K = 0 a motion grows by e^(s·T) in a period,
+and no loop can hold the handle. The report shows both growths, of the loop and of the ideal scene. The place counts as
+unstable only if another eigenvalue is.
 """
 
 import math
@@ -24,15 +25,15 @@ from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant, estimated
 from haptic_fieldbus.scenes.element import Interval, Local, Varying
 
-# All places of an axis: what its elements without memory feel like together, at places and between them.
+# All places of an axis: force, stiffness and damping of its elements without memory, at places and between them.
 #
 # A single stiffness does not describe a contact that stiffens with depth, a magnet, or stops beside detents. `survey`
 # asks every element for its bounds (`scenes.element`) at a set of places, and on the intervals between neighbours. The
-# places show where the handle may rest, for the eigenvalues. The intervals cover the whole travel, the rest of an
-# unlimited one included, and bound slope and damping for the proof of passivity (`margins.passivity`).
+# places are the possible equilibria, for the eigenvalues. The intervals cover the whole travel, also an unlimited one.
+# They bound slope and damping for the proof of passivity (`margins.passivity`).
 #
-# A place counts where the force at rest is at most the effort limit: beyond it the motor gives a constant force, and
-# the slope that is felt is 0.
+# A place counts if the force at rest is at most the effort limit: beyond it the motor gives a constant force, whose
+# slope is 0.
 
 Array = NDArray[np.float64]
 EVERYWHERE: Interval = (-math.inf, math.inf)
@@ -66,7 +67,7 @@ class Survey:
 
     @cached_property
     def one_sided(self) -> NDArray[np.bool_]:
-        """Where all elements push in the same direction, (n,)."""
+        """True where all elements push in the same direction, (n,)."""
         same = (self.least_force >= 0.0).all(axis=0) | (self.most_force <= 0.0).all(axis=0)
         return np.asarray(same, dtype=np.bool_)
 
@@ -84,7 +85,7 @@ class Survey:
             return np.asarray((self.damping + np.where(self.loss > 0.0, self.loss * forces, 0.0)).sum(axis=0))
 
     def damping_at(self, stiffness: Array, effort: float) -> Array:
-        """Return the damping of the elements that have a `stiffness`, (elements, n), there: (n,).
+        """Return the damping (n,) of the elements whose `stiffness`, (elements, n), is not 0.
 
         At the surface of a contact it is that of the side with this stiffness.
         """
@@ -127,7 +128,7 @@ class StiffnessMap:
     """Places [m or rad], (n,)."""
     places: Survey
     between: Survey
-    """On the n + 1 intervals before, between and after the places, as far as the travel goes."""
+    """Bounds on the n + 1 intervals before, between and after the places, within the travel."""
 
     def scaled(self, row: int, factor: float) -> "StiffnessMap":
         """Return the same with `factor` times the force of one element."""
@@ -135,7 +136,8 @@ class StiffnessMap:
 
 
 def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> StiffnessMap:
-    """Return the terrain of these elements within `travel`, for a motor that gives at most `effort` [N or N·m]."""
+    """Return the stiffness map of these elements within `travel`; `effort` is the largest force of the motor [N or
+    N·m]."""
     lower, upper = travel
     marks = {place for each in elements for place in each.places(lower, upper, effort)}
     grid = sorted(place for place in {*marks, *travel} if lower <= place <= upper and math.isfinite(place))
@@ -148,17 +150,17 @@ def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Sti
 
 
 FLAT = 1e-12
-"""Share of the steepest slope of all places below which a slope is rounding."""
+"""Share of the steepest slope of all places below which a slope counts as rounding."""
 MOST_ALIKE = 12
-"""Stiffnesses that are tried of many places with the same damping: the least, the most, and some between."""
+"""Largest number of stiffnesses that are tried with the same damping: the smallest, the largest, and some between."""
 
 
 LARGEST_EXPONENT = 700.0
-"""Of a growth that a double still holds."""
+"""Largest x for which a double can hold eˣ."""
 KEPT = 1e-300
-"""A damping that stands for none [N·s/m or N·m·s/rad]."""
+"""Damping in place of 0, so that the states of the estimator are kept [N·s/m or N·m·s/rad]."""
 STEEPER = 1.02
-"""Ratio from which a slope is told as steeper than stated."""
+"""Ratio of slope to stated stiffness from which the report calls the slope steeper than stated."""
 
 
 @dataclass(frozen=True)
@@ -234,21 +236,21 @@ class ParallelStates:
     """Systems (position, velocity)_k → F_k."""
     period: float
     estimator: str | None
-    """None when neither they nor any damper need the velocity."""
+    """Velocity estimator; None when neither the elements nor a damper need the velocity."""
 
     @cached_property
     def free(self) -> StateSpace:
-        """The elements with neither spring nor damper."""
+        """The elements without spring and damper."""
         return self._beside(0.0, 0.0)
 
     @cached_property
     def spring(self) -> StateSpace:
-        """With K = 1."""
+        """The elements with a spring K = 1."""
         return self._beside(1.0, 0.0)
 
     @cached_property
     def damper(self) -> StateSpace:
-        """With B = 1; as `free` when nothing needs the velocity."""
+        """The elements with a damper B = 1; equal to `free` when nothing needs the velocity."""
         return self.free if self.estimator is None else self._beside(0.0, 1.0)
 
     def _beside(self, stiffness: float, damping: float) -> StateSpace:
@@ -270,10 +272,10 @@ class ParallelStates:
 
 @dataclass(frozen=True, eq=False)
 class Places(StateSpace):
-    """An environment x_k → F_k with all of its places; as a system it is that of the stiffest contact."""
+    """Environment x_k → F_k with all of its places; its own matrices are those of the stiffest contact."""
 
     position: Array
-    """[m or rad], (n,); not-a-number where it does not matter."""
+    """Position of each place [m or rad], (n,); not-a-number if it does not matter."""
     stiffness: Array
     """(n,)"""
     damping: Array
@@ -281,27 +283,29 @@ class Places(StateSpace):
     together: tuple[ParallelStates, ...]
     """Combinations of the elements with states; each is tried at each place."""
     find_increments: Callable[[], Increments]
-    """Function that computes `increments`, which the eigenvalues do without."""
+    """Function that computes `increments`; the eigenvalues do not need them."""
     swept: StateSpace | None
-    """Linear elements with virtual states x_k → F_k, whose damping needed is found by frequency; None without any."""
+    """Linear elements with virtual states x_k → F_k; a frequency sweep finds the damping that they need. None without
+    any."""
     runs_off: bool = False
-    """Whether the elements push the handle away without end, more and more; then nothing is stable."""
+    """Whether the elements push the handle away without bound; the loop is then unstable."""
 
     @cached_property
     def increments(self) -> Increments:
-        """Bounds of the law, ∞ where there is none."""
+        """Bounds of the law; ∞ if it has none."""
         return self.find_increments()
 
     def worst(self, device: SampledPlant) -> tuple[RestingPlace, StateSpace]:
-        """Return the resting place with the largest growth, and its environment; growth below 1 is stable.
+        """Return the equilibrium with the largest growth, and its environment; growth below 1 is stable.
 
-        A place at which the ideal is unstable counts by its other eigenvalues.
+        At a place where the ideal is unstable, this unstable eigenvalue does not count.
         """
         found = [self._worst(device, each) for each in self.together]
         return max(found, key=lambda pair: pair[0].growth)
 
     def crest(self, device: SampledPlant, mass: float, damping: float, period: float) -> RestingPlace | None:
-        """Return the place at which the ideal grows the most, with both growths; None when it grows nowhere."""
+        """Return the equilibrium with the largest growth of the ideal scene, with both growths; None without such
+        growth."""
         if not (self.stiffness < 0.0).any():
             return None
         at = int(self.stiffness.argmin())
@@ -314,7 +318,7 @@ class Places(StateSpace):
         return RestingPlace(_known(self.position[at]), stiffness, virtual, grown, ideal)
 
     def environments(self, most: int) -> list[StateSpace]:
-        """Return the environment at each different place, at most so many of them: of more, some of all stiffnesses."""
+        """Return the environment at each different place; with more than `most`, some that cover all stiffnesses."""
         pairs = np.unique(np.round(np.column_stack([self.stiffness, self.damping]), 12), axis=0)
         kept = max(most // len(self.together), 2)
         if len(pairs) > kept:
@@ -331,7 +335,7 @@ class Places(StateSpace):
 
     @cached_property
     def _tried(self) -> NDArray[np.intp]:
-        """Rows of the places that are tried, without those that are like others and those where nothing acts."""
+        """Rows of the places that are tried; duplicates, and places where nothing acts, are left out."""
         if len(self.stiffness) == 1:
             return np.zeros(1, dtype=np.intp)
         pairs = np.round(np.column_stack([self.damping, self.stiffness]), 12)
@@ -350,7 +354,7 @@ class Places(StateSpace):
     def _growths(self, device: SampledPlant, together: ParallelStates) -> Array:
         """Return the growth at each place that is tried."""
         stiffness, damping = self.stiffness[self._tried], self.damping[self._tried]
-        # A slope that is rounding has an eigenvalue of 1 up to rounding, which could be above 1.
+        # A slope within rounding has an eigenvalue of 1 up to rounding, which could be above 1.
         stiffness = np.where(np.abs(stiffness) < FLAT * np.abs(stiffness).max(initial=0.0), 0.0, stiffness)
         if len(stiffness) == 1 and stiffness[0] >= 0.0:
             return np.array([sampled.growth(device, together.at(float(stiffness[0]), float(damping[0])))])
@@ -358,12 +362,12 @@ class Places(StateSpace):
         springs, dampers = (sampled.loop_matrix(device, each) - free for each in (together.spring, together.damper))
         modes = np.linalg.eigvals(free + stiffness[:, None, None] * springs + damping[:, None, None] * dampers)
         moduli = np.abs(modes)
-        # On a crest the ideal grows too: the largest real eigenvalue above 1 does not count.
+        # At a crest the ideal grows too: the largest real eigenvalue above 1 does not count.
         falls = np.where((np.abs(modes.imag) < 1e-9) & (modes.real > 1.0 - 1e-9), modes.real, 0.0)
         for row in np.flatnonzero((stiffness < 0.0) & falls.any(axis=1)):
             moduli[row, falls[row].argmax()] = 0.0
         growths = moduli.max(axis=1)
-        # Without a spring the handle may rest anywhere, which is an eigenvalue of 1 that does not count.
+        # Without a spring the handle may rest anywhere. This is an eigenvalue of 1, which does not count.
         for row in np.flatnonzero(stiffness == 0.0):
             growths[row] = sampled.growth(device, together.at(0.0, float(damping[row])))
         return np.asarray(growths)

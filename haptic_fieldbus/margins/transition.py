@@ -3,7 +3,7 @@
 With the share w of the new elements and 1 − w of the old, the force is the sum of both. The loop is again linear and is
 judged as any other. For two walls the mix is a wall with a stiffness and damping in between; elements with virtual
 states contribute the states of both. The share is constant for each judgement. A ramp of a tenth of a second is slow
-beside the loop, but this is no proof for a share that changes.
+compared with the loop, but this is no proof for a changing share.
 """
 
 from collections.abc import Sequence

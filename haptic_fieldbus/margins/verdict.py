@@ -11,7 +11,7 @@ fractional delays and to the torque loop (`numerics.passivity`).
 
 Encoder and Coulomb friction (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952). With a step D every force is a
 multiple of K·D. A handle that is pushed by a force between two multiples rests only if friction bridges K·D/2, that is
-up to K = 2·fc/D. Above this stiffness it moves to and fro over the edge of a count for ever.
+up to K = 2·fc/D. Above this stiffness it oscillates over the edge of a count without end (limit cycle).
 
 The verdicts are the regions of Diolaiti et al. (2006, doi:10.1109/TRO.2005.862487) in the plane β = b/(K·T),
 σ = fc/(K·D), with the exact linear limit in place of theirs:
@@ -23,8 +23,8 @@ The verdicts are the regions of Diolaiti et al. (2006, doi:10.1109/TRO.2005.8624
 | stable      | K up to `stable`   | K ≤ 2·fc/D or D = 0 |
 | passive     | K up to `passive`  | K ≤ 2·fc/D or D = 0 |
 
-They are those of the loop with the nominal values of rig and profile. A loop above its limit, which counts every value
-that is open (`limit`), is stable at most.
+The table uses the nominal values of rig and profile. A loop above its limit over all open values (`limit`) is "stable"
+at most, never "passive".
 """
 
 import math
@@ -43,7 +43,7 @@ from haptic_fieldbus.numerals import TYPED_DIGITS, exactly, rounded_down, rounde
 from haptic_fieldbus.numerics import sampled
 
 AT_LIMIT = 1e-9
-"""Excess of a growth over 1 that the precision of a limit leaves."""
+"""Excess of the growth over 1 at a limit, from the limited precision of its search."""
 
 
 class Verdict(Enum):
@@ -90,22 +90,22 @@ class Stability:
     effort: float = math.inf
     """Largest force of the motor [N or N·m]; equilibria up to this force were judged."""
     own_laws: tuple[OwnLaw, ...] = ()
-    """How the elements that state no bounds of their own were judged."""
+    """Stability check of each element that states no bounds."""
     unit: str = ""
     """Unit of the stiffness."""
     find_limit: Callable[[], Limit] | None = field(default=None, repr=False, compare=False)
-    """Function that computes the limit; it takes longer than all other values. None: no value is open."""
+    """Function that computes the limit; it takes longer than all other values. None: all values are exact."""
 
     @cached_property
     def limit(self) -> Limit:
-        """Limit over all values that are open, as people type it."""
+        """Limit over all open values, rounded down to the digits that people type."""
         found = self._exact if self.find_limit is None else self.find_limit()
         is_told = 0.0 < found.value < math.inf
         return replace(found, value=rounded_down(found.value, TYPED_DIGITS)) if is_told else found
 
     @property
     def _exact(self) -> Limit:
-        """Limit of a loop in which no value is open."""
+        """Limit of a loop whose values are all exact."""
         stable = self.stiffness_limit.stable
         if stable is None:
             stable = 0.0 if self.nominal is Verdict.UNSTABLE else math.inf
@@ -124,18 +124,18 @@ class Stability:
 
     @property
     def is_inside(self) -> bool:
-        """Whether the loop is stable for every value that is open."""
+        """Whether the loop is stable for every open value."""
         asked = math.inf if self.stiffness is None else self.stiffness
         return self.nominal is not Verdict.UNSTABLE and asked <= self.limit.value
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict on the loop with the values of rig and profile; above the limit it is stable at most."""
+        """Verdict on the loop with the values of rig and profile; above the limit "stable" at most."""
         passive = self.nominal is Verdict.PASSIVE
         return Verdict.STABLE if passive and not self.is_inside else self.nominal
 
     def to_json(self) -> dict[str, object]:
-        """Return the judgement as JSON values, with null for a limit or margin that is not finite."""
+        """Return the verdict as JSON values, with null for a limit or margin that is not finite."""
         has_limit = self.stiffness is not None and math.isfinite(self.limit.value)
         limit = {"value": self.limit.value, "unit": self.unit, "basis": self.limit.basis.value} if has_limit else None
         limits = asdict(self.stiffness_limit) | {"cautious": self.limit.value if has_limit else None}
@@ -170,8 +170,8 @@ def judge(
 ) -> tuple[Stability, ...]:
     """Judge a loop and return its limits and verdict for each axis, with the plant and delay of that axis.
 
-    `stiffness` is None when the loop has none to vary; `environment_of` is then called with 0. Raises UsageError for a
-    stiffness that is not a finite number from 0 up, with the limit in its message.
+    `stiffness` is None when the loop has no stiffness to vary; `environment_of` is then called with 0. Raises
+    UsageError for a stiffness that is not a finite number from 0 up, with the limit in its message.
     """
     stable = None if stiffness is None else loop.limit(environment_of)
     if stiffness is not None and not 0.0 <= stiffness < math.inf:
@@ -192,7 +192,7 @@ def judge(
     radius = sampled.spectral_radius(loop.matrix(asked))
     place, crest = loop.judged_at(asked)
     verdict = verdict_of(is_stable, is_bridged, is_passive)
-    if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at the values asked
+    if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at these values
         verdict = verdict_at_places(loop, asked)
     return tuple(
         Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, verdict, place, crest)
