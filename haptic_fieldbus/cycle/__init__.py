@@ -1,6 +1,6 @@
 """The running plan: one input image in, one output image out, once a period.
 
-The names of this room for rooms above it are imported when they are first used, so that a part of it costs that part.
+The public names of this package are imported on first use, so that a program imports only the modules that it uses.
 """
 
 from importlib import import_module

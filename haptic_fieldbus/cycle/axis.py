@@ -1,12 +1,12 @@
 """One axis of a running plan, as three closures over its feedback, called in this order in each period.
 
-`observe` runs every period: it decodes the input image and follows link, power state and position. `sense` and
-`render` run only while force is permitted: `sense` derives velocity, time and torque actual, as far as the scene needs
-them; `render` computes and encodes the target torque. Each closure is a straight line for a period in which nothing is
-wrong. A link flag, a changed statusword or a motion beyond the limits is handled by a separate call.
+`observe` runs every period: it decodes the input image and follows link, power state and position. `sense` and `render`
+run only while force is permitted. `sense` derives the signals that the scene needs: velocity, time, torque actual.
+`render` computes and encodes the target torque. In a period without a fault each closure is straight-line code. A link
+flag, a changed statusword or a motion beyond the limits is handled by a separate call.
 
-Samples are told apart by the instants at which the drive latched them. A sample that comes several periods after the
-one before is used as it is: speed and acceleration are divided by the time that really passed.
+The latch instant of the drive identifies a sample. A sample after a gap of several periods is used directly: speed and
+acceleration are divided by the time since the last sample.
 """
 
 import math
@@ -56,21 +56,21 @@ from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE, START_SHARE
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import LinkFlag, Signal
 
-if TYPE_CHECKING:  # imported for its type alone: an axis whose encoder is never asked does not load it
+if TYPE_CHECKING:  # imported for its type alone: only an axis with encoder pulses loads it
     from haptic_fieldbus.cycle.standstill import Standstill
 
 Observe = Callable[[bytes | bytearray], None]
 
 WAY = {PowerState.READY: 1, PowerState.SWITCHED_ON: 2, PowerState.OPERATION_ENABLED: 3}
-"""Stations on the way to operation enabled; every other state comes before them."""
+"""States on the way to operation enabled; every other state comes before them."""
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
 COMPUTED = ("position", "velocity", "force", "gain", "command")
-"""Columns of a row that the axis computes; they follow the decoded ones."""
+"""Columns of a row with computed values; they follow the decoded values."""
 SHORTEST = 0.5
-"""Shortest time between two samples by which speeds are told, in periods."""
+"""Shortest time between two samples from which a speed is computed, in periods."""
 
-# Plain integers: an operation with a member of an IntFlag takes as long as the rest of the method.
+# Plain integers: an operation on a member of an IntFlag takes as long as the rest of the method.
 _STALE = int(LinkFlag.STALE)
 _FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
 
@@ -103,9 +103,9 @@ class AxisCycle:
     ) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
         self.forgive: Callable[[float], None] = lambda energy: None
-        """Books energy [J] that the drive gave beyond what was sent, by its echo; the cycle sets it."""
+        """Books energy [J] of torque that the echo shows beyond the set-points; the cycle sets it."""
         self.stalls = 0
-        """How often counts stood still under torque for so long that the limit fell."""
+        """Number of times that the force limit fell because counts stood still under torque."""
         self._owner, self._axis, self._period = owner, axis, period
         self.watch = AxisWatch(axis, self.state, period, self._trip)
         signs = self._trip, owner.sign_seen, owner.sign_doubted
@@ -115,11 +115,11 @@ class AxisCycle:
         self.state.feedback = (0,) * (STATUSWORD + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
         self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, period)
-        """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
+        """Computes velocity, time and torque once a period; None if the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
         """Force field of each element in order; the sum of all couplings is the last field, if the axis has any."""
         self._remembers = [has_say(element) for element in axis.elements]
-        """Whether each of them depends on the place, and not on the present motion alone."""
+        """Whether each field depends on the position through a memory."""
         if axis.couplings:
             # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
             self._fields.append(lambda position: self.sensed.coupled)
@@ -128,9 +128,10 @@ class AxisCycle:
             self._fields.append(lambda position: self.sensed.damped)
             self._remembers.append(False)
         self._resting: tuple[Field, ...] = (at_rest(axis.elements, period),)
-        """Force at rest at a place of the elements without memory, before and after a change that is on its way."""
+        """Force at rest of the elements without memory, by position; during a change one field before and one after
+        it."""
         self._changed_ns = 0
-        """When the last change is over."""
+        """End of the last change [ns]."""
         self._field = self._summed()
         steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
         self.place = LawPlace(
@@ -160,7 +161,7 @@ class AxisCycle:
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
 
     def check_start(self) -> None:
-        """After the first force: one that is large already would throw the handle as soon as it is permitted."""
+        """Trip if the first force is large: it would throw the handle as soon as it is permitted."""
         largest = START_SHARE * self._axis.limits.effort
         if abs(self.state.force) > largest:
             self._trip(TripKind.START_FORCE, self.state.force, largest)
@@ -180,10 +181,10 @@ class AxisCycle:
         return field_of(element, self._period, self._axis.method, self.sensed)
 
     def thrown_by(self, before: Sequence[Element], after: Sequence[Element]) -> Callable[[], bool]:
-        """Return a function: would these elements throw the handle from where it is, if they came now?
+        """Return a function that returns whether these elements would throw the handle if they were exchanged now.
 
-        They would if the force at rest changes by more than a scene may ask for in its first period. The result
-        must be called between two periods.
+        They would if the force at rest changed by more than a scene may ask for in its first period. The function must
+        be called between two periods.
         """
         old, new = at_rest(before, self._period), at_rest(after, self._period)
         largest = START_SHARE * self._axis.limits.effort
@@ -195,9 +196,9 @@ class AxisCycle:
         return throws
 
     def exchange(self, fields: Mapping[int, Field], elements: Sequence[Element], periods: int) -> None:
-        """Replace the fields at these places along a ramp of `periods`; the other fields keep their state.
+        """Replace the fields at these indices along a ramp of `periods`; the other fields keep their state.
 
-        `elements` are all those of the axis from then on.
+        `elements` are all elements of the axis after the ramp.
         """
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
@@ -206,18 +207,18 @@ class AxisCycle:
         self._changed_ns = self.state.feedback[T_NS] + round(1e9 * self._period * (periods + 1))
 
     def _summed(self) -> Field:
-        """Return the sum of all fields; those with a memory are summed apart, and their force noted."""
+        """Return the sum of all fields; fields with a memory are summed apart, and their force is noted."""
         if len({*self._remembers}) < 2:
             return summed(self._fields)
         fields = [*zip(self._fields, self._remembers, strict=True)]
         return apart([each for each, of in fields if of], [each for each, of in fields if not of], self.state)
 
     def _present(self) -> float:
-        """Return the force of the last period that elements with a memory gave."""
+        """Return the force of the elements with a memory in the last period."""
         return self.state.force if all(self._remembers) else self.state.remembered
 
     def _at_rest(self) -> Sequence[Field]:
-        """Return the forces at rest between which the present one lies."""
+        """Return the fields of the force at rest; the present force at rest lies between them."""
         if self.state.feedback[T_NS] > self._changed_ns:
             self._resting = self._resting[-1:]
         return self._resting
@@ -235,13 +236,13 @@ class AxisCycle:
             self._owner.enabled = False
 
     def _bind_observe(self) -> Observe:
-        """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
+        """Return `observe`: decode, check link flags and statusword for a change, convert counts to position."""
         state, axis, owner, watch, permission = self.state, self._axis, self._owner, self.watch, self.permission
         unpack, power = self._image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
         place = self._axis.place_of(Signal.VELOCITY if axis.integrates else Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
-        # Rounding to counts adds up to one count to the difference of two positions.
+        # Rounding to counts changes the difference of two positions by up to one count.
         largest_way = axis.limits.speed * self._period + abs(unit)
         jump, still_ns = axis.limits.jump(self._period, abs(unit)), self._still_ns
         shortest, longest = in_time(self._period)
@@ -297,7 +298,7 @@ class AxisCycle:
 
         state, still_ns, place = self.state, self._still_ns, self._axis.place_of(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
-        # Without an encoder there is no zero, so that the other closure does all but take counts for a position.
+        # Without an encoder there is no zero. Everything else is as in `_bind_observe`.
         decode = self._bind_observe()
 
         def observe(image: bytes | bytearray) -> None:
@@ -320,10 +321,11 @@ class AxisCycle:
         return observe
 
     def _catch_up(self, here: float, steps: int) -> None:
-        """Let what remembers go through the periods that lie between two samples, along a straight line to `here`.
+        """Step memories and estimators through the periods between two samples, along a straight line to `here`.
 
-        Virtual states and estimators advance by one period a call; left at that, they would take the whole way for
-        that of one period. Estimators that take time stamps see the gap by themselves. In a gap the law pauses.
+        Virtual states and estimators advance by one period in each call. Without these steps they would take the motion
+        of the whole gap for that of one period. Estimators that take time stamps need no steps. In a gap the law
+        pauses.
         """
         state = self.state
         if not self._owner.enabled:
@@ -349,13 +351,14 @@ class AxisCycle:
         state.controlword = table.answer(state.power)
         if state.power in FAULT_STATES:
             self._trip(TripKind.DRIVE_FAULT, statusword, detail=state.power.value)
-        # Also on the way to operation enabled: the drive may have been there between two looks.
+        # Also on the way to operation enabled: the drive may have reached and left it between two samples.
         elif WAY.get(state.power, 0) < WAY.get(before, 0):
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
     def _bind_render(self) -> PeriodStep:
-        """Position → force → permitted force → target torque; without new feedback the torque is held, then fades."""
+        """Return `render`: position → force → permitted force → target torque. Without new feedback the torque is held,
+        then fades."""
         state, axis, permission, trip = self.state, self._axis, self.permission, self._trip
         effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
         limit, hold = (
@@ -385,7 +388,7 @@ class AxisCycle:
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _forgive(self, energy: float) -> None:
-        self.forgive(energy)  # looked up late: the cycle sets it once the ledgers are there
+        self.forgive(energy)  # looked up late: the cycle sets it after it has made the ledgers
 
     def _check_power(self) -> None:
         state, limit = self.state, self._axis.limits.power
@@ -394,7 +397,8 @@ class AxisCycle:
             self._trip(TripKind.POWER, power, limit)
 
     def _bind_standstill(self) -> "Standstill | None":
-        """Return what asks the encoder when its counts stand still; None where pulses cannot, or need not, ask it."""
+        """Return the test of an encoder whose counts stand still, by pulses; None where it is impossible or not
+        needed."""
         probe = encoder_probe(self._axis, self._period)
         if probe is None:
             return None
@@ -404,18 +408,18 @@ class AxisCycle:
 
     @property
     def _still_ns(self) -> float:
-        """Time for which counts stand still before anything looks at it [ns]."""
+        """Time without a change of the counts after which `_stand_still` is called [ns]."""
         stall = self._axis.limits.stall
         return 1e9 * (stall if self._standstill is None else min(stall, STILL))
 
     def _stand_still(self, t_ns: int) -> None:
-        """Counts stand still: ask the encoder by pulses, and limit the force once they have for long."""
+        """Test the encoder by pulses because counts stand still, and limit the force after the stall time."""
         still = 1e-9 * (t_ns - self.state.moved_ns)
         if self._standstill is not None and still > STILL:
             self._standstill.look(t_ns)
         if still <= self._axis.limits.stall:
             return
-        # A hand that leans, or an encoder that lies; less will do.
+        # Either a hand leans on the handle, or the encoder is faulty; a smaller force is enough.
         effort, holding = self.state.target * self._axis.effort_unit, self._axis.limits.holding
         if abs(effort) > holding and self.permission.cap > holding:
             self.permission.cap_at(holding, math.copysign(1.0, effort))
@@ -429,7 +433,7 @@ class AxisWatch:
         self._state, self._trip = state, trip
         self._period, self._period_ns = period, round(period * 1e9)
         self._looked = ((0.0, 0), (0.0, 0))
-        """The way before, and the age, of the last two samples that were looked at."""
+        """Motion before each of the last two checked samples, and its age."""
         self._limits, self._resolution = axis.limits, axis.resolution
         self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
         self._oldest_ns = self._limits.age * 1e9
@@ -451,7 +455,7 @@ class AxisWatch:
             state.missing += 1
             state.holding = state.missing
             return 0
-        # An answer that came a period late was used then, so the gap behind it is one of the feedback too.
+        # An answer that came a period late was used in that period, so the gap behind it is a gap of the feedback too.
         lost = state.missing > 0 or age_before_ns > self._period_ns
         state.missing = state.holding = 0
         if not rendering or not state.begun:
@@ -464,7 +468,7 @@ class AxisWatch:
         return steps
 
     def _spanned(self, t_ns: int, steps: int, *, lost: bool) -> None:
-        """A sample that spans several periods: because feedback was lost, or because the loop was late."""
+        """Handle a sample that spans several periods, because feedback was lost or the loop was late."""
         passed = steps * self._period
         if not lost and passed > self._limits.age:
             self._trip(TripKind.PERIODS_MISSED, passed, self._limits.age)
@@ -474,27 +478,28 @@ class AxisWatch:
             self._trip(kind, self.gaps.share, LARGEST_MISSING_SHARE, f"{self.gaps.stretch:.2f}")
 
     def motion(self, here: float, way: float, elapsed_ns: int, age_ns: int) -> float:
-        """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range.
+        """Trip if the motion by `way` to `here` [m or rad] was too fast or too sudden, or left the position range.
 
-        Return the way of a period at the speed that this shows, or at that of before, where too little time has passed.
+        Return the motion in one period at this speed, or at the speed before if too little time has passed.
         """
         limits, state = self._limits, self._state
         passed = max(elapsed_ns * 1e-9, self._period)
-        # A computer that stood still between SYNC and the answer may have kept a simulated drive from latching.
+        # If the computer stood still between SYNC and the answer, a simulated drive may not have latched.
         passed += max(0.0, age_ns * 1e-9 - self._period)
         if abs(way) > limits.speed * passed + self._resolution:
             self._trip(TripKind.SPEED, abs(way) / passed, limits.speed)
         if not self._lowest <= here <= self._highest:
             self._trip(TripKind.POSITION, here, self._lowest if here < self._lowest else self._highest)
-        # A period after a late one is shorter; by its length the same speed is no change.
+        # A period after a late period is shorter; divided by its length the same speed shows no change.
         periods = elapsed_ns / self._period_ns
         change, widest = abs(way - state.way * periods), max(periods, 1.0)
-        # A drive that was late latched at some instant between SYNC and arrival; three instants make a change of speed.
+        # A late drive latched at an unknown instant between SYNC and arrival; a change of speed depends on three
+        # instants.
         (_, first_ns), (way_before, second_ns) = self._looked
         unsure = (first_ns + second_ns + age_ns) / self._period_ns * max(abs(way_before), abs(state.way))
         if change > self._jump * widest**2 + 2.0 * self._resolution * widest + unsure:
             self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
-        if periods <= SHORTEST:  # the speed of before stays, and with it how sure it is
+        if periods <= SHORTEST:  # the speed before is kept, with its uncertainty
             self._looked = ((way_before, first_ns), (state.way, second_ns + age_ns))
             return state.way
         self._looked = ((way_before, second_ns), (state.way, age_ns))
@@ -502,5 +507,6 @@ class AxisWatch:
 
 
 def in_time(period: float) -> tuple[int, int]:
-    """Return between which times [ns] after the last one a sample belongs to the next period."""
+    """Return the earliest and the latest time [ns] after the last sample at which a sample belongs to the next
+    period."""
     return round(SHORTEST * 1e9 * period), round(1.5e9 * period)

@@ -3,7 +3,7 @@
 A cycle has no I/O and no clock. In every period all axes *observe*: they decode the image and follow link, power state
 and position. While every axis is in operation enabled and nothing has tripped, the axes then *sense* the other signals
 that the scene needs, the couplings add their forces, and the axes *render*. Otherwise every target torque is 0. `row`
-puts together the decoded, computed and sent values of the period; a run that is not recorded does not pay for it.
+returns the decoded, computed and sent values of the period; only a recorded run calls it.
 """
 
 import math
@@ -24,7 +24,7 @@ from haptic_fieldbus.scenes.element import CouplingElement
 from haptic_fieldbus.signals import Signal
 
 DECODED_NAMES = {Signal.POSITION: "position counts", Signal.VELOCITY: "velocity reading"}
-"""Column names of the raw readings; the plain names belong to the quantities computed from them."""
+"""Column names of the raw readings; the plain names belong to the computed quantities."""
 
 
 def decoded_columns(plan: Plan) -> tuple[str, ...]:
@@ -57,14 +57,14 @@ def columns(plan: Plan) -> tuple[str, ...]:
 class Cycle:
     """A running plan: `cycle(image)` returns the output image of the period, in one buffer that is reused.
 
-    `row`, `trip` and `enabled` describe the period, `axes` and `ledgers` what is remembered of the run.
+    `row`, `trip` and `enabled` describe the period; `axes` and `ledgers` keep the state of the run.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.columns = columns(plan)
         self.trip: Trip | None = None
         self.failure: Exception | None = None
-        """Raised by an element, after which torque is zero."""
+        """Exception that an element raised; torque is zero from then on."""
         self.enabled = False
         """True while every axis is in operation enabled and nothing has tripped."""
         self._output = bytearray(plan.image.output_size)
@@ -72,7 +72,7 @@ class Cycle:
             axis.name: AxisCycle(self, axis, image, self._output, plan.period, controlled=plan.scene.controlled)
             for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         }
-        # Every axis decodes the t_ns of the image, so that of any axis will do.
+        # Every axis decodes the t_ns of the image, so any axis can serve.
         self._first = next(iter(self.axes.values()))
         self._pairs = [self._pair(element, plan.period) for element in plan.scene.couplings]
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
@@ -130,8 +130,8 @@ class Cycle:
     def prepare(self, before: Plan, after: Plan, periods: int) -> Callable[[], bool]:
         """Return a function that begins the ramp from the elements of `before` to those of `after`.
 
-        Both are plans of this loop. `prepare` may be called from any thread; its result must be called between two
-        periods. It does nothing and returns False while the new elements would throw a handle from where it is.
+        Both are plans of this loop. `prepare` may be called from any thread; the returned function must be called
+        between two periods. That function does nothing and returns False while the new elements would throw a handle.
         Elements that are equal in both plans keep their state. Each changed element starts afresh and is faded in over
         `periods`, while the old one is faded out.
         """
@@ -159,13 +159,14 @@ class Cycle:
         return change
 
     def sign_seen(self) -> None:
-        """Let forces rise once the sign of every axis is seen: a coupling acts on two."""
+        """Let forces rise once the motor direction of every axis is confirmed: a coupling acts on two axes."""
         if all(each.sign.proof is None or each.sign.proof.seen for each in self.axes.values()):
             for each in self.axes.values():
                 each.sign.permit(self.t_ns)
 
     def sign_doubted(self) -> None:
-        """Let no axis give more than a hand may hold while the sign of one is looked for: a coupling acts on two."""
+        """Limit all axes to the holding force while the motor direction of one is tested: a coupling acts on two
+        axes."""
         for each in self.axes.values():
             each.sign.hold()
 
@@ -177,7 +178,8 @@ class Cycle:
     def _begin(self) -> None:
         """Render the first period in operation enabled, and bind `_render` to the steps that the plan needs.
 
-        It is the first one in which every axis has feedback: zero and start are where the handles are then.
+        This is the first period in which every axis has feedback. The handles are then at their zero and start
+        positions.
         """
         axes = self.axes.values()
         if not all(axis.state.steps for axis in axes):
@@ -195,7 +197,7 @@ class Cycle:
             before.append(self._uncouple)
         renders = {name: axis.render for name, axis in self.axes.items()}
         for ledger in self.ledgers:
-            # Before any axis of the ledger renders, while the states still have the targets that were sent last.
+            # Before any axis of the ledger renders, while the states still hold the last targets sent.
             first = ledger.axes[0].name
             renders[first] = bind_ledger(ledger, renders[first], controls=self._controlled)
         steps = (*before, *self._couplings, *renders.values())
@@ -205,7 +207,7 @@ class Cycle:
             axis.check_start()
 
     def _fail(self, error: Exception) -> None:
-        """A law of the scene raised: torque is zero from this period on, and `failure` tells why."""
+        """Set torque to zero from this period on, because a law of the scene raised `failure`."""
         self.failure, self.enabled = error, False
         if self.trip is None:
             name = next(iter(self.axes))
@@ -214,7 +216,8 @@ class Cycle:
             )
 
     def _ledger(self, plan: Plan, axes: Sequence[AxisPlan]) -> Ledger:
-        """Return the ledger of axes that are judged together; an account above its limit is a trip of the first."""
+        """Return the ledger of axes that are judged together; its first axis trips when an account exceeds its
+        limit."""
         name = axes[0].name
 
         def trip(energy: float, limit: float, kind: TripKind = TripKind.ENERGY) -> None:
@@ -231,7 +234,7 @@ class Cycle:
         return ledger
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:
-        """Return a fresh law of the coupling, which reads the signals of its two axes itself."""
+        """Return a fresh law of the coupling; it reads the signals of its two axes itself."""
         law = element.begin(period)
         read_first, read_second = (self.axes[name].reader(element.needs) for name in element.axes)
         return lambda: law(*read_first(), *read_second())
@@ -248,7 +251,7 @@ class Cycle:
         return couple
 
     def _share_gaps(self) -> None:
-        """A gap of one axis is one of all that are tied to it: their forces follow from where it was."""
+        """Let the gap of one axis be a gap of all axes coupled with it: their forces follow from its position."""
         worst = max([state.missing for state in self._tied])
         for state in self._tied:
             state.holding = worst

@@ -1,74 +1,80 @@
-"""The energy ledger: how much energy the loop has given to the handle, how much it may have given, and what follows.
+"""The energy ledger: the energy that the loop gave to the handle, the energy that it may give, and the trip above it.
 
-Work. A torque computed from the sample at t_k acts from t_k + τ to t_{k+1} + τ, τ the transport delay and the lag of
-the torque loop. Its work is therefore paired with the way *after* it: of the way from t_{k−1} to t_k, with the handle
-on a straight line between samples and τ = n·T + δ, the share δ/T went under F_{k−2−n} and the rest under F_{k−1−n}. F
-is what was sent: permitted, rounded, after saturation. Paired with the way before it, the same torque shows the leak
-with the opposite sign. (Hannaford & Ryu, Time-domain passivity control of haptic interfaces, IEEE Trans. Robotics and
-Automation 18(1), 2002, 1, doi:10.1109/70.988969; for the pairing Ryu, Kim & Hannaford, Stability guaranteed control:
-time domain passivity approach, IEEE Trans. Control Systems Technology 12(6), 2004, 860, doi:10.1109/TCST.2004.833648.)
+Work. A torque computed from the sample at t_k acts from t_k + τ to t_{k+1} + τ, where τ is the transport delay plus the
+lag of the torque loop. Its work is therefore the torque times the motion *after* the sample. Let the handle move on a
+straight line between samples, and let τ = n·T + δ. In the motion from t_{k−1} to t_k, F_{k−2−n} acted on the share δ/T,
+and F_{k−1−n} on the rest. F is the torque sent: permitted, rounded, after saturation. The torque times the motion
+before the sample would show the leak with the wrong sign. (Hannaford & Ryu, Time-domain passivity control of haptic
+interfaces, IEEE Trans. Robotics and Automation 18(1), 2002, 1, doi:10.1109/70.988969; for the pairing Ryu, Kim &
+Hannaford, Stability guaranteed control: time domain passivity approach, IEEE Trans. Control Systems Technology 12(6),
+2004, 860, doi:10.1109/TCST.2004.833648.)
 
-Passivity. Elements that are passive in continuous time give back what they stored, U, and no more. The held torque
-leaks, K·(T/2 + τ)·v² in a spring K (Colgate & Schenkel, J. Robotic Systems 14(1), 1997, 37,
-doi:10.1002/(SICI)1097-4563(199701)14:1<37::AID-ROB4>3.0.CO;2-V). So from one moment to a later one
+Passivity. Elements that are passive in continuous time give back at most their stored energy U. The held torque leaks
+K·(T/2 + τ)·v² in a spring K (Colgate & Schenkel, J. Robotic Systems 14(1), 1997, 37,
+doi:10.1002/(SICI)1097-4563(199701)14:1<37::AID-ROB4>3.0.CO;2-V). From one instant (then) to a later one (now) therefore
 
     given ≤ U(then) − U(now) + ∫K·(T/2 + τ)·v² dt + ∫Fa·|v| dt + reserve
 
-with the largest force Fa of elements that are active by intention (they are bounded by power, speed and travel, not
-here), and the energy that memories such as a friction's bristle can hold. A loop that gives more than that and a limit
-is active, and the run ends. All of it is said of the measured motion alone, so it holds on any bench and in any hand;
-what friction takes is not granted, and stays a margin. K is the slope of the linear model. Where some place is steeper,
-as deep in a body that stiffens, K is the largest slope between the places of the period and of the sample behind it.
+Fa is the largest force of elements that are active by intention; limits of power, speed and travel bound these
+elements. The reserve is the energy that memories can hold, such as the bristle of a friction. If the energy given
+exceeds this sum by more than a limit, the loop is active, and the run ends. The condition uses the measured motion
+alone, so it holds on any bench and with any hand. The energy that friction takes is not granted, and stays a margin. K
+is the slope of the linear model. If the slope is larger at some place, such as deep in a body that stiffens, K is the
+largest slope between the places of the period and of the sample before it.
 
-Accounts. Credit does not outlive a contact: each contact, from the first force in one direction to the last, opens an
-account of its own, in which nothing counts that a damper took before. Elements that cannot state what they hold from
-where the handle is (virtual masses, elements of other packages) keep their credit until the handle has rested without
-force for a turn of their slowest mode. They are judged by the force of the scene: a virtual mass does not know that its
-force was cut, and gives back what it would have taken. Their work is Σ ½·(F_k + F_{k+1})·Δx, one sample late. A held
-force has no leak in this sum.
+Accounts. Credit ends with its contact. Each contact, from the first force in one direction to the last, opens an
+account of its own; energy that a damper took earlier does not count in it. Some elements cannot state their stored
+energy as a function of the position (virtual masses, elements of other packages). They keep their credit until the
+handle has rested without force for one oscillation of their slowest mode. They are judged by the force of the scene:
+cutting the force does not change the motion of a virtual mass, which later gives back energy as if the whole force had
+acted. Their work is Σ ½·(F_k + F_{k+1})·Δx, one sample late. A held force has no leak in this sum.
 
-A live change fades from one set of elements to another, and the stored energy with them: what it grows by where the
-handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. So
-is the most that pulses may give which ask an encoder (`cycle.standstill`): their size times the way.
+A live change fades from one set of elements to another, and so does the stored energy. Its growth at the present
+position, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. The largest energy of pulses that test
+an encoder (`cycle.standstill`), their size times the motion, is granted and booked too.
 
-Another force than that of the law. While the limit fades in, after a stall and while the sign is looked for, less is
-sent than the law asks for. Two things are then looked at apart from each other. The law itself is judged on, by an
-account of what it asks for along the samples that it saw, by the trapezoid,
+Reduced force. While the limit fades in, after a stall, and while the motor direction is tested, the force sent is
+smaller than the force of the law. Law and sent torque are then judged separately. The law has an account of its own
+force along its samples, by the trapezoidal rule,
 
     Σ ½·(F_k + F_{k+1})·Δx ≤ U(then) − U(now) + Σ ¼·K·Δx² + Σ Fa·|Δx| + reserve
 
-which holds whatever is sent: the work of a law with the slope K along a way Δx is off by at most ¼·K·Δx². It takes the
-open account over, and gives it back when the law is followed again. Of the way through a gap the law asked for nothing;
-there U is moved along. And what is sent gives the hand what the law alone would not: the force was less on the way in
-than on the way out. This energy, beyond all that the contact took and that fell of U, is forgiven: it is booked by its
-reason, and ends the run above a budget for each second (`planning.energy.forgiven_limit`). When the law is followed
-again within a contact, what it owes is booked too, at most the force limit times the way since the account was opened.
-Virtual masses are judged by the law anyhow; where the loop was late it is led along a straight line, and they with it.
+which holds for any sent force: for a law with the slope K the rule is wrong by at most ¼·K·Δx² on a motion Δx. This
+account begins with the balance of the open account, and returns its own when the force follows the law again. On the
+motion through a gap the law asks for no force; there the credit changes with U. The sent torque can give the hand
+energy that the law alone would not give, because the force was smaller on the way in than on the way out. The part of
+this energy above all that the contact took, and above the fall of U, is forgiven: it is booked by its reason, and the
+run ends above a budget for each second (`planning.energy.forgiven_limit`). When the force follows the law again within
+a contact, the debt of the account is booked too, at most the force limit times the distance since the account was
+opened. Virtual masses are always judged by the force of the law. Where the loop was late, the law is stepped along a
+straight line, with its virtual masses.
 
-Gaps. In a gap the law of the scene pauses (`cycle.gaps`): it stores U(x − δ), and a weight U(x). From the second
-missing sample until the force is that of the law again, also under the cap of a long gap, the torque is granted
-nothing. What it gives on a straight way, beyond the fall of the stored energy, is charged to one account over all gaps,
+Gaps. In a gap the law of the scene pauses (`cycle.gaps`): its stored energy is U(x − δ), and that of a weight U(x).
+From the second missing sample until the force is that of the law again, also under the cap of a long gap, no energy is
+granted to the torque. The energy that it gives on a straight path, above the fall of the stored energy, is charged to
+one account over all gaps,
 
     Q ← max(−Fmax·|δ|, Q − P·t + given + U(now) − U(then)),   P = 2 mW, and Q − P·t no lower than 0
 
-which trips above 50 mJ. While the law stands beside its place, Q may be below 0: a hand that was let
-into a wall by gaps has paid what other gaps give it on the way out, F times the shift. What the stored energy falls by
-when the law is drawn back is credited to Q, and taken from the open account. The stored energy of elements with a
-memory is not exactly that of their force. Where there are such elements, or some that do not state what they store, the
-work of the law along the way of x − δ takes the place of the fall of U: a passive law gives no more on it than it
-holds. Friction loses most of that work. Its memories take up their reserve at most, and the fall of U less that reserve
-counts where it is more than the work of the law. A virtual mass that is given the velocity alone has no place at which
-it could pause: of its held torque, which takes energy while the handle speeds up, what is given while it slows down is
-forgiven. While a law that does not resist is still being drawn back, F·δ is not held against the run.
+which trips above 50 mJ. While the shift δ is not 0, Q may be below 0: a hand that moved into a wall in gaps did the
+work F times the shift, and other gaps may give this energy back on the way out. When the law is drawn back, the fall of
+the stored energy is credited to Q, and subtracted from the open account. For elements with a memory, U is not exactly
+the energy of their force. If there are such elements, or elements that do not state their stored energy, the work of
+the law along the path of x − δ replaces the fall of U: a passive law gives no more work on it than it holds. Friction
+loses most of that work. Its memories take up at most their reserve, so the fall of U minus that reserve counts if it is
+larger than the work of the law. A virtual mass with the velocity as its only input has no place at which it could
+pause. Its held torque takes energy while the handle speeds up; the energy that it gives while the handle slows down is
+forgiven. While a law that does not resist is still being drawn back, F·δ is not counted against the run.
 
-Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
+Controller. In a scene with passivity = "controller" damping also takes the excess back. In each period
 
     X ← max(−reserve, X + work + ΔU),   F ← F − a·B·v,   a = min(1, X/(R·T·B·v²)),   B = 2·K·(T/2 + τ)
 
-The reference is the stored energy itself, so that a contact is damped as it leaks, and not at its end (Ryu, Preusche,
+The reference is the stored energy itself, so a contact is damped while it leaks, and not at its end (Ryu, Preusche,
 Hannaford & Hirzinger, Time domain passivity control with reference energy following, IEEE Trans. Control Systems
-Technology 13(5), 2005, 737, doi:10.1109/TCST.2005.847336). B, twice the damping that the leak needs, bounds the force;
-R periods to take an excess back keep the delay from answering twice. The force goes through the limits with all others.
+Technology 13(5), 2005, 737, doi:10.1109/TCST.2005.847336). B, twice the damping that compensates the leak, bounds the
+force. The excess is taken back over R periods, so that the controller does not react twice because of the delay. The
+force passes the same limits as all other forces.
 """
 
 import math
@@ -95,18 +101,19 @@ from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element,
 RECOVERY = 4.0
 """Periods in which the controller takes an excess back; the damping of one period is seen two periods later."""
 LEAKS = 2.0
-"""Largest damping of the controller, in dampings that make up for the leak."""
+"""Largest damping of the controller, as a multiple of the damping that compensates the leak."""
 FADE_IN, CHANGE, STALL, SIGN, ECHO, PULSES = "fade-in", "change", "stall", "sign", "echo", "pulses"
-"""Reasons for which energy is booked: changes and pulses are granted, the others are forgiven within a budget."""
+"""Reasons of booked energy: changes and pulses are granted, the others are forgiven within a budget."""
 HELD = "held torque"
-"""Reason for which energy is charged to the account of all gaps."""
+"""Reason of energy that is charged to the account of all gaps."""
 SECOND_NS = 1_000_000_000
 LIPSCHITZ = 0.25
-"""Of K·Δx², by which the trapezoid of a law of the slope K is off at most."""
+"""Largest error of the trapezoidal rule for a law with the slope K, as a share of K·Δx²."""
 
 
 class EnergyTrip(Protocol):
-    """Takes the torque away: energy given beyond what is granted, or forgiven within a second, and its limit [J]."""
+    """Function that takes the torque away, from an energy (above the granted energy, or forgiven in a second) and its
+    limit [J]."""
 
     def __call__(self, energy: float, limit: float, kind: TripKind = ..., /) -> None: ...
 
@@ -117,20 +124,21 @@ class EnergyRecord:
 
     limit: float
     budget: float = math.inf
-    """Of what is forgiven within a second."""
+    """Largest energy that may be forgiven within a second."""
     largest: float = 0.0
-    """Most that an account was above what is granted."""
+    """Largest energy of an account above the granted energy."""
     booked: dict[str, float] = field(default_factory=dict)
     """Energy that was granted to changes or forgiven, by the reason."""
     most: float = 0.0
-    """Most that was forgiven within a second."""
+    """Largest energy that was forgiven within a second."""
     recent: deque[tuple[int, float]] = field(default_factory=deque)
     """Energy forgiven within the last second, with its time [ns]."""
     held: float = 0.0
-    """Energy of held torque over all gaps, less the fall of the stored energy and the power that nobody feels."""
+    """Energy of held torque over all gaps, minus the fall of the stored energy and minus `HELD_POWER` times the
+    time."""
     held_most: float = 0.0
     held_ns: int = 0
-    """When that was charged last."""
+    """Time of the last charge to `held`."""
     taken: float = 0.0
     """Energy that the controller's damping took from the handle."""
     strongest: float = 0.0
@@ -143,7 +151,7 @@ class EnergyRecord:
             self.booked[reason] = self.booked.get(reason, 0.0) + energy
 
     def forgive(self, reason: str, energy: float, t_ns: int) -> float:
-        """Book what is not judged, and return how much that was within the last second."""
+        """Book forgiven energy, and return the energy forgiven within the last second."""
         self.book(reason, energy)
         self.recent.append((t_ns, energy))
         while self.recent[0][0] <= t_ns - SECOND_NS:
@@ -153,7 +161,7 @@ class EnergyRecord:
         return second
 
     def charge(self, energy: float, least: float, t_ns: int) -> float:
-        """Charge what held torque gave, and return the sum over all gaps; it is `least` at least."""
+        """Charge the energy that held torque gave, and return the sum over all gaps, at least `least`."""
         passed = HELD_POWER * 1e-9 * (t_ns - self.held_ns)
         self.held, self.held_ns = max(least, min(self.held, max(0.0, self.held - passed)) + energy), t_ns
         self.held_most = max(self.held_most, self.held)
@@ -162,7 +170,7 @@ class EnergyRecord:
 
 @dataclass(frozen=True, slots=True)
 class LedgerAxis:
-    """One axis of a ledger: its plan, and what the cycle remembers of it."""
+    """One axis of a ledger: its plan and its state in the cycle."""
 
     axis: AxisPlan
     state: AxisState
@@ -188,33 +196,36 @@ class Ledger:
         self._ramp, self._done = 0, 0
         self._origin, self._clipped = 0.0, 0
         self._opened: Sequence[float] = ()
-        """Stored energy left as credit, periods cut so far, and places, when the account was opened."""
+        """Places at which the account was opened. `_origin` is the stored energy left as credit, `_clipped` the periods
+        cut so far."""
         self.reason: str | None = None
-        """Reason for which another force may be sent than that of the law, since the account was opened."""
+        """Reason why the sent force may differ from the law since the account was opened; None: it follows the law."""
         self.law = LawAccount(self)
         self.reopen: PeriodStep = lambda: None
-        """Makes the bound step follow a change that begins; the step itself sets it."""
+        """Prepares the bound step for a change that begins; the step itself sets it."""
         self.terms, self.memory, self._after = self._of(elements, couplings)
         self._before = self._after
 
     @property
     def is_plain(self) -> bool:
-        """Whether `bind_alone` will do: one axis, whose elements state what they hold and whose torque acts at once."""
+        """Whether `bind_alone` is enough: one axis, elements that state their stored energy, and a delay below one
+        period."""
         return len(self.ports) == 1 and not self.memory.silence and not shares(self.axes[0], self.period)[0]
 
     @property
     def booked(self) -> dict[str, float]:
-        """Return the energy that was booked, by the reason, with that of pulses in the open account [J]."""
+        """Return the booked energy by its reason, with the pulses of the open account [J]."""
         self._origin += self._of_pulses()
         return dict(self.tally.booked)
 
     def stored(self, positions: Sequence[float], weights: Sequence[float] | None = None) -> float:
-        """Return the energy that the elements store at these positions of the axes [J]; on the way the mix of both.
+        """Return the stored energy at these positions of the axes [J]; during a change the mix of both sets of
+        elements.
 
-        What does not depend on the place stores by the positions `weights`, if they are given.
+        Elements that do not depend on the place, such as a weight, use the positions `weights` if these are given.
         """
         places = [here - port.permission.shift for here, port in zip(positions, self.ports, strict=True)]
-        if self.memory.silence:  # then all is counted along the way of the law
+        if self.memory.silence:  # then everything is counted along the path of the law
             positions = places
         positions = positions if weights is None else weights
         if not self._ramp:
@@ -230,7 +241,7 @@ class Ledger:
     def exchange(
         self, elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement], periods: int
     ) -> None:
-        """Go over to these elements, which are faded in within `periods`; until then the larger terms are granted."""
+        """Fade to these elements within `periods`; until then the larger terms of both are granted."""
         self._before = self._after
         terms, memory, self._after = self._of(elements, couplings)
         self.terms = [larger_of(old, new) for old, new in zip(self.terms, terms, strict=True)]
@@ -240,7 +251,7 @@ class Ledger:
         self.reopen()
 
     def tick(self, positions: Sequence[float]) -> None:
-        """Go on with a change by a period: grant and book how much more, or less, is stored at these positions."""
+        """Advance a change by one period: grant and book the change of the stored energy at these positions."""
         stored = self.stored(positions)
         self._done += 1
         change = self.stored(positions) - stored
@@ -253,11 +264,11 @@ class Ledger:
 
     @property
     def changing(self) -> bool:
-        """Whether a change is on its way."""
+        """Whether a change is being faded in."""
         return self._ramp > 0
 
     def unsettled(self) -> str | None:
-        """Return the reason for which the force follows no passive law in this period."""
+        """Return why the sent force does not follow the law in this period; None if it does."""
         for port in self.ports:
             permission = port.permission
             if not permission.lawful:
@@ -272,7 +283,7 @@ class Ledger:
 
     @property
     def settles(self) -> bool:
-        """Whether the force follows its law again, which it did not since the account was opened."""
+        """Whether the force follows its law again, after it did not within this account."""
         return self.reason is not None and self.unsettled() is None
 
     def open(self, positions: Sequence[float]) -> None:
@@ -284,9 +295,10 @@ class Ledger:
             self.law.open(0.0, self._origin)
 
     def loosen(self, energy: float, positions: Sequence[float]) -> None:
-        """Judge the law itself from here on; it takes over the open account, which shows `energy` [J].
+        """Judge the law itself from here on; its account begins with `energy` [J], the balance of the open account.
 
-        An account whose force was cut at the effort limit took less than the law asked for, and is none of the law.
+        If the effort limit cut the force, the open account took less than the law asked for. The account of the law
+        then begins at 0.
         """
         self._origin += self._of_pulses()
         self.reason = self.unsettled()
@@ -296,7 +308,7 @@ class Ledger:
             self.law.open(0.0, self.stored(positions))
 
     def settle(self, energy: float, positions: Sequence[float]) -> float:
-        """Forgive what the account owes, and return what that of the law shows, by which it goes on [J]."""
+        """Forgive the debt of the account, and return the balance of the law's account, with which it continues [J]."""
         self._origin += self._of_pulses()
         if self.reason == HELD:
             self.charge(self.law.held())
@@ -309,16 +321,16 @@ class Ledger:
         return shown
 
     def close(self, energy: float, positions: Sequence[float]) -> None:
-        """Judge the open account, which shows `energy` [J]; forgive it where another force was sent."""
+        """Judge the open account with the balance `energy` [J]; forgive it if the sent force differed from the law."""
         if self.reason == HELD:
             self.charge(self.law.held())
         elif self.reason is not None or energy > self.tally.largest:
             self.judge(energy, positions)
 
     def judge(self, energy: float, positions: Sequence[float]) -> float:
-        """Return what of `energy` [J] remains above the stored energy that was given back; trip above the limit.
+        """Return the part of `energy` [J] above the stored energy that was given back; trip above the limit.
 
-        Where another force is sent than that of the law, what remains is forgiven.
+        If the sent force differs from the law, this part is forgiven.
         """
         self._origin += self._of_pulses()
         if self.reason == HELD:  # charged when contact is left or the law is followed again
@@ -331,20 +343,20 @@ class Ledger:
         return min(energy, self.memory.reserve)
 
     def remaining(self, energy: float, origin: float, stored: float) -> tuple[float, float]:
-        """Return what of `energy` is above the stored energy that fell below `origin`, and how much is left there."""
+        """Return the part of `energy` above the fall of `stored` below `origin`, and the credit that is left."""
         return (energy - (origin - stored), stored) if stored < origin else (energy, origin)
 
     def compare(self, excess: float) -> None:
-        """Keep what is given beyond all that is granted [J], and trip when it is above the limit."""
+        """Keep the largest excess above the granted energy [J], and trip above the limit."""
         tally = self.tally
         tally.largest = max(tally.largest, excess)
         if excess > tally.limit:
             self._trip(excess, tally.limit)
 
     def moved_by(self, permission: Permission, state: AxisState) -> Callable[[float], None]:
-        """Return what takes in that the law of one axis was drawn back, from a shift before [m or rad].
+        """Return a function that books that the law of one axis was drawn back, from the shift before [m or rad].
 
-        The law gives up energy then, which the handle does not get.
+        The law then loses energy, which the handle does not get.
         """
 
         def moved(before: float) -> None:
@@ -362,14 +374,15 @@ class Ledger:
         return moved
 
     def fallen(self, before: Sequence[float]) -> float:
-        """Return by how much a weight fell since these positions [J]; a faded one gives between nothing and that."""
+        """Return the energy that weights lost since these positions [J]; a faded weight gives between 0 and this
+        energy."""
         here = self.here
         return max(0.0, self._after(before, here) - self._after(here, here))
 
     def charge(self, energy: float) -> None:
-        """Charge what held torque gave in a gap beyond the fall of the stored energy [J], and trip above the limit.
+        """Charge the energy of held torque in a gap above the fall of the stored energy [J], and trip above the limit.
 
-        A law that does not resist is on its way back, and gives up about its force times the shift.
+        A law that does not resist is being drawn back, and loses about its force times the shift.
         """
         least = -sum(port.axis.limits.effort * abs(port.permission.shift) for port in self.ports)
         pending = sum(max(0.0, port.state.force * port.permission.shift) for port in self.ports)
@@ -378,11 +391,11 @@ class Ledger:
             self._trip(held, HELD_ENERGY, TripKind.HELD)
 
     def doubted(self, energy: float) -> None:
-        """Forgive what a drive gave beyond what it was sent, by its echo [J]."""
+        """Forgive the energy [J] of torque that the echo shows beyond the set-points."""
         self.forgive(energy, ECHO)
 
     def forgive(self, energy: float, reason: str) -> None:
-        """Book energy [J] that the law alone would not have given, and trip above what is forgiven within a second."""
+        """Book energy [J] that the law alone would not have given, and trip above the budget for a second."""
         if energy > 0.0:
             t_ns = max(port.state.moved_ns for port in self.ports)
             second = self.tally.forgive(reason, energy, t_ns)
@@ -390,14 +403,14 @@ class Ledger:
                 self._trip(second, self.tally.budget, TripKind.FORGIVEN)
 
     def _cut(self) -> int:
-        """Return in how many periods so far a limit cut the force."""
+        """Return the number of periods so far in which a limit cut the force."""
         periods = 0
         for port in self.ports:
             periods += port.permission.clipped
         return periods
 
     def _of_pulses(self) -> float:
-        """Return the most that pulses which ask an encoder may have given since the last look [J], and book it."""
+        """Return the largest energy that encoder pulses may have given since the last call [J], and book it."""
         given = 0.0
         for port in self.ports:
             given += port.permission.given
@@ -412,7 +425,7 @@ class Ledger:
         every: list[AnyElement] = [*own, *couplings]
         placed = [each for each in own if is_placed(each)]
         self.exact = all(abilities(each).stored for each in (*placed, *couplings)) and all(map(is_static, placed))
-        """Whether the stored energy is that of the force."""
+        """Whether the stored energy is exactly the energy of the force."""
         self.charges = (
             all(map(is_placed, own)) or not memory_terms([each for each in own if not is_placed(each)], 1.0).silence
         )
@@ -422,9 +435,9 @@ class Ledger:
 
 
 class LawAccount:
-    """Judges what the law of the scene asks for while another force is sent; its theory is at the beginning.
+    """Judges the force of the law while the sent force differs from it; the theory is in the module docstring.
 
-    It is one sample late: the force at a place is known when the next place is.
+    It is one sample late: the force at a place is known together with the next place.
     """
 
     def __init__(self, ledger: Ledger) -> None:
@@ -434,18 +447,19 @@ class LawAccount:
         self._energy = 0.0
         self._places, self._here = list[float](), list[float]()
         self._forces, self._sides = list[float](), list[float]()
-        """At the sample before the last: places and forces; places of the last one; signs when contact began."""
+        """`_places` and `_forces`: at the sample before the last; `_here`: last places; `_sides`: signs when contact
+        began."""
         self._stored = self._stored_before = 0.0
         """Stored energy at the last place, and at the one before [J]."""
         self._shifts = list[float]()
         self._work = 0.0
-        """Of the law along its way since the torque was looked at [J]."""
+        """Work of the law along its path since the last call of `held` [J]."""
         self._unseen = False
-        """Whether samples are missing on the way to the last place, or the law was drawn back there."""
+        """Whether samples are missing on the motion to the last place, or the law was drawn back there."""
         self._torques = [SentTorque(port) for port in ledger.ports]
 
     def open(self, energy: float, origin: float) -> None:
-        """Begin at the present places with what an account shows, and the credit that it has left [J]."""
+        """Begin at the present places with the balance of an account, and its remaining credit [J]."""
         self._energy, self.origin = energy, origin
         self._here = self._ledger.here
         self._places, self._forces, self._sides, self._unseen = self._here, [], [], False
@@ -454,7 +468,7 @@ class LawAccount:
         self._begin_gap()
 
     def take(self) -> bool:
-        """Take in the force at the last place, and the place of this period; return whether contact was left."""
+        """Add the force at the last place and the place of this period; return whether contact was left."""
         ledger, states = self._ledger, [port.state for port in self._ledger.ports]
         forces = [state.force for state in states]
         for torque in self._torques:
@@ -478,7 +492,7 @@ class LawAccount:
         return left
 
     def _add(self, forces: Sequence[float]) -> None:
-        """Add the work between the last two places, less what is granted, and judge it."""
+        """Add the work between the last two places, minus the granted energy, and judge the sum."""
         ledger = self._ledger
         for terms, shift, there, here, before, force in zip(
             ledger.terms, self._shifts, self._places, self._here, self._forces, forces, strict=True
@@ -491,9 +505,9 @@ class LawAccount:
             ledger.compare(self._energy - ledger.memory.reserve)
 
     def finished(self) -> float:
-        """Return what the account shows, with the way to the present places under the last force [J].
+        """Return the balance of the account, with the motion to the present places under the last force [J].
 
-        That force is held, so what it leaks is granted as in any period whose force is sent.
+        This force is held, so its leak is granted as in any period.
         """
         if self._unseen:
             self._move()
@@ -506,18 +520,18 @@ class LawAccount:
         )
 
     def _move(self) -> None:
-        """Move the credit with the stored energy along a way that was not seen."""
+        """Change the credit with the stored energy along a motion without samples."""
         self.origin += self._stored - self._stored_before
 
     def held(self) -> float:
-        """Return what the torque held in a gap gave since the last look, beyond the fall of the stored energy [J]."""
+        """Return the energy of torque held in a gap since the last call, above the fall of the stored energy [J]."""
         given = sum(
             torque.given - terms.active * torque.path
             for torque, terms in zip(self._torques, self._ledger.terms, strict=True)
         )
         ledger = self._ledger
         work = self._stored_at_gap - ledger.stored(ledger.here, self._here_at_gap)
-        if not ledger.exact:  # friction loses most of its work, and holds its reserve at most
+        if not ledger.exact:  # friction loses most of its work, and holds at most its reserve
             work = max(self._work, work - ledger.memory.reserve)
         given -= work + ledger.fallen(self._here_at_gap)
         self._begin_gap()
@@ -531,7 +545,7 @@ class LawAccount:
 
 
 class SentTorque:
-    """Energy of the torque that is sent to one axis, from a moment on."""
+    """Energy of the torque sent to one axis, since a begin."""
 
     def __init__(self, port: LedgerAxis) -> None:
         self._port, self._unit = port, port.axis.effort_unit
@@ -540,12 +554,12 @@ class SentTorque:
     def begin(self) -> None:
         """Begin at the present position."""
         self.given = self.path = 0.0
-        """Energy [J] and length of the way [m or rad]."""
+        """Energy [J] and length of the path [m or rad]."""
         self._last = self._port.state.position
         self._sum, self._periods = 0.0, 0
 
     def take(self) -> None:
-        """Take in the torque of the period that has passed; of a way through a gap the mean torque counts."""
+        """Add the torque of the last period; on the motion through a gap the mean torque counts."""
         state, torque = self._port.state, self._port.state.target * self._unit
         if not state.steps:
             self._sum, self._periods = self._sum + torque, self._periods + 1

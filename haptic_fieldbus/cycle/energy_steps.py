@@ -1,6 +1,6 @@
-"""The ledger's steps, whose theory is in `energy`: the plain one of a single axis, and the one for all else.
+"""Steps of the ledger, with the theory in `energy`: a plain step for a single axis, and a general step.
 
-That is for tied axes, virtual states, long delays and the controller.
+The general step serves coupled axes, virtual states, long delays and the controller.
 """
 
 import math
@@ -19,35 +19,35 @@ class _Side:
 
     port: LedgerAxis
     sent: deque[float]
-    """Forces of the last periods that do not act yet, the newest first."""
+    """Forces of the last periods that do not act yet, newest first."""
     share: float
     by_law: bool
-    """Whether the force of the scene counts, before any limit: elements with virtual states do not know it."""
+    """Whether the force of the scene before any limit counts: limits do not affect elements with virtual states."""
     unit: float
     most: float
-    """Largest force that is permitted."""
+    """Largest permitted force."""
     places: deque[float]
-    """Positions from which the force that acted in the period was computed, and those of its way; the newest first."""
+    """Positions from which the acting force was computed, and positions of the motion in the period, newest first."""
     sent_torque: SentTorque
     acting: float = 0.0
     """Force at the end of the period."""
     way: float = 0.0
-    """Of the handle, or of the law where its force counts."""
+    """Motion of the handle, or of the law if the force of the law counts."""
     moved: float = 0.0
-    """Of the handle."""
+    """Motion of the handle."""
     shift: float = 0.0
     direction: float = 0.0
     """Sign of the force at which the account was opened."""
     path: float = 0.0
-    """Length of the way since the last change began, while it is on its way."""
+    """Length of the path since the last change began, while it is being faded in."""
     work: float = 0.0
-    """Done in the period; where the force of the scene counts, in the one before, by the trapezoid [J]."""
+    """Work in the period [J]; if the force of the scene counts, work in the period before, by the trapezoidal rule."""
     force: float = 0.0
     pending: float = 0.0
-    """Force of the scene at the begin of the way before, and that way."""
+    """`force`: force of the scene at the begin of the motion before; `pending`: this motion."""
 
     def passed(self) -> float:
-        """Take in the period that has passed, and return the work that was done on the handle in it [J]."""
+        """Add the last period, and return the work done on the handle in it [J]."""
         state, before = self.port.state, self.acting
         self.moved = self.way = state.position - self.last
         self.places.appendleft(state.position)
@@ -57,7 +57,7 @@ class _Side:
             self.work = 0.5 * (self.force + state.force) * self.pending
             self.force, self.pending = state.force, self.way
         if self.by_law and state.steps > 1:
-            # The way of several periods, through which the law was led; nothing leaks on it.
+            # The law was stepped along a straight line over several periods; this motion has no leak.
             self.acting = state.led_force
             self.sent = deque([self.acting] * len(self.sent))
             self.work, self.force, self.pending = self.work + state.led_work, self.acting, 0.0
@@ -75,7 +75,7 @@ class _Side:
         return self.places[0]
 
     def damping(self, terms: AxisTerms) -> float:
-        """Return the damping that makes up for the leak of the period, where the law was [N·s/m or N·m·s/rad]."""
+        """Return the damping that compensates the leak of the period, at the places of the law [N·s/m or N·m·s/rad]."""
         if not terms.by_place:
             return terms.damping
         shift = self.port.permission.shift
@@ -83,14 +83,14 @@ class _Side:
 
 
 def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
-    """Return the shortest step that will do for `ledger`: it looks at the period that has passed, and then renders."""
+    """Return the shortest step that is enough for `ledger`: it judges the last period, and then renders."""
     if ledger.is_plain and not controls:
         return bind_alone(ledger, render)
     return bind_tied(ledger, render, controls=controls)
 
 
 def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
-    """Return the step of a plain ledger: it looks at the period that has passed, and then renders the coming one."""
+    """Return the step of a plain ledger: it judges the last period, and then renders the next one."""
     (port,) = ledger.ports
     state, permission, unit = port.state, port.permission, port.axis.effort_unit
     share = shares(port.axis, ledger.period)[1]
@@ -105,7 +105,7 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
         before, here = state.target, state.position
         if here != last:
             way = here - last
-            if terms.by_place:  # the force of the period was computed behind its way
+            if terms.by_place:  # the force was computed at the sample before the motion
                 low, high = min(here, last, behind) - permission.shift, max(here, last, behind) - permission.shift
                 leak = terms.damping_between(low, high) / ledger.period
             last, behind = here, last
@@ -121,7 +121,8 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
         render()
 
     def begin(before: int) -> None:
-        """Contact is left or begins: open another account. While another force is sent: judge the law, each period."""
+        """Open a new account when contact begins or ends; judge the law in each period in which the sent force
+        differs."""
         nonlocal energy, side, kept, settles, terms, leak, active, limit
         if ledger.changing:
             ledger.tick((last,))
@@ -162,7 +163,7 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
 
 
 def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
-    """Return the step of all axes of `ledger`, and then `render`; with the controller's damping if it `controls`."""
+    """Return the step of all axes of `ledger`, followed by `render`; `controls` adds the controller's damping."""
     sides = [_side(port, ledger) for port in ledger.ports]
     account = _Account(ledger, sides)
     control = _Controller(ledger, sides) if controls else None
@@ -190,13 +191,13 @@ def _side(port: LedgerAxis, ledger: Ledger) -> _Side:
 
 
 class _Account:
-    """Energy given since the account was opened, and what was granted for leak, friction and active elements [J]."""
+    """Energy given since the account was opened, and energy granted for leak, friction and active elements [J]."""
 
     def __init__(self, ledger: Ledger, sides: Sequence[_Side]) -> None:
         self._ledger, self._sides = ledger, sides
         self._given = self._granted = 0.0
         self._sent = self._beyond = 0.0
-        """Work of what is sent, and how much that is beyond the work of the law, where the law is judged throughout."""
+        """Work of the sent force, and its excess over the work of the law, if the law is always judged."""
         self._silent = 0
         ledger.open(self._positions)
 
@@ -206,7 +207,7 @@ class _Account:
             self._given += side.work
             self._granted += terms.active * abs(side.way)
             if side.by_law:
-                if side.port.state.steps > 1:  # each period of the straight line is off by as much as a way of its own
+                if side.port.state.steps > 1:  # each period of the straight line has the error of a motion of its own
                     stiffness, way = side.damping(terms) / (terms.age * self._ledger.period), side.way
                     self._given -= stiffness * way * way / side.port.state.steps
                 self._given -= self._begun(side, terms)
@@ -221,20 +222,20 @@ class _Account:
             for side in self._sides:
                 if side.acting * side.direction > 0.0:
                     break
-            else:  # no axis has a force any more in the direction in which the account was opened
+            else:  # no axis still has a force in the direction in which the account was opened
                 self._begin()
         if self._ledger.changing:
             self._ledger.tick(self._positions)
 
     def loosen(self) -> None:
-        """Another force may be sent from now on than that of the law."""
+        """Note that the sent force may differ from the law from now on."""
         if self._ledger.reason is None:
             for side in self._sides:
                 side.sent_torque.begin()
             self._ledger.loosen(self._given - self._granted, self._positions)
 
     def _loose(self, work: float) -> None:
-        """While another force may be sent, follow the contact of the law; `work` is that of the period."""
+        """Follow the contact of the law while the sent force may differ; `work` is the work of the period."""
         ledger = self._ledger
         if ledger.memory.silence:
             sent = -sum(side.sent_torque.given for side in self._sides)
@@ -243,7 +244,7 @@ class _Account:
             sent += sum(side.sent_torque.given for side in self._sides)
             self._sent += sent
             self._beyond += sent - work
-            if ledger.reason == HELD:  # what is active goes on while the law pauses, and so does a weight
+            if ledger.reason == HELD:  # active elements and weights go on while the law pauses
                 for side, terms in zip(self._sides, ledger.terms, strict=True):
                     self._beyond -= terms.active * max(0.0, abs(side.moved) - abs(side.way))
                 self._beyond -= ledger.fallen([side.places[1] for side in self._sides])
@@ -266,9 +267,9 @@ class _Account:
             self._given, self._granted = ledger.settle(self._given - self._granted, self._positions), 0.0
 
     def _forgive(self) -> None:
-        """Book what was given because another force was sent than that of a law that is judged anyhow.
+        """Book the energy that was given because the sent force differed from a law that is always judged.
 
-        What was taken instead stays as credit, as that of the law does. Torque held in gaps is charged to its account.
+        Energy that was taken instead stays as credit, as with the law. Torque held in gaps is charged to its account.
         """
         if self._ledger.reason == HELD and self._ledger.charges:
             self._ledger.charge(self._beyond)
@@ -285,10 +286,10 @@ class _Account:
             side.path = 0.0
 
     def _begun(self, side: _Side, terms: AxisTerms) -> float:
-        """Return what a new virtual mass may have taken in this period of a change [J].
+        """Return the largest energy that a new virtual mass may have taken in this period of a change [J].
 
-        It begins at rest at the handle, with all of its force, while the handle feels a share of it. The spring is
-        never longer than twice the way of the handle since then, so it takes at most K·(2s)·ds, in all K·s².
+        The mass begins at rest at the handle with its full force; the handle feels a share of it. Its spring is never
+        longer than twice the path s of the handle since then, so it takes at most K·(2s)·ds, K·s² in all.
         """
         if not self._ledger.changing:
             return 0.0
@@ -301,7 +302,7 @@ class _Account:
         return [side.last for side in self._sides]
 
     def _begin(self) -> None:
-        """Drop the credit; that of elements which do not state what they hold ends with a silence."""
+        """Drop the credit; the credit of elements that do not state their stored energy ends only after a silence."""
         ledger = self._ledger
         forced = any(side.acting for side in self._sides)
         self._silent = 0 if forced or any(side.way for side in self._sides) else self._silent + 1
@@ -318,7 +319,7 @@ class _Account:
 
 
 class _Controller:
-    """Takes back what the scene gives beyond its stored energy."""
+    """Takes back the energy that the scene gives beyond its stored energy."""
 
     def __init__(self, ledger: Ledger, sides: Sequence[_Side]) -> None:
         self._ledger, self._sides = ledger, sides
@@ -329,7 +330,7 @@ class _Controller:
         """Set the damping forces of the coming period."""
         ledger, sides = self._ledger, self._sides
         before, self._stored = self._stored, ledger.stored([side.last for side in sides])
-        # A force that follows no law, or is cut, differs from it for reasons that no damping should answer.
+        # A force that follows no law, or is cut, differs from the law for reasons to which damping must not react.
         off, free, granted, most = ledger.unsettled() is not None, True, 0.0, 0.0
         for side, terms in zip(sides, ledger.terms, strict=True):
             off = off or not -side.most <= side.port.state.force <= side.most
@@ -338,7 +339,7 @@ class _Controller:
             most += LEAKS * side.damping(terms) * side.way * side.way
         floor = -math.inf if ledger.memory.silence else -ledger.memory.reserve
         self._excess = 0.0 if off or free else max(floor, self._excess + work + self._stored - before - granted)
-        most /= ledger.period  # the energy that the whole damping takes in a period
+        most /= ledger.period  # the energy that the full damping takes in a period
         share = min(1.0, self._excess / (RECOVERY * most)) if most and self._excess > 0.0 else 0.0
         for side, terms in zip(sides, ledger.terms, strict=True):
             side.port.sensed.damped = -share * LEAKS * side.damping(terms) * side.way / ledger.period

@@ -1,37 +1,37 @@
 """Effect of feedback gaps on the law of a scene, and the number of gaps that the loop tolerates.
 
-A gap is two or more missing samples. The law of the scene pauses in it: when feedback returns, the law goes on from
-the place y at which it was before, and the scene stands beside its place by the shift
+A gap is two or more missing samples. In a gap the law of the scene pauses: when feedback returns, the law goes on from
+its place y before the gap. The scene is then shifted by
 
     δ = x − y   (x: where the handle is)
 
-The law then has not seen the way of the handle in the gap, so it can give back nothing for that way. While the force
-that faded comes back at its slew, it goes on pausing on the way against its force, which would otherwise store more
-than the hand brings in. After that y moves as the handle does, and is drawn back to x
-where the law itself does not resist that, F(y)·δ ≥ 0: there the energy that it stores falls or stays, and nobody is
-given it. A law that depends on the present motion alone is drawn back in steps no longer than the mean motion of a
-period, and is asked for its force at rest at both ends of each step. Where an element has a memory, all are drawn back
-by at most the motion of the period, and its present force is added. Two kinds of forces have no say: those that do not
-depend on the place, such as weight, and friction, which opposes the motion of y and with it that of x. The proof that
-no energy comes of this stands in `docs/explanation/stability.md`.
+The law does not follow the motion of the handle in the gap, so it gives back no energy for this motion. After the gap
+the faded force comes back with the slew limit. Meanwhile the law still pauses on motion against its force, because it
+would store more energy than the hand brings in. After that y moves with the handle, and is drawn back to x wherever the
+law does not resist, F(y)·δ ≥ 0: there its stored energy falls or stays constant, and the handle does not get it. A law
+that depends on the present motion alone is drawn back in steps no longer than the mean motion of a period, and its
+force at rest is checked at both ends of each step. If an element has a memory, the law is drawn back by at most the
+motion of the period, and the present force of the element is added in the check. Two kinds of forces do not count in
+the check: forces that do not depend on the place, such as weight; and friction, which opposes the motion of y and
+therefore that of x. `docs/explanation/stability.md` has the proof that this generates no energy.
 
-|δ| has a bound (`planning.limits.LARGEST_SHIFT`). Beyond that, as after a long gap, the force before the gap is the cap
-(`cycle.safety`). While the cap cuts the force, y pauses too on the way against it: the law would take up energy for
-which the hand has not paid.
+|δ| has a bound (`planning.limits.LARGEST_SHIFT`). Above this bound, and after a long gap, the force before the gap is
+the cap (`cycle.safety`). While the cap cuts the force, y also pauses on motion against the force: otherwise the law
+would store energy that the hand did not bring in.
 
-Force is held between two samples, and a held force grows old. A spring K gives more energy in a gap of s periods than
-in s single periods, by ½·K·T²·(s² − s)·v² at the speed v. Gaps may fall where the handle is fastest, once in each half
-turn of its motion, and then each of them finds twice the mean of v². So gaps divide the limit of the stiffness by
+Force is held between two samples, and a held force gets older. A spring K gives more energy in a gap of s periods than
+in s single periods, by ½·K·T²·(s² − s)·v² at the speed v. If each gap comes where the handle is fastest, once in each
+half cycle of its motion, v² is twice its mean in all of them. Gaps therefore divide the stiffness limit by
 
     stretch = 1 + Σ(s² − s)/Σs/a   (s: periods between two samples, a: mean age of the force, ½ + td/T + λ/T)
 
-at most, whatever their timing; the proof is in `margins.linear`. Without delay a is ½, and gaps that come at any time
-cost half of it, Σs²/Σs. Two axes that a coupling ties together move in modes, which diagonalise the stiffness: the work
-of both held torques is the sum of that of the modes, and the bound is that of each.
+at most, whatever their timing; the proof is in `margins.linear`. Without delay a is ½, and gaps at random times cost
+half of it, Σs²/Σs. Two coupled axes move in modes, which diagonalise the stiffness. The work of both held torques is
+the sum of the work of the modes, and each mode has this bound.
 
-The loop is given up when the stretch is above `AxisPlan.largest_stretch`, or when more than a fifth of the samples is
-missing. The stretch is that of the last second. Of rare gaps it is that from the third last one to the last one: one or
-two gaps are no pattern, because after them the handle comes to rest again.
+The loop trips when the stretch is above `AxisPlan.largest_stretch`, or when more than a fifth of the samples is
+missing. The stretch is computed over the last second. If gaps are rarer, it is computed from the third last gap to the
+last one: one or two gaps are no pattern, because the handle comes to rest after them.
 """
 
 import math
@@ -43,20 +43,20 @@ from haptic_fieldbus.cycle.safety import Permission
 from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE
 
 WINDOW = 1.0
-"""[s]; the share of missing samples is that of a window."""
+"""Window in which the share of missing samples is counted [s]."""
 FEWEST_PERIODS = 20
 FEWEST_GAPS = 3
-"""So many gaps are a pattern."""
+"""Smallest number of gaps that counts as a pattern."""
 MOST_STEPS = 16
-"""Of drawing the law back within a period."""
+"""Largest number of steps in a period by which the law is drawn back."""
 
 
 class LawPlace:
-    """Keeps the place at which the law of one axis is asked: where the handle is, or beside it after gaps.
+    """Place at which the law of one axis is evaluated: the position of the handle, or a shifted position after gaps.
 
     `bounds` are the smallest shift that counts and the largest that is permitted [m or rad]. `resting` returns the
-    force at rest at a place of the elements without memory, two of them during a change, between which it lies.
-    `present` returns the force of those with a memory in the last period; None where there are none.
+    fields of the force at rest of the elements without memory; during a change two fields, between which the force
+    lies. `present` returns the force of the elements with a memory in the last period; None if there are none.
     """
 
     def __init__(
@@ -69,12 +69,12 @@ class LawPlace:
         self._permission, (self._least, self._largest) = permission, bounds
         self._resting, self._present = resting, present
         self._clipped = 0
-        """Periods in which a limit had cut the force when it was looked at last."""
+        """`Permission.clipped` at the last call: periods in which a limit cut the force."""
         self.moved: Callable[[float], None] = lambda before: None
-        """Tells the energy ledger the shift before one by which the law was drawn back; the cycle sets it."""
+        """Tells the energy ledger the shift before the law was drawn back; the cycle sets it."""
 
     def follow(self, here: float, way: float, steps: int) -> None:
-        """Take in that the handle came `here` by a `way` [m or rad] within so many periods, after a gap."""
+        """Follow the handle to `here` by the motion `way` [m or rad] within `steps` periods, after a gap."""
         permission = self._permission
         cut, self._clipped = permission.capped and permission.clipped != self._clipped, permission.clipped
         in_gap = permission.pauses and not permission.returning
@@ -100,23 +100,24 @@ class LawPlace:
         for _ in range(MOST_STEPS if self._present is None else 1):
             nearer = self._nearer(step)
             if self._resists(here - nearer):
-                step *= 0.5  # so that it ends at the edge of what resists
+                step *= 0.5  # to end at the edge of the resisting places
             else:
                 permission.shift = nearer
                 if not nearer:
                     return
 
     def _resists(self, place: float) -> bool:
-        """Return whether the force at a place is against drawing the law back."""
+        """Return whether the force at a place resists drawing the law back."""
         shift = self._permission.shift
         return any(force * shift < 0.0 for force in self._forces(place))
 
     def _pushes(self, before: float, way: float) -> bool:
-        """Return whether the law pushed the handle on its way [m or rad]: what it stores then falls on that way."""
+        """Return whether the law pushed along the motion `way` [m or rad]: its stored energy then falls on this
+        motion."""
         return all(force * way > 0.0 for force in self._forces(before - self._permission.shift))
 
     def _forces(self, place: float) -> list[float]:
-        """Return the forces between which that of the law at a place lies [N or N·m]."""
+        """Return forces between which the force of the law at a place lies [N or N·m]."""
         force = 0.0 if self._present is None else self._present()
         return [field(place) + force for field in self._resting()]
 
@@ -130,7 +131,7 @@ class LawPlace:
 class Gaps:
     """The gaps of the last second; `age` is the mean age of the force in periods, `largest` the largest stretch.
 
-    Axes that couplings tie together share one, because a gap of one holds the torque of all.
+    Coupled axes share one object, because a gap of one axis holds the torque of all.
     """
 
     def __init__(self, period: float, age: float, largest: float) -> None:
@@ -140,7 +141,7 @@ class Gaps:
         self._age, self._largest = age, largest
         self._gaps: deque[tuple[int, int]] = deque()
         self._last: deque[tuple[int, int]] = deque(maxlen=FEWEST_GAPS)
-        """The last gaps, however long ago: time and s² − s."""
+        """Time and s² − s of the last gaps, of any age."""
         self._missing = 0
         self._surplus = 0
         """Σ(s² − s) over the gaps."""
@@ -148,7 +149,7 @@ class Gaps:
     def note(self, t_ns: int, steps: int) -> None:
         """Count a sample that came `steps` periods after the one before; `steps` is 2 or more.
 
-        Of the gaps of several axes that end together the longest counts.
+        If gaps of several axes end together, the longest counts.
         """
         gaps = self._gaps
         if gaps and gaps[-1][0] == t_ns:
@@ -169,7 +170,7 @@ class Gaps:
 
     @property
     def tolerance(self) -> float:
-        """Largest Σ(s² − s)/Σs, by which the mean age of the force may grow [periods]."""
+        """Largest permitted Σ(s² − s)/Σs, the growth of the mean age of the force [periods]."""
         return (self._largest - 1.0) * self._age
 
     @property
@@ -181,14 +182,14 @@ class Gaps:
     def stretch(self) -> float:
         """Factor by which the gaps divide the stiffness limit at the worst timing."""
         surplus, periods = self._surplus, float(self._periods)
-        if len(self._gaps) < FEWEST_GAPS == len(self._last):  # from the end of the first of them on
+        if len(self._gaps) < FEWEST_GAPS == len(self._last):  # from the end of the first gap on
             (first_ns, _), (_, second), (last_ns, third) = self._last
             surplus, periods = second + third, (last_ns - first_ns) / self._period_ns
         return 1.0 + surplus / (periods * self._age)
 
     @property
     def too_many(self) -> bool:
-        """Whether the loop is to be given up."""
+        """Whether the loop must trip."""
         if self.share > LARGEST_MISSING_SHARE:
             return True
         return len(self._last) >= FEWEST_GAPS and self.stretch > self._largest

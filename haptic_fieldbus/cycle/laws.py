@@ -24,7 +24,7 @@ from haptic_fieldbus.scenes.element import (
 )
 from haptic_fieldbus.signals import Signal
 
-# Memory of one axis of a running plan, which the cycle and its couplings read too.
+# Memory of one axis of a running plan; the cycle and its couplings read it too.
 
 
 @dataclass(slots=True)
@@ -32,15 +32,15 @@ class AxisState:
     """Values that an axis keeps from one period to the next."""
 
     feedback: tuple[int, ...] = ()
-    """Last decoded feedback, at the places of `planning.image`."""
+    """Last decoded feedback, in the order of `planning.image`."""
     power: PowerState = PowerState.UNKNOWN
     controlword: int = 0
     missing: int = 0
-    """Periods in a row without new feedback, this one included."""
+    """Consecutive periods without new feedback, including this period."""
     holding: int = 0
-    """The same of the axis that has missed most, among those that couplings tie to this one."""
+    """Largest `missing` of this axis and the axes coupled with it."""
     steps: int = 1
-    """Periods that lie between this feedback and the one before; 0 where this period has none."""
+    """Periods between this feedback and the last one; 0 in a period without feedback."""
     gain: float = 1.0
     """Share of the held force in a period without feedback."""
     zero_counts: int | None = None
@@ -49,29 +49,29 @@ class AxisState:
     """Whether the first rendered period has passed."""
     began_ns: int = 0
     permitted_ns: int | None = None
-    """When force began to rise to its limit; None while the sign from torque to motion has not been seen."""
+    """Time at which force began to rise to its limit; None while the motor direction is not confirmed."""
     moved_ns: int = 0
-    """When the position changed last."""
+    """Time of the last change of the position."""
     position: float = 0.0
     way: float = 0.0
-    """Of the last period [m or rad]."""
+    """Motion in the last period [m or rad]."""
     drift: float = 0.0
     """Bound on the error of the position [m or rad]; 0 unless the position is integrated from a velocity."""
     force: float = 0.0
     """Force of the scene, before any limit [N or N·m]."""
     remembered: float = 0.0
-    """Of it the force of elements with a memory, where there are others beside them [N or N·m]."""
+    """Part of `force` from elements with a memory, if the axis has other elements too [N or N·m]."""
     led_work: float = 0.0
     led_force: float = 0.0
-    """Work and last force of the scene's law on the straight line on which it was led through periods without a
-    sample [J; N or N·m]."""
+    """Work and last force of the law of the scene along the straight line that bridges periods without a sample [J; N
+    or N·m]."""
     target: int = 0
     """Target torque in steps of the drive, without the sign of the mechanism."""
 
 
 @dataclass(slots=True)
 class Sensed:
-    """Signals of one axis beside its position, and the force that couplings add to it."""
+    """Signals of one axis besides its position, and the force of its couplings."""
 
     velocity: float = 0.0
     """[m/s or rad/s]"""
@@ -154,7 +154,7 @@ def summed(fields: Sequence[Field]) -> Field:
 
 
 def apart(remembering: Sequence[Field], others: Sequence[Field], state: AxisState) -> Field:
-    """Return the sum of all fields as one field, which notes the force of those with a memory."""
+    """Return the sum of all fields as one field, which notes the force of the fields with a memory."""
     mine, rest = summed(remembering), summed(others)
 
     def field(position: float) -> float:
@@ -165,25 +165,26 @@ def apart(remembering: Sequence[Field], others: Sequence[Field], state: AxisStat
 
 
 def is_placed(element: Element) -> bool:
-    """Return whether an element is given where the handle is."""
+    """Return whether the position is an input of an element."""
     return Signal.POSITION in element.needs
 
 
 def is_static(element: Element) -> bool:
-    """Return whether the force at rest follows from the place, or does not depend on it."""
+    """Return whether the force at rest follows from the position alone, or is constant."""
     if not is_placed(element):
         return True
-    # An element that takes more than position and velocity has no force at rest at a place.
+    # An element with inputs besides position and velocity has no force at rest that follows from the position.
     return isinstance(element, StaticElement) and {*element.needs} <= {Signal.POSITION, Signal.VELOCITY}
 
 
 def has_say(element: Element) -> bool:
-    """Return whether an element depends on the place by a memory; friction, which has no surface, does not."""
+    """Return whether an element depends on the position through a memory; friction, which has no surface, does not
+    count."""
     return not is_static(element) and (abilities(element).reserve is None or abilities(element).penetration is not None)
 
 
 def at_rest(elements: Sequence[Element], period: float) -> Field:
-    """Return the force at rest at a place, of all elements that have one."""
+    """Return the field of the force at rest, of all elements that have one."""
     placed = [each for each in elements if is_placed(each) and is_static(each)]
     return summed([field_of(each, period, None, Sensed()) for each in placed])
 
@@ -225,13 +226,14 @@ def blended_pair(before: PairField, after: PairField, periods: int) -> PairField
     return pair
 
 
-# What the scene needs beside the position: velocity, time and torque, worked out once a period, before any field.
+# Signals that the scene needs besides the position: velocity, time and torque, computed once a period, before any
+# field.
 
 PeriodStep = Callable[[], None]
 
 
 def in_order(steps: Sequence[PeriodStep]) -> PeriodStep:
-    """Return one step that takes all of these."""
+    """Return one step that calls all of these steps."""
 
     def work() -> None:
         for step in steps:
@@ -243,9 +245,9 @@ def in_order(steps: Sequence[PeriodStep]) -> PeriodStep:
 def bind_sense(
     axis: AxisPlan, state: AxisState, sensed: Sensed, period: float
 ) -> tuple[PeriodStep | None, PeriodStep | None]:
-    """Return (all that the scene needs, of it the estimator that takes one position a period); None for nothing.
+    """Return (step of all signals, step of the estimator if it takes one position a period); None for nothing to do.
 
-    Only what is needed is worked out, and an estimator imported only where one is.
+    Only signals that the scene needs are computed, and an estimator is imported only if one is needed.
     """
     steps: list[PeriodStep] = []
     estimator = None
@@ -272,7 +274,8 @@ def bind_sense(
 
 
 def _bind_velocity(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float) -> tuple[PeriodStep, bool]:
-    """Estimate the velocity in periods with new feedback, else the last estimate stays; and: does it take times?"""
+    """Return (step, True if it takes times): estimate the velocity from new feedback; without it keep the last
+    estimate."""
     from haptic_fieldbus.numerics.estimators import bind, is_timed
 
     name = axis.estimator or DEFAULT_ESTIMATOR

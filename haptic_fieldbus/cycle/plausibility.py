@@ -1,50 +1,51 @@
-"""Does the drive do what it was told? What was sent is compared with what it shows, and with how the handle moves.
+"""Plausibility of a drive: the torque sent is compared with the echo of the drive and with the motion of the handle.
 
 Echo. A drive whose set-points are lost (its RPDO disabled by another tool, or frames that no longer reach it) holds its
-last torque, while feedback and signs of life go on. The sign is that its echo does not follow:
+last torque, while feedback and signs of life go on. The symptom is an echo that does not follow. These rules hold for a
+drive that does follow:
 
-- A torque demand equals the target that was sent, to within a step, one period later; where it acts at a SYNC, at which
-  the feedback is sampled before, or at a control tick beside one, the target of the period before may still be there.
-- A target torque that is asked for is one of those that were in force between question and answer.
-- A torque actual value follows through the lag of the torque loop, a first order whose output is worked out here. Its
-  tolerance is for noise and ripple of the current. Friction does not enter: the value is that of the motor's current.
+- A torque demand equals the sent target, to within a step, one period later. If the drive samples its feedback before
+  the set-point acts, at a SYNC or at a control tick near it, it may still show the target of the period before.
+- A target torque that is read back is one of the targets in force between question and answer.
+- A torque actual value follows with the lag of the torque loop, a first-order lag that is computed here. The tolerance
+  covers noise and ripple of the current. Friction has no effect: the value is derived from the motor current.
 
 A difference raises a doubt. The doubt ends when the echo has moved and agrees with one of the last targets, or when it
-has agreed for a whole deadline; it becomes a trip when the echo still differs after the deadline. That the echo must
-have moved is for torques that swing: a frozen torque agrees with a swinging one now and then. While the torque is
-constant nothing can be proved: the deadline runs from the first change that does not come back. An echo that is asked
-for may also stay away altogether; after its own deadline that is a trip too, because nothing is proved any more.
-The first sample after missing ones is not compared: on Modbus TCP nothing is sent while an answer is outstanding.
+has agreed for a whole deadline. It becomes a trip when the echo still differs after the deadline. The echo must have
+moved because a frozen torque agrees with an oscillating torque from time to time. While the torque is constant nothing
+can be proved: the deadline runs from the first change that the echo does not show. An echo that is read back may also
+fail to arrive; after a deadline of its own this is a trip too. The first sample after missing samples is not compared:
+on Modbus TCP nothing is sent while an answer is outstanding.
 
-While there is a doubt the motor may give what was not sent. The work of the difference is booked by the energy ledger
-as forgiven when the doubt ends, if it was given to the hand.
+During a doubt the torque of the motor may differ from the torque sent. When the doubt ends, the energy ledger books the
+work of this difference as forgiven, if the hand got it.
 
-Other masters. Where their set-points cannot be heard (Modbus), they are counted besides. Each acts until ours replaces
-it, so that the echo is right again soon and no doubt lasts. What a drive shows is theirs when it is more than any of
-our targets of late, in either direction, by more than a hand may be left alone with and an overshoot. Targets of late
-are those of a whole deadline and of the age at which feedback is a trip: set-points that were lost, a torque loop with
-a lag, and a gateway that answers with what is a period old, show one of them. Less torque than was sent is no sign of
-another master: a drive at the limit of its current or its supply gives less, too.
+Other masters. If the messages of other masters cannot be received (Modbus), their set-points are counted by the echo.
+Each of them acts until our set-point replaces it; the echo is then right again, and no doubt lasts. A shown torque
+counts as foreign if it exceeds all our recent targets, in either direction, by more than the holding torque plus an
+overshoot. Recent targets are those of a whole deadline plus the age at which feedback is a trip. After lost set-points,
+behind the lag of a torque loop, or from a gateway whose answer is a period old, a drive still shows one of them. Less
+torque than was sent does not indicate another master: a drive at the limit of its current or its supply gives less,
+too.
 
 Sign watch. A change of torque must show in the acceleration while the scene runs.
 
-In a scene torque answers motion, so that torque and position go together whatever the sign is. What differs is how
-fast hands are. Within blocks of 5 ms a hand changes its force little, while contact changes the torque much. With the
-mean torque u and the mean acceleration a of two blocks, and their changes δu and δa from one pair of blocks to the
-next,
+In a scene torque follows motion, so torque and position are correlated whatever the sign is. The time scale separates
+them. Within blocks of 5 ms a hand changes its force little, while contact changes the torque much. With the mean torque
+u and the mean acceleration a of two blocks, and their changes δu and δa from one pair of blocks to the next,
 
     S = Σ m·δa·δu,   N = Σ δu²     (m: mass of the bench; the sums forget within 0.1 s)
 
-S/N is the share of a change of torque that shows in the motion: 1 for a free handle, less where a hand adds its mass,
-−1 when the sign has turned. When S/N is below −½ and N is that of strong contact, the sign is in doubt: from then on
-no more is permitted than a hand may hold, and pulses look for the sign again (`cycle.sign`). A wrong one ends the
-run. A blow of a hand raises the same doubt, because it changes its force against the torque by more than the torque
-changes; then the sign is seen, and the force rises again. Of the shipped hands none does
+S/N is the share of a change of torque that appears in the motion: 1 for a free handle, less with the mass of a hand, −1
+when the sign has turned. If S/N is below −½ and N is as large as in strong contact, the sign is in doubt. The force is
+then limited to the holding force, and pulses test the sign again (`cycle.sign`). A wrong sign ends the run. A blow of a
+hand raises the same doubt, because it changes the force against the torque by more than the torque changes. The test
+then confirms the sign, and the force rises again. None of the shipped hands raises a doubt
 (`tests/system/test_sign.py`).
 
-This is no proof that the sign is right. It is there for what happens later, such as a drive that is turned round by
-another tool. There is none where a count is too coarse for an acceleration within a block, or a period too long, nor
-where the scene itself answers acceleration: a virtual mass gives torque against every knock of a hand.
+The watch does not prove that the sign is right. It detects a later change, such as a drive that another tool reverses.
+An axis has no watch if a count is too coarse for an acceleration within a block, if a period is too long, or if the
+scene itself reacts to acceleration: a virtual mass gives torque against every knock of a hand.
 """
 
 import math
@@ -72,24 +73,25 @@ from haptic_fieldbus.planning.sign_probe import virtual_mass
 from haptic_fieldbus.signals import Signal, Workspace
 
 LAGS = 3.0
-"""After so many time constants of the torque loop a target counts as reached."""
+"""Number of time constants of the torque loop after which a target counts as reached."""
 FEWEST_TARGETS = 3
-"""Of the last targets that an echo may agree with: acting on reception or at a SYNC, and one frame that was lost."""
+"""Smallest number of last targets with which an echo may agree: acting on reception or at a SYNC, and one lost
+frame."""
 SHORTEST_BLOCK, LONGEST_BLOCK = 0.005, 0.01
 """[s]"""
 COARSENESS = 0.05
-"""Share of rated torque that the encoder may be off by within a block."""
+"""Largest error of the encoder within a block, as a share of rated torque."""
 MEMORY = 0.1
-"""[s] after which the sums have forgotten all but 1/e."""
+"""Time constant with which the sums decay [s]."""
 STRONG = 0.1
 KNOCK = {Workspace.LINEAR: 5.0, Workspace.ROTARY: 0.25}
-"""Share of rated torque, and half the knock of a hand [N or N·m]: √N counts above both."""
+"""Share of rated torque, and half the knock of a hand [N or N·m]; contact is strong if √N is above both."""
 AGAINST = -0.5
 """S/N below which the motion goes against the torque."""
 HEAVIEST = 0.05
-"""Mass that the scene may add, as a share of that of the bench."""
+"""Largest virtual mass with which the watch works, as a share of the mass of the bench."""
 WORST_ERROR = 3.0
-"""Counts by which the change of a second difference may be off: readings with the weights 1, −2, 2 and −1."""
+"""Largest error of the change of a second difference [counts]: readings with the weights 1, −2, 2 and −1."""
 
 
 def bind_echo(
@@ -100,10 +102,10 @@ def bind_echo(
     forgive: Callable[[float], None],
     render: PeriodStep,
 ) -> PeriodStep:
-    """Return a step that checks the echo and then renders; `render` alone when the drive shows nothing of its targets.
+    """Return a step that checks the echo and then renders; `render` alone if the drive has no echo.
 
-    The check comes first, while the state still has the target that was sent last. `forgive` takes the energy that was
-    given beyond what was sent while there was a doubt [J].
+    The check comes first, while the state still has the last target sent. `forgive` takes the energy [J] of the torque
+    beyond the set-points during a doubt.
     """
     echo = axis.profile.echo
     if echo is None or math.isinf(axis.limits.echo):
@@ -122,12 +124,13 @@ def bind_echo(
 def bind_other_masters(
     axis: AxisPlan, state: AxisState, period: float, trip: TripOff, render: PeriodStep
 ) -> PeriodStep:
-    """Return a step that counts set-points of another master, then renders; `render` alone where none can be seen."""
+    """Return a step that counts set-points of another master, then renders; `render` alone if they cannot be
+    detected."""
     shown_by = None if axis.other_masters is None else axis.other_masters.shown_by
     if shown_by is None:
         return render
     always = shown_by is not Signal.TARGET_ASKED
-    # A target that is read back comes in some periods only; a value without it counts in every period.
+    # A target that is read back arrives in some periods only; any other value counts in every period.
     place, came = axis.place_of(shown_by), axis.place_of(Signal.STATUSWORD if always else Signal.ASKED_PERIODS)
     sign = axis.rig.mechanism.sign * _ratio(_shown_unit(axis, shown_by), axis)
     others = OtherMaster(axis, period, shown_by, trip)
@@ -147,13 +150,13 @@ def bind_other_masters(
 
 
 class OtherMaster:
-    """Count of the set-points of another master that were seen; values in steps of target torque."""
+    """Counter of the detected set-points of another master; values in steps of target torque."""
 
     def __init__(self, axis: AxisPlan, period: float, shown_by: Signal, trip: TripOff) -> None:
         limits, measured = axis.limits, shown_by is Signal.TORQUE_ACTUAL
         recent = recent_time(period, limits.age, axis.delay.torque_loop if measured else 0.0)
         self.sent = deque([0], maxlen=math.ceil(recent / period) + FEWEST_TARGETS)
-        """Targets that may still be what the drive shows, the last one at the end."""
+        """Targets that the drive may still show, the last one at the end."""
         self.tolerance = FOREIGN_SHARE * axis.rated_effort / axis.effort_unit
         self._overshoot = OVERSHOOT if measured else 0.0
         self._unit, self._trip = axis.effort_unit, trip
@@ -162,7 +165,7 @@ class OtherMaster:
         self._seen: deque[int] = deque(maxlen=FOREIGN_TIMES)
 
     def look(self, now_ns: int, shown: float) -> None:
-        """Count what the drive shows, if it is no target of ours; trip when that is often."""
+        """Count the shown torque if it is none of our targets; trip if this happens often."""
         low, high = min(0, *self.sent), max(0, *self.sent)
         slack, seen = self.tolerance + self._overshoot * (high - low), self._seen
         if low - slack <= shown <= high + slack or (seen and now_ns - seen[-1] < self._apart_ns):
@@ -178,7 +181,7 @@ class OtherMaster:
 def _bind_demand(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "EchoMismatch", render: PeriodStep
 ) -> PeriodStep:
-    """Compare with the target that must be in force by now, or with the nearer one of two where it may be either."""
+    """Return a step that compares the echo with the target in force, or with the nearer of two possible targets."""
     sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.demand_unit, axis), doubt.tolerance
     waits = axis.delay.transport > (1.0 - 1e-9) * period and not axis.delay.acts_first
     before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
@@ -204,10 +207,10 @@ def _bind_demand(
 def _bind_asked(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "EchoMismatch", render: PeriodStep
 ) -> PeriodStep:
-    """Compare an answer with the targets that were in force between question and answer."""
+    """Return a step that compares an answer with the targets in force between question and answer."""
     sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
     asked = axis.place_of(Signal.ASKED_PERIODS)
-    # Where set-points act at a SYNC, the one before the question may still have been in force.
+    # If set-points act at a SYNC, the set-point before the question may still have been in force.
     waits = axis.delay.transport > (1.0 - 1e-9) * period
     remembered = math.ceil(axis.limits.echo / period) + 1
     sent = deque([0] * remembered, maxlen=remembered)
@@ -236,11 +239,11 @@ def _bind_asked(
 def _bind_actual(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "EchoMismatch", render: PeriodStep
 ) -> PeriodStep:
-    """Compare with the target that must be in force by now, after the lag of the torque loop."""
+    """Return a step that compares the echo with the targets in force, behind the lag of the torque loop."""
     sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.shown_unit, axis), doubt.tolerance
     lag = axis.delay.torque_loop
     late = min(axis.delay.transport, period)
-    # From the sample before on, the target before the last was in force, then the last one.
+    # After the sample before, first the second last target was in force, then the last one.
     kept, own = math.exp(-period / lag), 1.0 - math.exp(-(period - late) / lag)
     older = 1.0 - own - kept
     remembered = FEWEST_TARGETS - 1 + math.ceil(LAGS * lag / period)
@@ -265,19 +268,19 @@ def _bind_actual(
 
 
 def _shown_unit(axis: AxisPlan, shown_by: Signal) -> float:
-    """Return one step of what the drive shows, in the workspace [N or N·m]."""
+    """Return one step of the shown torque, in the workspace [N or N·m]."""
     units = {Signal.TORQUE_ACTUAL: axis.shown_unit, Signal.TORQUE_DEMAND: axis.demand_unit}
     return units.get(shown_by, axis.effort_unit)
 
 
 def _ratio(unit: float, axis: AxisPlan) -> float:
-    """Return how many steps of the target are one step of the echo; the integer 1 where both have one unit."""
+    """Return the number of steps of the target in one step of the echo; the integer 1 if both have the same unit."""
     ratio = unit / axis.effort_unit
     return 1 if abs(ratio - 1.0) < 1e-9 else ratio
 
 
 class EchoMismatch:
-    """The doubt whether set-points act, and its way to a trip; values in steps of target torque."""
+    """Doubt whether set-points act, which may become a trip; values in steps of target torque."""
 
     def __init__(
         self,
@@ -292,7 +295,7 @@ class EchoMismatch:
         self.open = False
         self._state, self._trip, self._forgive = state, trip, forgive
         self._given = 0.0
-        """Work of the motor in this doubt beyond that of what was sent [J]."""
+        """Work of the motor during this doubt, minus the work of the torque sent [J]."""
         self._unit = axis.effort_unit
         self._period_ns = round(period * 1e9)
         # A sample that comes a little early still ends the deadline.
@@ -301,7 +304,7 @@ class EchoMismatch:
         self._stuck = 0.0
 
     def unanswered(self, waited_ns: int, sent: int) -> None:
-        """Trip when the drive does not answer any more what torque it was sent."""
+        """Trip because the drive no longer answers with its target torque."""
         self._trip(TripKind.SET_POINTS_DEAD, math.nan, sent * self._unit, f"{waited_ns * 1e-6:.0f}")
 
     def look(self, now_ns: int, shown: float, expected: float, targets: Sequence[int]) -> None:
@@ -309,7 +312,7 @@ class EchoMismatch:
         differs = abs(shown - expected) > self.tolerance
         if not self.open:
             self.open, self._stuck = True, shown
-            # The target that does not come back was sent in the period before.
+            # The target that the echo does not show was sent in the period before.
             self._since_ns, self._differed_ns = now_ns - self._period_ns, now_ns
             return
         moved = abs(shown - self._stuck) > self.tolerance
@@ -327,7 +330,7 @@ class EchoMismatch:
                 self._trip(TripKind.SET_POINTS_DEAD, shown * self._unit, sent, f"{waited_ns * 1e-6:.0f}")
 
     def _end(self) -> None:
-        """End the doubt, and tell what was given to the hand meanwhile."""
+        """End the doubt, and forgive the energy that the hand got during it."""
         self.open, given, self._given = False, self._given, 0.0
         if given > 0.0:
             self._forgive(given)
@@ -336,13 +339,13 @@ class EchoMismatch:
 def bind_sign_watch(
     axis: AxisPlan, state: AxisState, period: float, doubt: Callable[[], None], render: PeriodStep
 ) -> PeriodStep:
-    """Return a step that renders and watches the sign, and calls `doubt`; `render` alone where it cannot be seen."""
+    """Return a step that renders, watches the sign and calls `doubt`; `render` alone if the sign cannot be watched."""
     periods = _block(axis, period)
     return render if periods is None else SignWatch(axis, state, period, periods, doubt).bind(render)
 
 
 def _block(axis: AxisPlan, period: float) -> int | None:
-    """Return the shortest block in which accelerations are seen [periods]; None where none is."""
+    """Return the shortest block in which accelerations can be measured [periods]; None if there is none."""
     if axis.plant is None or not axis.plant.mass or virtual_mass(axis.elements) > HEAVIEST * axis.plant.mass:
         return None
     least = (WORST_ERROR * axis.plant.mass * axis.plant.resolution / (COARSENESS * axis.rated_effort)) ** 0.5
@@ -351,7 +354,7 @@ def _block(axis: AxisPlan, period: float) -> int | None:
 
 
 class SignWatch:
-    """The sums of one axis."""
+    """Sign watch of one axis: its sums S and N."""
 
     def __init__(
         self, axis: AxisPlan, state: AxisState, period: float, periods: int, doubt: Callable[[], None]
@@ -366,7 +369,7 @@ class SignWatch:
         strong = max(STRONG * axis.rated_effort, KNOCK[axis.workspace])
         self._strong = (strong / axis.effort_unit) ** 2
         self._places: deque[float] = deque(maxlen=5)
-        """Of the handle at the begin of the last blocks."""
+        """Positions of the handle at the begin of the last blocks."""
         self._torques: deque[float] = deque(maxlen=4)
         """Mean target torques of the last blocks."""
 
@@ -390,7 +393,7 @@ class SignWatch:
         return look
 
     def _block(self, torque: float) -> None:
-        """Take the mean torque of the block that ends here, in steps, and compare."""
+        """End a block with this mean torque, in steps, and compare torque and motion."""
         self._torques.append(torque)
         self._places.append(self._state.position)
         if len(self._places) < 5 or self._state.permitted_ns is None:

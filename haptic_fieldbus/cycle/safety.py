@@ -1,24 +1,24 @@
-"""The limits between a scene and a hand, and the reasons to take torque away.
+"""Limits of the force between a scene and a hand, and the trips.
 
-Until the sign from torque to motion has been seen (`cycle.sign`), pulses of a small torque take turns with a force of
-the scene that stays within what a hand may hold for ever; `limits.unseen` bounds both. From then on the force passes
-three gates, in this order:
+Until the motor direction is confirmed (`cycle.sign`), small torque pulses alternate with the force of the scene. This
+force is limited to the holding force, which a hand can bear for any time; `limits.unseen` bounds both. From then on the
+force passes three gates, in this order:
 
 1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
    sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
-2. The cap. It is there after a long gap in the feedback, after a doubt about the sign, and after counts that stood
-   still under torque for long. The force stays at or below it until contact is left, that is until the scene asks for
-   no force or for one in the other direction.
-3. The slew limit, which bounds the change from one period to the next whatever the first two gates do.
+2. The cap. It is set after a long gap in the feedback, after a doubt about the motor direction, and after counts stood
+   still under torque for long. The force stays at or below the cap until contact is left: until the scene asks for no
+   force, or for a force in the other direction.
+3. The slew limit. It bounds the change from one period to the next, whatever the first two gates do.
 
-Between the second and the third gate pulses may be added that ask an encoder whose counts stand still
-(`cycle.standstill`). They stay within limit and cap, and the cap does not count them as force of the scene.
+Between the second and the third gate, pulses may be added that test an encoder whose counts stand still
+(`cycle.standstill`). The pulses stay within limit and cap, and do not count as force of the scene.
 
 Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
-the second missing period on the held torque fades to zero. Letting it return to any value would do work on the hand
-that the hand never did on the handle. When feedback returns, the law of the scene therefore goes on from the place
-where it was before the gap (`cycle.gaps`). When it returns later than half of the age at which it ends a run, nobody
-knows what the hand did meanwhile, and the force before the gap is the cap too.
+the second missing period on the held torque fades to zero. If the torque then returned to its old value, it would do
+work on the hand that the hand never did on the handle. When feedback returns, the law of the scene therefore goes on
+from its place before the gap (`cycle.gaps`). A gap is long if it lasts longer than half of the age at which feedback is
+a trip. The motion of the hand in a long gap is unknown, so the force before the gap is the cap too.
 
 A trip is final: torque is zero from that period on, and only a new run enables again.
 """
@@ -78,7 +78,7 @@ LINK_TRIPS = {
     LinkFlag.NOT_OPERATIONAL: TripKind.NODE_NOT_OPERATIONAL,
     LinkFlag.EXCEPTION: TripKind.BUS_EXCEPTION,
 }
-"""The trip for each fault of the link, the most telling first."""
+"""Trip for each link fault, the root cause first."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ class Trip:
     limit: float | None = None
     detail: str = ""
     position: float = 0.0
-    """Of the handle then [m or rad]."""
+    """Position of the handle at that time [m or rad]."""
 
 
 class TripOff(Protocol):
-    """Takes the torque away."""
+    """Function that records a trip and takes the torque away."""
 
     def __call__(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None: ...
 
@@ -106,15 +106,15 @@ class GapCounts:
     """Cost of feedback gaps for one axis."""
 
     long: int = 0
-    """How often feedback was missing for so long that a cap followed."""
+    """Number of gaps after which a cap was set."""
     capped: int = 0
-    """Periods in which such a cap cut the force."""
+    """Periods in which the cap of a gap cut the force."""
     short: int = 0
-    """How often feedback came back soon, so that the scene went on from where it was."""
+    """Number of short gaps, after which the scene went on from its place before the gap."""
     shifted: int = 0
-    """Periods with a sample in which the scene stood beside its place."""
+    """Periods with a sample in which the scene was shifted."""
     farthest: float = 0.0
-    """Largest distance between the scene and its place [m or rad]."""
+    """Largest shift of the scene [m or rad]."""
 
 
 def _nothing() -> None:
@@ -123,41 +123,41 @@ def _nothing() -> None:
 
 @dataclass(slots=True)
 class Permission:
-    """How much force one axis is permitted at present [N or N·m]; its automaton is the first half of this file."""
+    """Force that one axis is permitted at present [N or N·m]; the module docstring describes its automaton."""
 
     fade: float = 0.0
-    """Share of the effort limit that is reached, 0 to 1."""
+    """Share of the effort limit that the fade-in has reached, 0 to 1."""
     cap: float = math.inf
     side: float = 0.0
-    """Sign of the force that the cap cuts; 0 while none has been asked for since it came."""
+    """Sign of the force that the cap cuts; 0 until the scene asks for a force under this cap."""
     before: float = 0.0
-    """The permitted force of the period before."""
+    """Permitted force of the period before."""
     held: float = 0.0
-    """The permitted force before the present gap."""
+    """Permitted force before the present gap."""
     proof: Callable[[float], float] | None = None
-    """Takes the force of the scene and returns what is given until the sign has been seen; None from then on."""
+    """Function from the force of the scene to the force until the motor direction is confirmed; None afterwards."""
     unchanged: bool = False
     """Whether no fade-in, cap, gap or pulse is at work, so that only effort and slew limit the force."""
     pulses: Callable[[float, float], float] | None = None
-    """Takes the permitted force and its bound, and returns it with a pulse that asks the encoder; None: not asked."""
+    """Function from the permitted force and its bound to the force with an encoder pulse; None: no encoder test."""
     pulse: float = 0.0
-    """How much such a pulse has added to the force of the period before."""
+    """Part of the encoder pulse in the force of the period before [N or N·m]."""
     given: float = 0.0
-    """Most that such pulses may have given to the hand since the energy ledger looked [J]."""
+    """Largest energy that encoder pulses may have given to the hand since the energy ledger last read it [J]."""
     clipped: int = 0
     """Periods in which effort, fade-in or cap cut the force."""
     asked: float = 0.0
     """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
     blind: bool = False
-    """Whether feedback is missing, but not for long, or the force has not come back to that of the scene since."""
+    """Whether feedback is missing, or the force has not yet returned to that of the scene after a gap."""
     is_long: bool = False
     """Whether the present gap, or the last one, left a cap."""
     returning: int = 0
     """Periods in which the force has been coming back."""
     shift: float = 0.0
-    """How far the scene stands beside its place after short gaps [m or rad]."""
+    """Shift of the scene after gaps: position of the handle minus place of the law [m or rad]."""
     beside: bool = False
-    """Whether the place of the scene is to be looked after: `blind`, a `shift`, or the cap of a gap."""
+    """Whether the place of the law needs an update in each period: `blind`, a `shift`, or the cap of a gap."""
     gaps: GapCounts = field(default_factory=GapCounts)
     astray: bool = False
     """Whether the shift is beyond its bound: a cap then stays."""
@@ -166,7 +166,7 @@ class Permission:
     after_doubt: bool = False
     """Whether the present cap is that of a doubt about the sign."""
     loosened: Callable[[], None] = _nothing
-    """Tells the energy ledger that from now on another force may be sent than that of the law."""
+    """Tells the energy ledger that the sent force may differ from the law from now on."""
 
     def loosen(self) -> None:
         """Note that more than effort and slew limit the force from now on."""
@@ -175,7 +175,7 @@ class Permission:
 
     @property
     def lawful(self) -> bool:
-        """Whether the force is that of the scene, apart from pulses that ask the encoder."""
+        """Whether the force is that of the scene, apart from encoder pulses."""
         return self.unchanged or (self.pulses is not None and self.free)
 
     @property
@@ -205,31 +205,33 @@ class Permission:
         self.after_gap = True
 
     def give_up_place(self) -> None:
-        """Permit no more than the force before the gap: the scene would stand too far beside its place."""
+        """Permit no more than the force before the gap, because the shift would be too large."""
         held = self.held - self.pulse
         self.cap_after_gap(min(self.cap, abs(held)), math.copysign(1.0, held) if held else 0.0)
 
     def cap_after_doubt(self, cap: float) -> None:
-        """Permit no more than `cap` until the contact is left in which the handle is now, if it is in one."""
+        """Permit no more than `cap` until the handle leaves its present contact, if it is in contact."""
         self.cap_at(min(self.cap, cap), 0.0)
         self.after_doubt = True
 
     def begin_gap(self) -> None:
-        """A second period passes without feedback."""
+        """Begin a gap: a second period passes without feedback."""
         self.blind = self.beside = True
         self.is_long, self.returning = False, 0
         self.loosen()
 
     def come_back(self, *, arrived: bool, longest: int) -> None:
-        """Feedback is back: end the gap when the force has `arrived` at that of the scene, or after so many periods."""
+        """Count a period with feedback; end the gap when the force has `arrived` at that of the scene, or after
+        `longest` periods."""
         self.gaps.short += not self.returning and not self.is_long
         self.returning += 1
         self.blind = not arrived and self.returning < longest
 
     def leave_contact(self, asked: float, least: float) -> None:
-        """Forget the cap when the scene asks for no force (`least` at most), or for one against its side.
+        """Remove the cap when the scene asks for no force (at most `least`), or for a force against the side of the
+        cap.
 
-        While the scene stands too far beside its place, only the side is forgotten.
+        While the shift is too large, only the side is reset.
         """
         if self.side == 0.0 and abs(asked) > least:
             self.side = math.copysign(1.0, asked)
@@ -242,8 +244,8 @@ def bind_limiter(
 ) -> Callable[[float], float]:
     """Return a limiter for one run [effort → effort]: limit, cap, slew; `least` is one step of the drive's torque.
 
-    A force that is not finite comes out as not-a-number, for the loop to stop: no comparison holds for it, so it never
-    passes for a force within its limits.
+    A force that is not finite is returned as not-a-number, and the loop trips. No comparison holds for not-a-number, so
+    it never counts as a force within the limits.
     """
     effort, largest_change = limits.effort, limits.slew * period
     unseen = min(effort, limits.unseen)
@@ -269,7 +271,7 @@ def bind_limiter(
     def beyond(force: float) -> float:
         if not math.isfinite(force):
             return math.nan
-        # Contact is that of the scene: a pulse of the proof, or its pause, leaves none.
+        # The scene alone defines contact: neither a pulse of the proof nor its pause leaves a contact.
         permission.leave_contact(force, least)
         if permission.proof is not None:
             force, permission.blind, permission.pulse = bounded(permission.proof(force), unseen), False, 0.0
@@ -292,9 +294,9 @@ def bind_limiter(
 
 
 def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Callable[[int], float]:
-    """Return a function: number of periods in a row without feedback → permitted force.
+    """Return a function: number of consecutive periods without feedback → permitted force.
 
-    While the sign is looked for, the cap of a long gap is `limits.before_sign`: the force before may be a pulse's.
+    While the motor direction is tested, the cap of a long gap is `limits.before_sign`: the force before may be a pulse.
     """
     fading, soon = fade_periods(period), soon_periods(period, limits.age)
 

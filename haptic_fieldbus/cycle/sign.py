@@ -1,15 +1,15 @@
-"""The proof of the sign from torque to motion, at the start of a run: pulses, pairs of pulses, and what they say.
+"""Proof of the motor direction, the sign from torque to motion, at the start of a run: pulses and pairs of pulses.
 
-Theory and sizes stand in `planning.sign_probe`. The proof goes through the stages of the probe. A stage decides when
-all its pulses and pairs agree; then the sign is seen, or the run ends. As soon as one does not agree, or shows too
-little, the next stage begins.
+Theory and sizes stand in `planning.sign_probe`. The proof goes through the stages of the probe. If all pulses and pairs
+of a stage agree, the stage decides: the direction is confirmed, or it is wrong and the run ends. As soon as a pair
+disagrees, or its motion is too small, the next stage begins.
 
-Torque grows from stage to stage while nothing moves, and no more in an attempt in which something moved. After the last
-stage the scene goes on within `holding` for a second, and the last stage is tried again. Three attempts in which the
-handle stood still end the run as a refusal; one that a hand moves meanwhile is not at a stop. Missing feedback spoils
-the pair in which it falls: the handle is left to come to rest, and that pair is repeated, so that gaps which come more
-often than a stage is long do not keep a proof from its end. In a scene of several axes force rises when the sign of all
-has been seen, and a doubt about one of them limits all.
+Torque grows from stage to stage while nothing moves; once something has moved, it stays the same in this attempt. After
+the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Three attempts in a
+row without any motion end the run as a refusal; a handle that a hand moves between the pulses is not blocked. Missing
+feedback spoils its pair: the handle comes to rest, and only this pair is repeated. The proof therefore ends even if
+gaps come more than once in a stage. In a scene of several axes force rises when the direction of all axes is confirmed,
+and a doubt about one axis limits all.
 """
 
 import math
@@ -38,10 +38,10 @@ def thue_morse(number: int) -> float:
 
 
 class Sign:
-    """The sign of one axis: known, looked for, seen, or in doubt and looked for again.
+    """Motor direction of one axis: known, being tested, confirmed, or in doubt and tested again.
 
-    `seen` is called after each proof, `doubted` when another one begins while the scene runs, `trip` when the sign is
-    wrong.
+    `seen` is called after each proof, `doubted` when a new proof begins while the scene runs, `trip` when the direction
+    is wrong.
     """
 
     def __init__(
@@ -55,12 +55,12 @@ class Sign:
         doubted: Callable[[], None],
     ) -> None:
         self.doubts = 0
-        """How often the motion went against the torque."""
+        """Number of doubts: the motion went against the torque."""
         self._axis, self._period, self._state, self._permission = axis, period, state, permission
         self._trip, self._seen, self._doubted = trip, seen, doubted
         probe = sign_probe(axis, period)
         self.proof = None if probe is None else self._prove(probe)
-        """None where the sign is known."""
+        """None if the motor direction is known."""
 
     def _prove(self, probe: SignProbe, *, again: bool = False) -> "SignProof":
         proof = SignProof(self._axis, probe, self._state, self._trip, self._seen, again=again)
@@ -69,12 +69,12 @@ class Sign:
 
     @property
     def unseen(self) -> int | None:
-        """How often the sign was looked for in vain; None once it was seen."""
+        """Number of failed attempts; None once the direction is confirmed, or if it is known."""
         return None if self.proof is None or self.proof.seen else self.proof.failures
 
     @property
     def broken_off(self) -> int:
-        """How often missing feedback broke off the search for the sign that goes on."""
+        """Number of pairs that missing feedback spoiled in the present proof."""
         return 0 if self.proof is None else self.proof.broken_off
 
     def begin(self, t_ns: int) -> None:
@@ -82,7 +82,7 @@ class Sign:
         self._state.permitted_ns = t_ns
 
     def hold(self) -> None:
-        """Permit no more than a hand may hold: the sign of this axis or of another one is unseen."""
+        """Permit no more than the holding force: the direction of this axis or another one is not confirmed."""
         self._state.permitted_ns = None
         if self._permission.proof is None:
             holding = self._axis.limits.before_sign
@@ -90,20 +90,20 @@ class Sign:
         self._permission.loosen()
 
     def permit(self, t_ns: int) -> None:
-        """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen.
+        """Let the force rise from the holding force to its limit: the direction of all axes is confirmed.
 
-        After a doubt the handle may be deep in contact, where little force has let it go: the cap stays until it is
-        out.
+        After a doubt the handle may be deep in contact, because the force was small: the cap stays until contact is
+        left.
         """
         if self._state.permitted_ns is None:
             limits, permission = self._axis.limits, self._permission
             permission.proof, self._state.permitted_ns = None, t_ns
-            if permission.fade > 0.0:  # force was permitted before, so that this ends a doubt
+            if permission.fade > 0.0:  # force was permitted before, so this ends a doubt
                 permission.cap_after_doubt(limits.before_sign)
             permission.fade = min(1.0, limits.before_sign / limits.effort)
 
     def doubt(self) -> None:
-        """Look for the sign again, while no axis gives more than a hand may hold: motion went against the torque."""
+        """Test the direction again, with all axes at the holding force: motion went against the torque."""
         self.doubts += 1
         self.proof = self._prove(probe_of(self._axis, self._period), again=True)
         self.proof.begin()
@@ -113,7 +113,8 @@ class Sign:
 class SignProof:
     """The proof of one axis: `give` takes the force of the scene, and returns the force of the period.
 
-    `again`: a doubt while a scene runs. The sign was seen before, so a handle that nothing moves is held by a hand.
+    `again`: a doubt while a scene runs. The direction was confirmed before, so a hand must be holding a handle that
+    does not move.
     """
 
     def __init__(
@@ -127,32 +128,33 @@ class SignProof:
         again: bool = False,
     ) -> None:
         self.failures = 0
-        """How often all stages were tried in vain."""
+        """Number of attempts in which all stages failed."""
         self.broken_off = 0
-        """How often missing feedback made a pair begin anew."""
+        """Number of restarts of a pair after missing feedback."""
         self.seen = False
         self._axis, self._probe, self._state, self._trip, self._seen = axis, probe, state, trip, seen
-        # What a torque does is seen so many samples later.
+        # The effect of a torque is visible this number of samples later.
         self._late = round((axis.delay.transport + axis.delay.torque_loop) / probe.period)
         self._pause = self._quiet = 0
-        """Periods that are left of a pause of the proof, and of one before a stage in which nothing is given."""
+        """Remaining periods of the pause between two attempts, and of the pause without force before a stage."""
         self._stages, self._number = probe.stages, 0
         self._again, self._still, self._moved = again, 0, False
-        """Attempts in a row in which nothing moved, and whether pulses moved something in the present one."""
+        """`_still`: attempts in a row without motion; `_moved`: whether pulses moved the handle in the present
+        attempt."""
         self._from: float | None = None
         self._far = 0.0
-        """Place at the begin of the present attempt, and how far from it the handle was in it."""
+        """Position at the begin of the present attempt, and largest distance of the handle from it since then."""
         self._positions: list[float] = []
-        """Of the periods since the handle was last left to come to rest."""
+        """Positions since the handle last came to rest."""
         self._kept = 0
-        """Pulses of the stage before them."""
+        """Number of pulses of the stage before these positions."""
         self._shown: list[float] = []
         """Second difference of each pulse of the stage, positive in the direction of its torque."""
         self._clock, self._times = 0, list[int]()
-        """Periods so far, and those at which the pulses were looked at."""
+        """Number of periods so far, and the periods in which the pulses were evaluated."""
 
     def give(self, force: float) -> float:
-        """Return the force of the period: a pulse, or that of the scene within what a hand may hold."""
+        """Return the force of the period: a pulse, or the force of the scene limited to the holding force."""
         if self._pause and not self.seen:
             self._pause -= 1
         if self._pause or self.seen:
@@ -178,12 +180,12 @@ class SignProof:
         return PULSES_OF_A_PAIR * self._stage.pairs
 
     def begin(self) -> None:
-        """Begin the stage, after a while in which the handle comes to rest."""
+        """Begin the stage, after a pause in which the handle comes to rest."""
         self._shown, self._times = [], []
         self._rest()
 
     def _follow(self, position: float) -> None:
-        """Note where the handle is while pulses are given."""
+        """Note the position of the handle during the pulses."""
         self._positions.append(position)
         if self._from is None:
             self._from = position
@@ -197,7 +199,7 @@ class SignProof:
         self._quiet = PARTS * self._stage.periods
 
     def _torque(self, stage: PulseStage) -> float:
-        """Return the torque of this period: none, that of the pulse, and the same against it."""
+        """Return the torque of this period: 0, then the torque of the pulse, then the opposite torque."""
         since, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
         pulse = self._kept + since
         if self._pause or self.seen or not self._positions or pulse >= self._pulses:
@@ -205,7 +207,7 @@ class SignProof:
         return (0.0, 1.0, -1.0)[rest // stage.periods] * thue_morse(pulse) * stage.effort
 
     def _look(self, stage: PulseStage) -> None:
-        """After the second part of each pulse: how did the handle move, and what does the pair say?"""
+        """Evaluate the motion after the second part of each pulse, and judge the pair."""
         pulse, length = len(self._shown), stage.periods
         here, begun = len(self._positions) - 1, PARTS * length * (pulse - self._kept)
         if pulse == self._pulses:
@@ -234,7 +236,7 @@ class SignProof:
             self._trip(TripKind.SIGN, 0.5 * pair, stage.effort)
 
     def _agree(self, side: float) -> bool:
-        """Return whether all pulses go to this side, after a straight line is taken out of how the handle went."""
+        """Return whether all pulses go to this side, after a straight line is subtracted from their motions."""
         went = [thue_morse(pulse) * shown for pulse, shown in enumerate(self._shown)]
         middle, mean = (sum(values) / len(went) for values in (self._times, went))
         ago = [time - middle for time in self._times]
@@ -243,9 +245,9 @@ class SignProof:
         return all(side * thue_morse(pulse) * each > 0.0 for pulse, each in enumerate(rest))
 
     def _next(self) -> None:
-        """Go on with the next stage; after the last one with the scene, or end a run in which nothing ever moved.
+        """Go on with the next stage; after the last stage pause, or end a run in which nothing ever moved.
 
-        A stage of which a pair has counted, but not all, has moved the handle: the torque stays as it is from there on.
+        If some pairs of the stage counted, but not all, the stage has moved the handle: the torque then stays the same.
         """
         if len(self._shown) > PULSES_OF_A_PAIR and not self._moved:
             self._moved = True
@@ -257,7 +259,7 @@ class SignProof:
         self.begin()
 
     def _fail(self) -> None:
-        """All stages were in vain: pause, then try the last one again, and larger torques if nothing moves."""
+        """End a failed attempt: pause, then try the last stage again, and larger torques if nothing moves."""
         self.failures += 1
         last, self._number = self._stage, 0
         self._still = 0 if self._moved or self._far >= self._probe.least(last) else self._still + 1

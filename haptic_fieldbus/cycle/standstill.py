@@ -1,10 +1,11 @@
-"""The question to an encoder whose counts stand still: pairs of pulses on top of the force of the scene.
+"""Test of an encoder whose counts stand still: pairs of pulses are added to the force of the scene.
 
-Theory and sizes stand in `planning.encoder_probe`. A pair is a lead, in which a force near its limit is lowered, one
-pulse against the force, one along it, and a wait until the last motion has been seen. A count that moves during the
-lead ends the question. One that moves in the first pulse ends that pulse, and the second is as long as it was, so that
-the pair is zero on average and the handle goes no faster than it must. A gap in the samples begins the pair anew. After
-a pair the counts either moved, and stand still again for a while before the next question, or the next pair follows.
+Theory and sizes stand in `planning.encoder_probe`. A pair has four parts: a lead, in which a force near its limit is
+lowered; a pulse against the force; a pulse along it; and a wait until the last motion is visible. A count that changes
+during the lead ends the test. A count that changes in the first pulse ends this pulse, and the second pulse gets the
+same length. The mean of the pair is then zero, and the handle moves no faster than necessary. A gap in the samples
+restarts the pair. If the counts changed, the next test begins after they have stood still for a while. Otherwise the
+next pair follows.
 """
 
 import math
@@ -15,11 +16,11 @@ from haptic_fieldbus.planning.encoder_probe import PAIRS, EncoderProbe
 from haptic_fieldbus.planning.image import T_NS
 
 LEAST_LEFT = 0.5
-"""Share of the smallest force under which a pair may begin, below which one that goes on is given up."""
+"""Share of the smallest force for the start of a pair; below it a running pair is given up."""
 
 
 class Standstill:
-    """The question of one axis: `look` asks it, `give` takes the permitted force and returns it with its pulse."""
+    """Encoder test of one axis: `look` starts it; `give` takes the permitted force and adds the pulse."""
 
     def __init__(
         self,
@@ -30,7 +31,7 @@ class Standstill:
         trip: TripOff,
     ) -> None:
         self.vain = 0
-        """Pairs without a motion since the last one."""
+        """Number of pairs without a motion since the last motion."""
         self._probe, self._state, self._permission = probe, state, permission
         self._trip = trip
         self._least = probe.least / effort_unit * (1.0 - 1e-9)
@@ -39,7 +40,7 @@ class Standstill:
         self._here = 0.0
 
     def look(self, t_ns: int) -> None:
-        """Ask, unless it is done already, under enough force.
+        """Start a test if none runs and the force is large enough.
 
         To be called in periods in which counts have stood still for a while.
         """
@@ -53,7 +54,8 @@ class Standstill:
         permission.pulses, permission.unchanged = self.give, False
 
     def give(self, force: float, bound: float) -> float:
-        """Return the permitted force with its pulse, which stays within `bound`, and book what pulses may give."""
+        """Return the permitted force with its pulse, within `bound`, and book the largest energy that the pulse may
+        give."""
         probe, permission, state = self._probe, self._permission, self._state
         t_ns = state.feedback[T_NS]
         self._place = self._place + 1 if t_ns - self._last_ns < self._longest_ns else 0
@@ -73,7 +75,7 @@ class Standstill:
         return math.copysign(size + self._pulse(place, lowered), force)
 
     def _pulse(self, place: int, lowered: float) -> float:
-        """Return what is added to the size of the force in a period of the pair [N or N·m]."""
+        """Return the change of the size of the force in this period of the pair [N or N·m]."""
         probe, since = self._probe, place - self._probe.lead
         if since < 0:
             return -lowered * (place + 1) / probe.lead

@@ -1,8 +1,8 @@
 """Feedback of an axis whose drive offers velocity only: position and velocity of the handle from one reading a period.
 
-The position counts from where the handle was enabled, and drifts (`numerics.estimators.tachometer`). When its error may
-exceed the drift limit of the axis, the run trips. Position limits are compared with the worst case: position plus or
-minus that error.
+The position is 0 where the handle was enabled, and drifts (`numerics.estimators.tachometer`). When its error may exceed
+the drift limit of the axis, the run trips. Position limits are compared with the worst case: position plus or minus
+that error.
 """
 
 import math
@@ -37,7 +37,7 @@ def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float,
             integrator.hold((t_ns - began_ns) * 1e-9)
         else:
             integrator.step(velocity, (t_ns - began_ns) * 1e-9)
-        # A stale period ends here too: while no reading comes, the position runs on and the limits still hold.
+        # A period without a new reading ends here too: the position is extrapolated, and the limits still hold.
         here, drift = integrator.position, integrator.drift
         state.position, state.drift = here, drift
         if not -limits.speed <= velocity <= limits.speed:

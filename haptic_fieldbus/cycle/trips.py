@@ -25,19 +25,19 @@ from haptic_fieldbus.scenes.own_faults import blamed
 from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import LinkFlag
 
-# Where a scene that begins with too much force could begin instead.
+# Search for a start position of a scene whose first force is too large.
 
 SEARCHED = {"linear": 0.5, "rotary": 6.2832}
-"""How far from where the handle is a place is looked for [m or rad]."""
+"""Largest distance of the search from the handle [m or rad]."""
 PLACES = 2000
 PERIOD = 1e-3
-"""[s]; any period will do, for at rest no element depends on it."""
+"""[s]; arbitrary: at rest no element depends on the period."""
 
 
 def start_position(axis: AxisPlan, largest: float, here: float = 0.0) -> float | None:
-    """Return the nearest place, as a way from `here` [m or rad], at which the scene asks for at most `largest`.
+    """Return the distance from `here` [m or rad] to the nearest position at which the scene asks for at most `largest`.
 
-    Each place is tried with elements that begin there, at rest. None when there is no such place nearby.
+    Each position is tried with elements that begin there, at rest. None if there is no such position nearby.
     """
     for way in _ways(SEARCHED[axis.workspace.value] / PLACES):
         fields = [field_of(element, PERIOD, axis.method, Sensed()) for element in axis.elements]
@@ -47,7 +47,7 @@ def start_position(axis: AxisPlan, largest: float, here: float = 0.0) -> float |
 
 
 def _ways(step: float) -> Iterator[float]:
-    """From small to large, to both sides."""
+    """Yield distances from small to large, to both sides."""
     for place in range(1, PLACES + 1):
         yield place * step
         yield -place * step
@@ -99,11 +99,11 @@ CONSEQUENCES = (
     TripKind.DRIVE_DISABLED,
     TripKind.SET_POINTS_DEAD,
 )
-"""Trips that may come of another fault of the link, whose message arrives after them."""
+"""Trips that another link fault may cause; the message of this fault can arrive later."""
 
 
 def explained(trip: Trip, causes: Mapping[str, tuple[LinkFlag, int]]) -> Trip:
-    """Return the trip, or the cause of it where `causes` has one for the axis: a fault of the link with its code.
+    """Return the trip, or its cause if `causes` has one for the axis: a link fault with its code.
 
     To be called after the bus was stopped, because the cause may arrive later than the trip.
     """
@@ -114,7 +114,7 @@ def explained(trip: Trip, causes: Mapping[str, tuple[LinkFlag, int]]) -> Trip:
 
 
 def failed_in(trip: Trip, error: Exception, scene: Scene) -> Trip:
-    """Return the trip of a scene that raised an error, with element, file and line where it came from an own element.
+    """Return the trip of a scene that raised an error, with element, file and line if an own element raised it.
 
     To be called after the bus was stopped, because reading a traceback takes time.
     """
@@ -155,13 +155,13 @@ LINK_ADVICE = {
     LinkFlag.EXCEPTION: "Check the wiring. Another program may have changed the configuration of the drive.",
     LinkFlag.DUPLICATE: "Give each device on the bus an address of its own.",
 }
-"""Advice on a fault of the link, where a protocol has none of its own."""
+"""Advice on a link fault, if the protocol has no advice of its own."""
 Told = tuple[str, str]
-"""Cause of a trip, as a part of a sentence, and what to do, as sentences."""
+"""Cause of a trip, as part of a sentence, and advice, as sentences."""
 
 
 def _told_by_bus(flag: LinkFlag, trip: Trip, axis: AxisPlan) -> Told:
-    # The value of a link trip is the code in the header, which only some of the flags have. Advice follows a semicolon.
+    # The value of a link trip is the code in the header; only some flags have one. Advice follows a semicolon.
     cause, _, advice = axis.traffic.fault_text(flag, int(trip.value), axis.bus_name).partition("; ")
     return cause, f"{advice[0].upper()}{advice[1:]}." if advice else LINK_ADVICE[flag]
 
@@ -187,7 +187,8 @@ def _too_often(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _missed(trip: Trip, axis: AxisPlan) -> Told:
-    """One long sleep has no detail; many short ones have the factor by which they cost stiffness."""
+    """Return the cause of missing feedback. One long gap has no detail; many short gaps have the factor that they cost
+    in stiffness."""
     advice = "Another process uses the processor, or --rate is too high for this computer."
     if not trip.detail:
         return f"the loop slept for {rounded(1e3 * trip.value)} ms", advice
@@ -270,7 +271,7 @@ def _held(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _limit(trip: Trip) -> str:
-    """The limit that was exceeded."""
+    """Return the limit that was exceeded, in words."""
     return "unknown" if trip.limit is None else rounded_limit(trip.limit)
 
 
@@ -292,12 +293,13 @@ def _softer(limit: str, axis: AxisPlan) -> str:
 
 
 def _weak(axis: AxisPlan) -> str:
-    """Return the cap of the force, with which a hand pushes through any wall; empty without one."""
+    """Return the force cap, above which a hand pushes through any wall, in words; empty without a cap."""
     return f" ({axis.cap}; the hand can push through walls)" if axis.cap else ""
 
 
 def _dead(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
+    """Return the cause of set-points without effect; the value is the torque that the drive shows, the limit the torque
+    sent."""
     unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
     if math.isnan(trip.value):
         cause = f"set-points not confirmed: node {axis.node} has not returned its target torque for {trip.detail} ms"
@@ -313,7 +315,8 @@ def _dead(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _foreign(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of torque that was not asked for; the value is what the drive says, the limit what was sent."""
+    """Return the cause of torque that was not sent; the value is the torque that the drive shows, the limit the torque
+    sent."""
     unit = axis.workspace.effort_unit
     cause = (
         f"another master on {axis.bus_name} sets the torque of unit {axis.node}: {trip.detail} it was "
@@ -323,7 +326,7 @@ def _foreign(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _reversed(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of a motion against the torque; the value is how far, the limit the torque."""
+    """Return the cause of a motion against the torque; the value is the distance, the limit the torque."""
     force, length = axis.workspace.effort_unit, axis.workspace.length_unit
     cause = (
         f"motor direction wrong: test pulses of {in_unit(trip.limit or 0.0, force)} moved the handle "
@@ -336,7 +339,8 @@ def _reversed(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _hidden(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of a refusal: nothing moved; the value is the number of attempts, the limit the torque."""
+    """Return the cause of a refusal because nothing moved; the value is the number of attempts, the limit the
+    torque."""
     cause = (
         f"motor direction not confirmed: test pulses up to ±{in_unit(trip.limit or 0.0, axis.workspace.effort_unit)} "
         f"did not move the handle in {trip.value:.0f} attempts"
@@ -348,7 +352,7 @@ def _hidden(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _stood_still(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of a trip by counts that no pulse moved; the value is the force, the limit the pulses."""
+    """Return the cause of a trip because no pulse moved the counts; the value is the force, the limit the pulses."""
     force, length, hand = axis.workspace.effort_unit, axis.workspace.length_unit, HAND[axis.workspace]
     cause = (
         f"the encoder does not count: under {in_unit(abs(trip.value), force)}, {PAIRS} pairs of test pulses of "
