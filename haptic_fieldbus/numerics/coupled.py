@@ -139,7 +139,7 @@ def _not_zero(size: Matrix) -> Matrix:
 
 
 def without_shifts(matrix: Matrix, plants: Sequence[SampledPlant], environment: StateSpace) -> Matrix:
-    """Return a loop's matrix without the eigenvalue 1 of each direction in which the handles may be left anywhere.
+    """Return a loop's matrix without the eigenvalue 1 of each shift mode.
 
     The columns of R are the modes of these shifts, scaled to the identity at as many positions. The other states minus
     R times these positions evolve by themselves.
@@ -147,7 +147,7 @@ def without_shifts(matrix: Matrix, plants: Sequence[SampledPlant], environment: 
     directions, states = shift_modes(plants, environment)
     starts, inner, _ = _layout(plants, environment)
     axes, count = directions.shape
-    # The positions by which the shifts are told apart best: their part of the directions is inverted below.
+    # The positions that separate the shifts best: their part of the directions is inverted below.
     chosen = max(combinations(range(axes), count), key=lambda rows: abs(np.linalg.det(directions[list(rows)])))
     modes = np.zeros((len(matrix), count))
     modes[inner] = states

@@ -58,7 +58,7 @@ def stores(environment: StateSpace) -> bool:
     """Return True when the forces at rest are those of a spring whose energy is never below 0."""
     states = equilibrium(environment.a - np.eye(environment.order), environment.b)
     stiffness = -(environment.c @ states + environment.d)
-    # A soft spring is what is left of the large terms of a damper, which cancel at rest.
+    # The force of a soft spring is the small rest of large damper terms that cancel.
     terms = np.abs(environment.c) @ np.abs(states) + np.abs(environment.d)
     least = -max(ROUNDING * float(np.abs(stiffness).max(initial=0.0)), CANCELLED * float(terms.max(initial=0.0)))
     bent = float(np.abs(stiffness - stiffness.T).max(initial=0.0))

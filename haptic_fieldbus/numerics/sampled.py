@@ -177,7 +177,7 @@ def spectral_radius(matrix: Matrix) -> float:
 
 
 def shift_mode(environment: StateSpace) -> Matrix | None:
-    """Return the state (n,) of an environment after a shift by 1 that it follows; None when it then gives a force."""
+    """Return the state (n,) of an environment that has followed a shift by 1; None when it then gives a force."""
     state = equilibrium(environment.a - np.eye(environment.order), environment.b[:, 0])
     force = environment.c[0] @ state + environment.d[0, 0]
     scale = np.abs(environment.c[0]) @ np.abs(state) + abs(environment.d[0, 0])

@@ -24,7 +24,7 @@ Polynomial = tuple[float, ...]
 
 
 ROUNDING = 1e-12
-"""Share of the largest coefficient below which one is rounding."""
+"""Share of the largest coefficient below which a coefficient counts as rounding."""
 FORMULA_DIGITS = 9
 """Digits of a coefficient: at 1 kHz the denominator of an oscillator differs from (z - 1)^2 in the fourth."""
 

@@ -69,7 +69,7 @@ class BrakingPulse:
         return True
 
     def stored(self, position: float) -> float:
-        """Return 0 J: what a damper takes is gone."""
+        """Return 0 J: a damper stores no energy."""
         return 0.0
 
     @property
@@ -78,5 +78,5 @@ class BrakingPulse:
         return (0.0, self.damping), (0.0, 0.0)
 
     def linearised(self) -> StateSpace:
-        """Return the damping of a pulse as if it lasted."""
+        """Return the damping of a pulse, as a permanent damper."""
         return gain([[0.0, -self.damping]])

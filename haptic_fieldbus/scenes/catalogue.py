@@ -66,7 +66,7 @@ def _made_for(frame: SceneFile | None) -> MadeFor | None:
 
 
 def _passivity(parts: list[ScenePart]) -> Literal["observer", "controller"]:
-    """Return what the last file that names it says of passivity."""
+    """Return the passivity of the last file that names one."""
     told = [part.frame.passivity for part in parts if part.frame is not None and part.frame.passivity]
     return told[-1] if told else "observer"
 

@@ -6,8 +6,8 @@ magnitude. (USB Device Class Definition for Physical Interface Devices 1.0: magn
 level and time, fade level and time.)
 
 The element is active: it gives power up to |F|max·|v|, so at most |F|max times the distance that the handle moves,
-sampled as in continuous time. Between its start and its end a force without envelope is conservative, U = −F·x, and to
-hold a constant makes no error.
+sampled as in continuous time. Between its start and its end a force without envelope is conservative, U = −F·x, and the
+hold of a constant causes no error.
 """
 
 from dataclasses import dataclass

@@ -52,7 +52,7 @@ class Damper:
         return condition.bind(0.0, self.dead_band, positive, negative)
 
     def stored(self, position: float) -> float:
-        """Return 0 J: what a damper takes is gone."""
+        """Return 0 J: a damper stores no energy."""
         return 0.0
 
     @property

@@ -6,10 +6,10 @@ The valleys lie at x₀, x₀ + p, x₀ + 2·p …, all along the axis or a `cou
 half a pitch outside the first and the last valley on, where the sine is 0 too, so the force does not jump.
 
 Energy. The element stores A·p/(2π)·(1 − cos(2π·(x − x₀)/p)) and gives back no more than that; to lift the handle over a
-ridge takes A·p/π from the hand. The steepest slope is 2π·A/p, in the valleys. It is held against the limits of
-stability: sharp detents buzz. Sampled and held, the element gives at most ½·(2π·A/p)·Δx² in each period, as a spring of
-that stiffness, so a device of damping b is passive with it while b > π·A·T/p. A handle of mass m oscillates in a valley
-at √(2π·A/(p·m)).
+ridge takes A·p/π from the hand. The steepest slope is 2π·A/p, in the valleys. Stability is judged with this slope:
+sharp detents buzz. Sampled and held, the element gives at most ½·(2π·A/p)·Δx² in each period, as a spring of that
+stiffness, so a device of damping b is passive with it while b > π·A·T/p. A handle of mass m oscillates in a valley at
+√(2π·A/(p·m)).
 """
 
 import math
@@ -69,7 +69,8 @@ class Detents:
         return -self.amplitude * math.sin(2.0 * math.pi * remainder(way, self.pitch) / self.pitch)
 
     def stored(self, position: float) -> float:
-        """Return the energy above a valley when the handle is at `position` [J]; beyond the last crest that of it."""
+        """Return the energy above a valley when the handle is at `position` [J]; beyond the last crest the energy of
+        this crest."""
         way, crest = position - self.position, self.amplitude * self.pitch / math.pi
         if self.count and (way <= -0.5 * self.pitch or way >= (self.count - 0.5) * self.pitch):
             return crest

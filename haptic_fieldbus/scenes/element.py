@@ -13,8 +13,9 @@ positive position. It is of one of four kinds:
 A law takes the signals of `needs`, in that order, as plain floats (`Signal.ELAPSED_NS` as an int), and returns the
 force or torque on the handle [N or N·m]. A scene without dynamic elements imports no integrator.
 
-An element may say more: what energy it can give, where it is how stiff, how deep the handle is. `Abilities` lists each
-of these with its default. One that says nothing of its energy gives back no more than it took since it began.
+An element may state more, such as its energy, its stiffness at each position, and the depth of the handle. `Abilities`
+lists these statements with their defaults. By default an element gives back at most the energy that it took since it
+began.
 
 Elements are frozen dataclasses. The annotation of a parameter holds its quantity (`quantities`) and its bounds; both
 are checked when a file is read (`documents`).
@@ -44,11 +45,11 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Local:
-    """Bounds of what is felt of an element between two positions.
+    """Bounds of force, stiffness and damping of an element between two positions.
 
-    `force` [N or N·m] is that on a handle at rest. `stiffness` is −dF/dx [N/m or N·m/rad], negative where the force
-    pushes the handle on. The force changes per speed by at most `damping` [N·s/m or N·m·s/rad] plus `loss` [s/m or
-    s/rad] times itself; an element with a loss never pulls.
+    `force` [N or N·m] is the force on a handle at rest. `stiffness` is −dF/dx [N/m or N·m/rad], negative where the
+    force pushes the handle away. `damping` [N·s/m or N·m·s/rad] plus `loss` [s/m or s/rad] times the force bounds the
+    change of the force per speed; an element with a loss never pulls.
     """
 
     force: Interval
@@ -85,7 +86,7 @@ def hinge(depth: Interval, stiffness: float, damping: float, inwards: float, sat
 
 
 def either(one: Local, other: Local) -> Local:
-    """Return the bounds of two parts of which at most one acts at any place."""
+    """Return the bounds of the sum of two parts; at most one of them acts at any place."""
     return Local(
         (one.force[0] + other.force[0], one.force[1] + other.force[1]),
         (min(one.stiffness[0], other.stiffness[0]), max(one.stiffness[1], other.stiffness[1])),
@@ -112,12 +113,12 @@ def _sine(lower: float, upper: float) -> Interval:
 
 
 def remainder(way: float, pitch: float) -> float:
-    """Return how far a way is from the nearest multiple of a pitch, exactly; not-a-number for a way without end."""
+    """Return the exact distance of `way` from the nearest multiple of a pitch; not-a-number if `way` is infinite."""
     return math.remainder(way, pitch) if math.isfinite(way) else math.nan
 
 
 def periods(pitch: float, first: float, lower: float, upper: float, most: int = 24) -> tuple[float, ...]:
-    """Return the valleys first + n·pitch from `lower` to `upper`, at most so many around the first one."""
+    """Return the valleys first + n·pitch from `lower` to `upper`; of many only `most` around the first one."""
     begin = max(math.ceil((lower - first) / pitch) if math.isfinite(lower) else -most, -most // 2)
     end = min(math.floor((upper - first) / pitch) if math.isfinite(upper) else most, most // 2)
     return tuple(first + number * pitch for number in range(begin, end + 1))
@@ -127,7 +128,7 @@ def periods(pitch: float, first: float, lower: float, upper: float, most: int = 
 STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
 LAWS = ("force", "begin", "dynamics")
-"""Members of which an element has one: its law."""
+"""Names of members for the law; an element has one of them."""
 Law = Callable[..., float]
 """Signals of the axis in the order of `needs` → force or torque on the handle [N or N·m]."""
 PairLaw = Callable[..., tuple[float, float]]
@@ -234,51 +235,52 @@ class Varying(Element, Protocol):
         """Return bounds of force, stiffness and damping that hold at every place from `lower` to `upper`."""
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return positions from edge to edge between which it changes little, as far as `effort` [N or N·m] pushes.
+        """Return edges and positions between which the force changes little, up to a force of `effort` [N or N·m].
 
         `lower` and `upper` are the ends of the travel and may be infinite. Equal parts may be left out.
         """
 
 
 class Abilities:
-    """All that an element may say of itself beyond its law, with what holds for one that does not say it.
+    """Optional statements of an element beyond its law, with their defaults.
 
-    An element of any class says one of these by a member of that name: a field, a property or a method. `abilities`
-    returns them.
+    A class makes a statement by a member of this name: a field, a property or a method. `abilities` returns all
+    statements of an element.
     """
 
     stored: Callable[..., float] | None = None
-    """Position [m or rad] → energy that the element gives back from there [J], from any zero; of a coupling, both
-    positions. None: the energy follows from more than the place. The energy ledger asks (`planning.energy`)."""
+    """Position [m or rad] → stored energy [J], from any zero; a coupling takes both positions. None: the energy depends
+    on more than the position. For the energy ledger (`planning.energy`)."""
     reserve: float | None = None
-    """Largest energy that the memory can hold [J]; None: not known. The energy ledger and the margins ask."""
+    """Largest energy that the memory can hold [J]; None: not known. For the energy ledger and the margins."""
     strongest: float = 0.0
-    """Largest force that it gives by itself, without having taken energy [N or N·m]. The energy ledger asks."""
+    """Largest force that the element gives by itself, without stored energy [N or N·m]. For the energy ledger."""
     penetration: Callable[[float], float | None] | None = None
-    """Position [m or rad] → depth of the handle behind a surface [m or rad], 0 outside; between two positions nowhere
-    larger than at the deeper one. None: there is no surface, also where its values leave none. A run's travel asks."""
+    """Position [m or rad] → depth of the handle behind a surface [m or rad], 0 outside; between two positions at most
+    the larger depth of both. None: no surface, or none with these values. For the travel of a run."""
     increments: tuple[float, float] | tuple[()] | None = ()
-    """Largest change of the force per move [N/m or N·m/rad], and per speed [N·s/m or N·m·s/rad]; None: it jumps. The
-    element gives at most ½·L·Δx² more than it took in a move without delay. (): only a linear model tells. The margins
-    for any hand ask (`margins.resting_points`)."""
+    """Largest change of the force per move [N/m or N·m/rad], and per speed [N·s/m or N·m·s/rad]; None: the force jumps.
+    In a move without delay the element gives at most ½·L·Δx² more than it took. (): the linear model applies. For the
+    passivity margins (`margins.resting_points`)."""
     phases: tuple[tuple[float, float], ...] = ()
-    """Stiffness [N/m or N·m/rad] and damping [N·s/m or N·m·s/rad] of each of the springs and dampers that it feels like
-    for a while; (0, 0) where it may be left. (): its linear model tells. The margins ask."""
+    """Stiffness [N/m or N·m/rad] and damping [N·s/m or N·m·s/rad] in each phase of the element; (0, 0) for a phase
+    without force. (): the linear model applies. For the margins."""
     by_event: bool = False
-    """Whether it gives no force but for a while after an event, such as a crossing of a position; such a force may come
-    a little late. The verdict on a run asks (`assessing.run_verdict`)."""
+    """Whether the element gives force only for a while after an event, such as a crossing of a position; this force may
+    come a little late. For the verdict on a run (`assessing.run_verdict`)."""
     at_period: Callable[[float], AnyElement] | None = None
-    """Period of the loop [s] → the element with the parameter that follows from it; None: none does. A scene asks."""
+    """Period of the loop [s] → the element with its period-dependent parameter; None: no such parameter. For the
+    scene."""
     stiffness: float = 0.0
-    """Largest local stiffness [N/m or N·m/rad]. The margins and settings ask."""
+    """Largest local stiffness [N/m or N·m/rad]. For margins and settings."""
     with_stiffness: Callable[[float], Any] | None = None
     """Largest local stiffness [N/m or N·m/rad] → the element with its force scaled to it; None: `stiffness` is a
-    parameter, or does not change. Margins, settings and refusals ask."""
+    parameter, or does not change. For margins, settings and refusals."""
     local: Callable[[float, float], Local] | None = None
-    """Two positions [m or rad] → bounds of force, stiffness and damping that hold at every place between them; it goes
-    with `places`. None: the force is read at places, or the linear model tells. The margins ask (`Varying`)."""
+    """Two positions [m or rad] → bounds of force, stiffness and damping that hold at every place between them; needs
+    `places` too. None: the force is sampled, or the linear model applies. For the margins (`Varying`)."""
     places: Callable[[float, float, float], tuple[float, ...]] | None = None
-    """Ends of the travel [m or rad], effort [N or N·m] → positions from edge to edge; it goes with `local`."""
+    """Ends of the travel [m or rad], effort [N or N·m] → positions from edge to edge; needs `local` too."""
 
 
 class _Stated:
@@ -292,22 +294,23 @@ class _Stated:
 
 
 def abilities(element: object) -> Abilities:
-    """Return what an element says beyond its law; nothing is asked of the element before it is read."""
+    """Return the optional statements of an element; each is read from the element on access."""
     return cast(Abilities, _Stated(element))
 
 
 def is_varying(element: object) -> TypeGuard[Varying]:
-    """Return whether the class of an element has the methods of `Varying`; `isinstance` takes 50 µs in Python 3.11."""
+    """Return whether the class of an element has the methods of `Varying`, faster than `isinstance` (50 µs in Python
+    3.11)."""
     return hasattr(type(element), "local") and hasattr(type(element), "places")
 
 
 def is_dynamic(element: object) -> TypeGuard[DynamicElement]:
-    """Return whether the class of an element has the property of `DynamicElement`, as fast."""
+    """Return whether the class of an element has the property of `DynamicElement`, faster than `isinstance`."""
     return hasattr(type(element), "dynamics")
 
 
 def is_sampled(element: Any) -> bool:
-    """Return whether an element states a force of position and velocity, and no bounds: its force is read at places."""
+    """Return whether an element states a force of position and velocity but no bounds, so that its force is sampled."""
     kind = type(element)
     if not hasattr(kind, "force") or hasattr(kind, "increments") or is_varying(element):
         return False

@@ -31,7 +31,7 @@ PASSIVITIES = ("observer", "controller")
 
 
 def check_kinds(scene: Scene) -> None:
-    """Raise TypeError for a scene made in Python with a field of the wrong kind, or an axis or element that is none."""
+    """Raise TypeError for a scene made in Python with a field, an axis or an element of a wrong type."""
     for name in ("name", "description", "source"):
         if not isinstance(getattr(scene, name), str):
             raise wrong_kind(f"scene: {name}", "a text", getattr(scene, name))

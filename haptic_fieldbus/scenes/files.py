@@ -131,7 +131,7 @@ def _included(
 
 
 def _is_known(document: Document, index: int, kind: str) -> bool:
-    """Return whether there are elements of this kind; the fault of one whose package is broken is noted."""
+    """Return whether this kind of element exists; the fault of a broken package is noted."""
     try:
         element_type(kind)
     except KeyError:
@@ -179,7 +179,7 @@ def apply_settings(parts: list[ScenePart], settings: Mapping[str, object], scene
     places = {name: (part, index) for part in parts for name, index in part.names().items()}
     kinds = {str(name): element_type(part.kinds[index]) for name, (part, index) in places.items()}
     for setting, value in settings.items():
-        # The unknown element may be one that a faulty file failed to give, so the faults of the file come first.
+        # The unknown element may be missing because its file is faulty, so the faults of the files come first.
         if "." in setting and setting.rpartition(".")[0] not in kinds and any(part.document.faulty for part in parts):
             continue
         name, parameter = named(setting, kinds, scene)
@@ -258,7 +258,7 @@ def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyEleme
 
 
 def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
-    """Return the element, or None with its faults noted; shipped kinds are tested, so only others are looked into."""
+    """Return the element, or None with its faults noted; only kinds of other packages are checked for their shapes."""
     element = document.validate(element_type(kind), ("element", index))
     if element is None or kind in ELEMENTS:
         return element

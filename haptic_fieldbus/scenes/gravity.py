@@ -4,8 +4,8 @@ F = −s·m·g, towards negative x, with standard gravity g = 9.80665 m/s² (3rd
 1 for a vertical axis whose positive end is up, the sine of the slope for an inclined one, negative where the positive
 end is down. Rotary axes have `pendulum` instead.
 
-The force is conservative, U = s·m·g·x, and to hold a constant makes no error: sampled as in continuous time, it gives
-s·m·g times the distance on the way down and takes it back on the way up.
+The force is conservative, U = s·m·g·x, and the hold of a constant causes no error: sampled as in continuous time, it
+gives s·m·g times the distance on the way down and takes it back on the way up.
 """
 
 from dataclasses import dataclass

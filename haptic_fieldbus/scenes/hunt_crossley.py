@@ -39,7 +39,7 @@ from haptic_fieldbus.signals import Signal
 DEEPEST = 1e60
 """Largest ratio to `depth` at which the push still grows, so that no power overflows."""
 STEPS = 8
-"""Places at which it is judged while the push grows tenfold."""
+"""Number of judged places for each tenfold growth of the push."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,14 @@ class HuntCrossley:
         return self.effort * math.pow(max(share, 0.0), self.exponent)
 
     def _slope(self, share: float, *, inside: bool) -> float:
-        """Return the stiffness at a share of `depth`; at the surface that on the inside or that on the outside."""
+        """Return the stiffness at a share of `depth`; at the surface that of the inside or of the outside."""
         if share < 0.0 or (share == 0.0 and not inside):
             return 0.0
         return self.stiffness * math.pow(share, self.exponent - 1.0)
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return depths at which the push falls in steps from `effort`, or from that at `depth` if it is infinite."""
+        """Return depths with stepwise smaller push, from `effort` on, or from the push at `depth` if `effort` is
+        infinite."""
         most = self.effort if math.isinf(effort) else effort
         pushes = [most * 10.0 ** (-number / STEPS) for number in range(6 * STEPS + 1)]
         inwards = 1.0 if self.side == "positive" else -1.0

@@ -131,7 +131,7 @@ class Needle:
 
     @property
     def phases(self) -> tuple[tuple[float, float], ...]:
-        """Return the ends of the closed capsule, without drag; then what holds in the open tissue, with it."""
+        """Return the phases: both ends of the closed capsule, without drag; then the open tissue, with drag."""
         slope = self.puncture / self.depth
         held = self.grip * ((self.friction > 0.0 or self.breakaway > 0.0) + (self.cutting > 0.0))
         capsule = ((slope * (1.0 - self.curvature), 0.0), (slope * (1.0 + self.curvature), 0.0))

@@ -1,8 +1,8 @@
 """Elements that other packages add, each by an entry point in the group `haptic_fieldbus.elements`.
 
 The name of the entry point is the kind that scene files give, and its object is the class. A package is imported when a
-scene names its element, and not before. Whatever is wrong with it ends in one sentence: a package that is broken must
-not take other scenes along.
+scene names its element, and not before. Any fault of a package is reported in one sentence: a broken package must not
+break other scenes.
 """
 
 import re
@@ -26,7 +26,7 @@ _KIND = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 
 @dataclass(frozen=True)
 class OwnElement:
-    """An element that a package adds, and where it comes from; `fault` is None where it can be used."""
+    """An element that a package adds, and where it comes from; `fault` is None if the element can be used."""
 
     kind: str
     package: str
@@ -90,7 +90,7 @@ def check_own(element: AnyElement) -> None:
     """Raise UsageError for an element with wrong needs or a linearised form of another shape."""
     try:
         fault = shape_fault(element)
-    except Exception as error:  # whatever somebody else's code raises is a fault of it
+    except Exception as error:  # any exception of foreign code is a fault of the element
         raise UsageError(f"its needs or linearised() end in {_told(error)}") from error
     if fault:
         raise UsageError(fault)
@@ -101,7 +101,7 @@ def _loaded(entry: EntryPoint) -> tuple[object, list[str], BaseException | None]
     try:
         with redirect_stdout(sys.stderr):  # standard output may be one JSON object and nothing else
             found = entry.load()
-    except (Exception, SystemExit) as error:  # the module is somebody else's, and may do anything
+    except (Exception, SystemExit) as error:  # a foreign module may do anything
         return None, [f"it cannot be imported: {_told(error)}"], error
     return found, list(_faults(found)), None
 
@@ -116,7 +116,7 @@ def _present(entry: EntryPoint) -> object:
 
 
 def _faults(found: Any) -> Iterator[str]:
-    """Yield each reason why an object is no class of elements that files can give."""
+    """Yield each reason why an object cannot be used as the class of an element."""
     if not isinstance(found, type) or not is_dataclass(found) or not cast(Any, found).__dataclass_params__.frozen:
         yield "expected a frozen dataclass"
         return
@@ -139,7 +139,7 @@ def _faults(found: Any) -> Iterator[str]:
 
 
 def _told(error: BaseException) -> str:
-    """Return the kind of an error, the first line of its words, and the file and line of somebody else that raised."""
+    """Return type and first line of an error, and the file and line of the foreign code that raised it."""
     ours = ("haptic_fieldbus", "importlib", "pydantic")
     places = [
         f" ({frame.f_code.co_filename}, line {line})"

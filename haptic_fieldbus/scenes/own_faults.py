@@ -1,7 +1,7 @@
-"""Errors in the code of elements that are not of this package, told with the element, its file and its line.
+"""Errors in the code of elements of other packages, reported with the element, its file and its line.
 
-Such code may raise anything, anywhere. The traceback has a frame of that code, which says which element it was and
-where (`blamed`). An error without such a frame is one of this package, and passes as it is.
+Such code may raise anything, anywhere. The traceback has a frame of that code, which shows the element and the line
+(`blamed`). An error without such a frame is one of this package, and passes as it is.
 """
 
 import sys
@@ -46,13 +46,13 @@ def blamed(error: BaseException, elements: tuple[AnyElement, ...] = ()) -> tuple
     if not found:
         return _unplaced(error, elements)
     source, owner = found[-1][0].f_code.co_filename, found[-1][1]
-    # Functions beside the class belong to it too: the innermost of that file is told.
+    # Functions beside the class belong to it too: the innermost frame of that file is reported.
     inside, line = [(frame.f_code, line) for frame, line in frames if frame.f_code.co_filename == source][-1]
     return source, Fault(f"element {_name(owner)}", f"{inside.co_qualname} raised {told(error)}", line)
 
 
 def _unplaced(error: BaseException, elements: tuple[AnyElement, ...]) -> tuple[str, Fault] | None:
-    """Return the fault of an error that a single own element causes in our code: a call or an answer that is wrong."""
+    """Return the fault of an error in our code that a single own element causes by a wrong call or a wrong answer."""
     own = [each for each in elements if _is_own(type(each).__module__)]
     if len(own) != 1:
         return None
@@ -62,7 +62,7 @@ def _unplaced(error: BaseException, elements: tuple[AnyElement, ...]) -> tuple[s
 
 
 def _name(owner: object) -> str:
-    """Return the name of an element that may be incomplete; that of its class where it has none yet."""
+    """Return the name of an element that may be incomplete; without a name that of its class."""
     name = getattr_static(owner, "name", None)
     return name if isinstance(name, str) else type(owner).__name__
 
@@ -72,7 +72,7 @@ def _is_own(module: str) -> bool:
 
 
 def told(error: BaseException) -> str:
-    """Return the kind of an error and the first line of its words."""
+    """Return the type of an error and the first line of its message."""
     words = str(error).strip().partition("\n")[0]
     return f"{type(error).__name__}{': ' * bool(words)}{words}"
 
@@ -90,12 +90,12 @@ def _owner(frame: FrameType, elements: tuple[AnyElement, ...]) -> object:
 
 
 def _classes(element: AnyElement) -> tuple[str, ...]:
-    """Return the beginnings of the names of all functions of an element's class and its bases."""
+    """Return the name prefixes of all functions of an element's class and its bases."""
     return tuple(f"{kind.__qualname__}." for kind in type(element).__mro__)
 
 
 def check_shapes(scene: Scene) -> None:
-    """Raise UsageError for own elements whose needs or linear models are not of the form that is used."""
+    """Raise UsageError for own elements whose needs or linear models have a wrong form."""
     own = [each for each in scene.elements if _is_own(type(each).__module__)]
     faults = [f"scene: element {each.name}: {fault}" for each in own if (fault := shape_fault(each))]
     if faults:
@@ -103,7 +103,7 @@ def check_shapes(scene: Scene) -> None:
 
 
 def shape_fault(element: AnyElement) -> str:
-    """Return what is wrong with the needs or the linearised form of an element; empty where nothing is."""
+    """Return the fault of the needs or the linearised form of an element; empty without a fault."""
     axes = 2 if isinstance(element, CouplingElement) else 1
     unknown = [each for each in element.needs if each not in _SIGNALS]
     space: object = element.linearised()

@@ -87,7 +87,8 @@ class PredictedWall:
 
     @property
     def increments(self) -> tuple[float, float]:
-        """Return the stiffness and the damping that the prediction adds; a deadbeat release takes twice that away."""
+        """Return stiffness and damping; the prediction adds K times the lead to the damping, twice with a deadbeat
+        release."""
         share = 2.0 if self.release == "deadbeat" else 1.0
         return self.stiffness, self.damping + share * self.stiffness * self._ahead
 

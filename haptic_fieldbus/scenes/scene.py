@@ -71,7 +71,7 @@ class Scene:
         return axis not in {coupling.axes[1] for coupling in self.couplings} if told is None else told
 
     def at_period(self, period: float) -> "Scene":
-        """Return the scene for a loop of this period [s], which fills in the parameters that follow from it."""
+        """Return the scene for a loop with this period [s]: sets the period-dependent parameters of its elements."""
         if not any(abilities(element).at_period for element in self.elements):
             return self
         paced = (fill(period) if (fill := abilities(element).at_period) else element for element in self.elements)

@@ -6,8 +6,8 @@ recovers loses contact, and meets the surface again where it has recovered to: t
 Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., 1993, chapter 2.)
 
 In continuous time it is passive. Each period is stepped exactly for motion on a straight line, so a relaxation time far
-below the period does no harm (`numerics.relaxation` has the reason of both). Sampled and held, the tissue leaks about
-half and at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the period: for slow branches
+below the period does no harm (`numerics.relaxation` explains both). Sampled and held, the tissue leaks about half and
+at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the period: for slow branches
 K·Σ(Δx)²/2 at K = k₀ + k.
 """
 

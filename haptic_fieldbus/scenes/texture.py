@@ -11,10 +11,10 @@ Nature 412, 2001, 445: that force alone conveys a shape). With the largest later
 
 A valley lies at 0, where the force is 0. The slope of sharp triangles (ρ → 0) has no bound, so ρ is above 0.
 
-Energy. A height field stores energy and gives back no more than it took. Its steepest slope K is held against the
-limits of stability. Sampled and held, it gives at most ½·K·Δx² in each period, so a device of damping b is passive with
-it while b > K·T/2. Ridges passed faster than v = p/(2·T) alias into other ridges: at 1 kHz and 1 mm that is 0.5 m/s,
-and a clean feel needs 5 to 10 kHz. For a texture that only hinders and never pushes there is the kind `grating`.
+Energy. A height field stores energy and gives back no more than it took. Stability is judged with its steepest slope K.
+Sampled and held, it gives at most ½·K·Δx² in each period, so a device of damping b is passive with it while b > K·T/2.
+Ridges passed faster than v = p/(2·T) alias into other ridges: at 1 kHz and 1 mm that is 0.5 m/s, and a clean feel needs
+5 to 10 kHz. The kind `grating` is a texture that only resists motion and never pushes.
 """
 
 import math

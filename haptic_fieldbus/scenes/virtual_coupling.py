@@ -71,7 +71,8 @@ class VirtualCoupling:
         return force
 
     def penetration(self, position: float) -> float | None:
-        """Return how far the handle is beyond the wall [m or rad], more than the tool is; None without a wall."""
+        """Return the depth of the handle beyond the wall [m or rad], larger than the depth of the tool; None without a
+        wall."""
         return below(position, self.wall, self.side) if self.wall_stiffness else None
 
     def _tool(self, wall_stiffness: float) -> StateSpace:

@@ -131,14 +131,14 @@ def is_timed(spec: str) -> bool:
 
 
 def linear_stand_in(spec: str) -> str | None:
-    """Return the estimator by which stability is judged instead of this one; None when this one is linear itself."""
+    """Return the linear estimator with which stability is judged in place of this one; None when this one is linear."""
     choice = chosen(spec)
     # No stand-in depends on the period, so any period serves.
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
 
 
 def linear_form(spec: str, period: float) -> StateSpace:
-    """Return the linear system by which stability is judged: the estimator's, or that of `linear_stand_in`.
+    """Return the linear system with which stability is judged: that of the estimator or of its `linear_stand_in`.
 
     Raises UsageError as `bind`, and TypeError when the stand-in of an estimator is not linear either.
     """

@@ -93,6 +93,6 @@ class Estimator:
     check: Callable[[EstimatorSetup], None] = _nothing
     """Function that raises UsageError for parameters that do not fit each other or the period."""
     stand_in: Callable[[EstimatorSetup], str] = lambda setup: "backward-difference"
-    """Function that returns the linear estimator, as it is written, by which stability is judged without a system."""
+    """Function that returns the text of the linear estimator with which stability is judged if `system` is None."""
     timed: bool = False
     """True when the step takes the time of the sample [ns] beside the position."""

@@ -1,12 +1,13 @@
 """Figures of linear estimators, from the system that `estimators.discrete` returns.
 
-- Noise gain: white noise of rms 1 at the input is noise of this rms at the output, √Σ h_k² over the impulse response h.
-  The sum is D² + C P Cᵀ with P = Σ Aᵏ B Bᵀ Aᵏᵀ, found by doubling the number of its terms.
+- Noise gain: rms of the output for white noise of rms 1 at the input, √Σ h_k² over the impulse response h. The sum is
+  D² + C P Cᵀ with P = Σ Aᵏ B Bᵀ Aᵏᵀ, found by doubling the number of its terms.
 - Filter of a velocity: with H(1) = 0 an estimator H of positions is a filter G of velocities, as the position is the
   sum x_n = x_{n−1} + T·v_n. With R = (I − A)⁻¹, (zI − A)⁻¹ = R − (z − 1)(zI − A)⁻¹R, so that G(z) = H(z)·T·z/(z − 1) =
   −T·C R B − T·C A (zI − A)⁻¹ R B: a system with the same A, and G(1) = 1.
-- Delay: a slow velocity comes out late by T·Σ k·g_k = T·C R² B of that filter. The backward difference, G = 1, is not
-  late for the mean velocity of a period, and T/2 late for that at its end; so is every estimator beyond its filter.
+- Delay: a slow velocity comes out late by T·Σ k·g_k = T·C R² B of that filter. The backward difference, G = 1, gives
+  the mean velocity of a period without delay, and is T/2 late for the velocity at its end. Every estimator has this T/2
+  in addition to the delay of its filter.
 """
 
 import math
@@ -19,7 +20,8 @@ MOST_DOUBLINGS = 60
 
 
 def noise_gain(system: StateSpace) -> float:
-    """Return the rms of the output for white noise of rms 1 at the input, of a stable system with one of each."""
+    """Return the rms of the output for white noise of rms 1 at the input; a stable system with one input and one
+    output."""
     power, covariance = system.a, system.b @ system.b.T
     for _ in range(MOST_DOUBLINGS):
         if not power.any():
@@ -36,7 +38,7 @@ def velocity_filter(system: StateSpace, period: float) -> StateSpace:
 
 
 def filter_delay(system: StateSpace, period: float) -> float:
-    """Return by how much a slow change of velocity is late after a filter with G(1) = 1 [s]; `period` in s."""
+    """Return the delay of a slow change of velocity in a filter with G(1) = 1 [s]; `period` in s."""
     rest = np.eye(system.order) - system.a
     twice = np.linalg.solve(rest, np.linalg.solve(rest, system.b))
     return period * float((system.c @ twice)[0, 0])

@@ -11,9 +11,10 @@ H(z) = T·(z + 1)/(2·(z − 1)). Its pole at 1 keeps every error for ever, whic
 
 `VelocityIntegrator` is the trapezoid for a loop that may miss readings. It also bounds the error of its position:
 
-- A reading rounded to the nearest step is wrong by at most D_v/2, so a time t by at most D_v/2·t.
-- Over a gap of several periods h the trapezoid takes h·(v_0 + v_1)/2. A velocity that goes one way from v_0 to v_1, as
-  under the force that is held meanwhile, has its mean between the two, so that the error is at most h·|v_1 − v_0|/2.
+- A reading rounded to the nearest step is wrong by at most D_v/2, so the position after a time t is wrong by at most
+  D_v/2·t.
+- Over a gap of several periods h the trapezoid takes h·(v_0 + v_1)/2. A velocity that changes monotonically from v_0 to
+  v_1, as under a held force, has its mean between both. The error is then at most h·|v_1 − v_0|/2.
 
 The error within one period is not counted, because it does not accumulate under forces that are held from td after each
 reading. The velocity has its kinks at these instants, the error of a period is td·(T − td)/2·(a_k − a_{k−1}), and the
@@ -78,5 +79,6 @@ class VelocityIntegrator:
         self._time, self._velocity = time, velocity
 
     def hold(self, time: float) -> None:
-        """Extrapolate with the last reading, as none came; the next reading replaces the extrapolation."""
+        """Extrapolate with the last reading in a period without a new one; the next reading replaces the
+        extrapolation."""
         self.position = self._sum + self._velocity * (time - self._time)

@@ -1,4 +1,4 @@
-"""Velocity from the time between counts: exact for slow motions, of which differences give zeros and single spikes.
+"""Velocity from the time between counts: exact for slow motions, for which differences give zeros and single spikes.
 
 When the position changes, it has moved by Δx, a whole number of counts, in the time Δt since its last change. The
 estimate is v = Δx/Δt, held until the next change. While no count comes, the speed cannot exceed one count D over the

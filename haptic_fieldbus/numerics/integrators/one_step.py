@@ -106,7 +106,7 @@ FORWARD_EULER = _method(
     "forward-euler", 1, 1, lambda x: 1.0 + x, lambda x: x, 0, (0.0, 2.0),
     "all states at once, with the rates at the start",
 )  # fmt: skip
-# Of the straight line backward Euler uses the end alone, so its step takes no earlier input.
+# Backward Euler uses only the end of the straight line, so its step takes no earlier input.
 BACKWARD_EULER = replace(_method(
     "backward-euler", 1, 1, lambda x: 1.0 / (1.0 - x), lambda x: _solve(np.eye(len(x)) - x, x), 1, (math.inf, math.inf),
     "all states at once, with the rates at the end",
