@@ -73,9 +73,9 @@ class AxisPlan:
     effort_unit: float
     """One step of the drive's target torque in the workspace [N or N·m]."""
     shown_unit: float
-    """One step of the drive's torque actual value in the workspace [N or N·m]; that of the target where it has none."""
+    """One step of the drive's torque actual value in the workspace [N or N·m]; without one a step of the target."""
     demand_unit: float
-    """One step of the drive's torque demand in the workspace [N or N·m]; that of the target where it has none."""
+    """One step of the drive's torque demand in the workspace [N or N·m]; without one a step of the target."""
     rated_effort: float
     """Effort at the motor's rated torque, or at its rated current if that is less, in the workspace [N or N·m]."""
     steps_per_revolution: float
@@ -86,7 +86,7 @@ class AxisPlan:
     basis: Basis
     """Origin of the values of the bench."""
     sign_known: bool
-    """Whether torque is known to move the handle the right way, so that it need not be seen first (`sign_probe`)."""
+    """Whether the motor direction is known, so that no test is needed before force (`sign_probe`)."""
     stability: Stability | None = None
     """Verdict on `group`, in the units of this axis; None when a bench of the group is unknown."""
     group: Group | None = None
@@ -96,7 +96,7 @@ class AxisPlan:
     bus_name: str = "the bus"
     """Bus of the axis as people name it: `modbus-tcp:10.0.0.1`."""
     other_masters: OtherMasters | None = None
-    """How set-points of another master are seen; None where its messages are heard on the bus."""
+    """Detection of set-points of another master; None if the bus receives its messages."""
 
     @property
     def needs(self) -> tuple[Signal, ...]:
@@ -114,7 +114,7 @@ class AxisPlan:
         return canonical(self.traffic.outgoing)
 
     def place_of(self, signal: Signal) -> int:
-        """Return where a mapped signal stands in what the codec of this axis decodes (`planning.image`)."""
+        """Return the index of a mapped signal in the values that the codec of this axis decodes (`planning.image`)."""
         return STATUSWORD + [mapped.signal for mapped in self.incoming].index(signal)
 
     @property
@@ -134,7 +134,7 @@ class AxisPlan:
 
     @property
     def cap(self) -> str:
-        """The cap of the force with its value and its reason; empty where the limit of the rig is lower, or none is."""
+        """Force cap in words, with value and reason; empty without a cap, or if the limit of the rig is lower."""
         reason = cap_reason(self.profile, self.rig, known=self.plant is not None)
         reason = reason or ("the scene is above its limit (--force)" if self.forced else "")
         if not reason or self.limits.effort < self.limits.holding:
@@ -146,8 +146,8 @@ class AxisPlan:
     def largest_stretch(self) -> float:
         """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1.
 
-        The nominal margin is that of one stiffness beside all others, so several elements are judged by the age of
-        their forces: gaps make them older by Σ(s² − s)/Σs periods at most (`margins.linear`).
+        The nominal margin varies a single stiffness. Several elements are therefore judged by the age of their forces:
+        gaps make all forces older, by Σ(s² − s)/Σs periods at most (`margins.linear`).
         """
         margin, group = None if self.stability is None else self.stability.nominal_margin, self.group
         if margin is None or margin <= 1.0:
@@ -156,7 +156,7 @@ class AxisPlan:
         if group is None or alone:
             return 1.0 + GAP_SHARE * (margin - 1.0)
         ages = {each.name: 0.5 * group.period + each.delay + each.plant.torque_lag for each in group.members}
-        # No gaps make a force older than that: the loop is given up before.
+        # No gaps make a force older than this: the loop trips before.
         most = LARGEST_MISSING_SHARE * self.limits.age
         wanted = (margin - 1.0) * min(ages.values())
         further = group.further_age(min(wanted, most))
@@ -181,10 +181,10 @@ def draft_axis(
 ) -> AxisPlan:
     """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `compile`.
 
-    Raises PlanError when the rig lacks the axis or a value that torque is scaled by, when nothing would take the torque
-    of the drive away, or when it cannot render the scene (SignalUnavailableError, ImageTooLargeError); SceneError when
-    rig and scene differ in the workspace; RigError for a fixed zero of a drive without a position; UsageError for an
-    unknown protocol.
+    Raises PlanError when the rig lacks the axis or a value of the torque scaling, when neither watchdog nor emergency
+    stop would take the torque away, or when the drive cannot render the scene (SignalUnavailableError,
+    ImageTooLargeError). Raises SceneError when rig and scene differ in the workspace, RigError for a fixed zero of a
+    drive without a position, UsageError for an unknown protocol.
     """
     axis = rig.axis.get(scene_axis.name)
     if axis is None:
@@ -193,7 +193,7 @@ def draft_axis(
             f"--axis {scene_axis.name}=NAME for another one"
         )
     profile = profiles[axis.profile]
-    if not profile.drive.usable:  # it only documents why its drive cannot render force
+    if not profile.drive.usable:  # the profile only documents why the drive cannot render force
         raise PlanError(f"{profile.title} is not usable for force: {profile.sources.get('drive.usable', profile.name)}")
     _check_workspace(scene, scene_axis, axis)
     _check_zero(scene_axis.name, rig, profile)
@@ -240,7 +240,7 @@ def draft_axis(
 
 
 def has_shipped_values(rig: Rig, name: str) -> bool:
-    """Return whether an axis has the values of the shipped bench on a simulated bus, so that they are exact."""
+    """Return whether an axis has the values of the shipped bench on a simulated bus; they are then exact."""
     axis, section = rig.axis[name], rig.bus[rig.axis[name].bus]
     shipped = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
     is_simulated = (section.simulated or section.rehearsed) and not section.stands_for_real
@@ -273,7 +273,7 @@ def _check_zero(name: str, rig: Rig, profile: DriveProfile) -> None:
 
 
 def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: DriveProfile) -> None:
-    """Refuse a coupling to a position that drifts: it would pull at both hands for no reason that they could find."""
+    """Refuse a coupling to a position that drifts: its force would grow without a motion of the hands."""
     if couplings and not _offers_position(profile):
         raise PlanError(
             f"{couplings[0].name} couples axis {name}, but {profile.title} reports velocity only, and the integrated "
@@ -296,7 +296,7 @@ def _needed(elements: tuple[AnyElement, ...], signal: Signal) -> bool:
 def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
     """Return the signals to map: statusword, and providers of position, echo and each signal that elements need."""
     offered, incoming = profile.offers(), [Signal.STATUSWORD]
-    # The position is always mapped, because the limits of the axis are checked against it.
+    # The position is always mapped, because the limits of the axis need it.
     asking = {Signal.POSITION: "the position check"}
     for element in elements:
         asking.update({signal: element.name for signal in element.needs if signal not in asking})

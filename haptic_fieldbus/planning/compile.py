@@ -1,8 +1,8 @@
 """Compilation of a scene, a rig and a rate to the smallest loop that renders the scene.
 
-The order is: needs → providers → prune → lay out → budget → stability → steps. Needs are the union over the elements
-and what safety always needs, which is the position and the echo of the set-points; a signal that nothing needs is
-neither mapped nor decoded nor estimated.
+The order is: needs → providers → prune → lay out → budget → stability → steps. The needs are the signals of all
+elements, plus the signals for safety: position and echo of the set-points. Any other signal is not mapped, decoded or
+estimated.
 """
 
 import math
@@ -41,14 +41,14 @@ from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
 
-# Ranges in which the values of an axis may lie; its limit is that over all of them (`margins.plant`).
+# Ranges of the values of an axis; the limit of the axis is the smallest over all of them (`margins.plant`).
 
 BANDWIDTH, TIMING = "timing.torque_bandwidth", "timing"
-"""Keys of a profile whose source tells where the bandwidth comes from."""
+"""Keys of a profile whose source is the source of the bandwidth."""
 
 
 def ranges_of(profile: DriveProfile, delay: Delay, basis: Basis, *, compliant: bool) -> Ranges:
-    """Return the ranges of an axis with this drive, delay and bench, and a compliant coupling or none."""
+    """Return the ranges of an axis with this drive, delay and bench, with or without a compliant coupling."""
     if basis is Basis.SIMULATED:
         return exact_bench(_lags(profile), delay.range, basis)
     ranges = Ranges(torque_lag=_lags(profile), delay=delay.range, basis=basis)
@@ -56,21 +56,22 @@ def ranges_of(profile: DriveProfile, delay: Delay, basis: Basis, *, compliant: b
 
 
 def _lags(profile: DriveProfile) -> Range:
-    """Return the shortest and the longest time constant of the torque [s]; a slope of the drive's own is exact."""
+    """Return the shortest and the longest time constant of the torque [s]; a torque slope of the drive is exact."""
     assumed = {BANDWIDTH, TIMING} & {*profile.assumed}
     lowest, highest = ASSUMED_BANDWIDTH if assumed else SOURCED_BANDWIDTH
     loop = profile.torque_lag - profile.ramp
     return profile.ramp + loop / highest, profile.ramp + loop / lowest
 
 
-# Delays and verdicts of the axes of a plan; axes that are coupled are judged together.
+# Delays and verdicts of the axes of a plan; coupled axes are judged together.
 
 KEPT = 64
-"""Groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
+"""Number of groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
-    """Return the axis with what its bus says of it: delay, limits of age and echo, the bench as the loop sees it."""
+    """Return the axis with the values that follow from its bus: delay, limits of age and echo, resolution of the
+    plant."""
     echo = echo_time(draft.profile.echo, period)
     limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
     delay, plant = traffic.delay(draft.name), _seen(draft, period)
@@ -83,7 +84,7 @@ def _seen(axis: AxisPlan, period: float) -> Plant | None:
     """Return the plant as the loop samples it; None when it is unknown."""
     if axis.plant is None or not axis.integrates:
         return axis.plant
-    # At rest an integrated position is a multiple of the way of one velocity step in one period.
+    # At rest an integrated position is a multiple of one velocity step times one period.
     return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
 
 
@@ -107,7 +108,7 @@ def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
 
 
 def _known(group: Group) -> Group:
-    """Return the equal group of an earlier plan, with the verdicts that were found of it, else this one."""
+    """Return the equal group of an earlier plan, with its verdicts; otherwise this group."""
     try:
         return _kept(group)
     except TypeError:  # an element of one's own without a hash
@@ -121,7 +122,7 @@ def _kept(group: Group) -> Group:
 
 def _member(axis: AxisPlan, plant: Plant) -> Member:
     """Return the axis as its loop is judged; with a compliant coupling the plant is the motor alone."""
-    # A tachometer does not tell where the load is: such an axis is judged as a rigid one.
+    # A tachometer does not measure the load, so its axis is judged as a rigid one.
     load = None if axis.integrates else load_of(axis.rig, plant)
     return Member(
         axis.name,
@@ -139,20 +140,20 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
 
 
 def _estimator(axis: AxisPlan) -> str:
-    """Return the estimator that stability is judged with; an axis without one gets the default."""
+    """Return the estimator with which stability is judged; an axis without one gets the default."""
     return axis.estimator or (TACHOMETER if axis.integrates else DEFAULT_ESTIMATOR)
 
 
 # Exchange of a plan with its drives: the rate, the wait of each bus for the others, and the way of its exchange.
 #
-# A bus may be able to exchange feedback and set-points in several ways. The one that bears the stiffest scene on this
-# bench is taken. Where all bear the same, or nothing is known (no stiffness, an unknown bench), it is the first that
-# the protocol names.
+# A bus may have several ways to exchange feedback and set-points. The plan takes the way with the largest stable
+# stiffness on this bench. If all are equal, or unknown (no stiffness, an unknown bench), it takes the first way of the
+# protocol.
 
 Drafts = Callable[[float | None], list[AxisPlan]]
-"""Returns the drafts of all axes at a period [s]; None: at none."""
+"""Function from a period [s], or None for no period, to the drafts of all axes."""
 _ROUNDS = 2
-"""Times that the waits of several buses are found."""
+"""Number of iterations for the waits of several buses."""
 
 
 @dataclass(frozen=True)
@@ -168,10 +169,10 @@ class _Bus:
 
 
 def plan_buses(drafts_at: Drafts, rig: Rig, rate: float | None) -> tuple[BusPlan, ...]:
-    """Return the buses with their traffic at `rate` [Hz], in the order in which the axes name them.
+    """Return the buses with their traffic at `rate` [Hz], in the order of the axes.
 
-    Without a rate it is the one that the chosen way has by itself, with several buses the lowest of them. All buses
-    begin together, and computing begins when the slowest has its feedback; the others wait for it. Raises
+    Without a rate the default rate of the chosen exchange is used; with several buses the lowest default. All buses
+    begin together. Computing begins when the slowest bus has its feedback; the others wait for it. Raises
     BusOverloadError when a bus cannot carry this.
     """
     drafts = drafts_at(None)
@@ -179,13 +180,13 @@ def plan_buses(drafts_at: Drafts, rig: Rig, rate: float | None) -> tuple[BusPlan
         name: _Bus(protocol_named(rig.bus[name].protocol), rig.bus[name], _members(name, drafts))
         for name in dict.fromkeys(draft.rig.bus for draft in drafts)
     }
-    # First without any wait, because the waits follow from the feedback times, and these can change with a wait.
+    # First without a wait: the waits follow from the feedback times, and these can change with a wait.
     together = _together(buses, dict.fromkeys(buses, 0.0), drafts_at, rate)
     for _ in range(_ROUNDS):
         last = max(traffic.feedback_time for traffic in together.values())
         waits = {name: last - traffic.feedback_time for name, traffic in together.items()}
         together = _together(buses, waits, drafts_at, rate) if any(waits.values()) else together
-    # A rate that the fullest bus can carry fits all, so the rate that its error proposes is right for all.
+    # A rate that the fullest bus can carry fits all buses, so the rate in its error is right for all.
     fullest = min(together, key=lambda name: together[name].highest_rate)
     together[fullest].check(fullest if len(together) > 1 else "")
     return tuple(
@@ -201,15 +202,15 @@ def _members(name: str, drafts: Sequence[AxisPlan]) -> Members:
 def _together(
     buses: Mapping[str, _Bus], waits: Mapping[str, float], drafts_at: Drafts, rate: float | None
 ) -> dict[str, BusTraffic]:
-    """Return the traffic of each bus, whose feedback waits so long for that of other buses [s]."""
+    """Return the traffic of each bus; `waits` is the time for which its feedback waits for other buses [s]."""
     if rate is None and len(buses) > 1:
         slowest = min(bus.ways(None, waits[name])[0].rate for name, bus in buses.items())
-        rate = 1e3 / math.ceil(1e3 / slowest)  # a period in whole milliseconds, which every drive can take
+        rate = 1e3 / math.ceil(1e3 / slowest)  # a period in whole milliseconds, which every drive accepts
     return _stiffest({name: bus.ways(rate, waits[name]) for name, bus in buses.items()}, drafts_at)
 
 
 def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> dict[str, BusTraffic]:
-    """Return the way of each bus by which the scene can be the stiffest, the first of several that are equal."""
+    """Return the exchange of each bus with the largest stability margin; of equal ones the first."""
     chosen = {name: each[0] for name, each in ways.items()}
     for name, each in ways.items():
         if len(each) > 1:
@@ -219,7 +220,8 @@ def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> di
 
 
 def _margin(traffics: Mapping[str, BusTraffic], drafts_at: Drafts) -> float:
-    """Return the smallest nominal limit of stability over stiffness of all axes; ∞ when none is known."""
+    """Return the smallest margin (nominal limit of stability divided by stiffness) of all axes; ∞ when none is
+    known."""
     period = round(1e9 / next(iter(traffics.values())).rate) * 1e-9
     axes = [on_bus(draft, traffics[draft.rig.bus], period) for draft in drafts_at(period)]
     return min((group.rough_margin() for group in grouped(axes, period)), default=math.inf)
@@ -238,13 +240,13 @@ def compile_plan(
 ) -> Plan:
     """Return the plan of `scene` on `rig` at `rate` [Hz]; `profiles` maps the names in the rig to their profiles.
 
-    Without a rate it is the lowest of those that the buses have by themselves. `buses` are those of another plan of the
-    same needs, whose rate and exchange are kept. A `forced` plan has its force capped, because it is above its limit.
+    Without a rate the lowest default rate of the buses is used. `buses` are the buses of another plan with the same
+    needs; their rate and exchange are kept. A `forced` plan is above its limit, so its force is capped.
 
     Raises PlanError (SignalUnavailableError, ImageTooLargeError, BusOverloadError) when the scene cannot be rendered,
     SceneError when its workspace is not that of the rig, RigError for a zero that the drive cannot have, UsageError for
-    an unknown protocol, method or estimator and for a negative stiffness. A loop that is unstable is returned all the
-    same: `refusal.check_stable` refuses it.
+    an unknown protocol, method or estimator and for a negative stiffness. An unstable loop is returned too:
+    `refusal.check_stable` refuses it.
     """
 
     def drafts_of(timed: Scene) -> list[AxisPlan]:
@@ -332,7 +334,7 @@ def _linear_note(estimator: str) -> str:
 
 
 def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
-    """Yield the parts that the plan does without, each with the reason."""
+    """Yield the parts that the plan omits, each with the reason."""
     for axis in axes:
         offered = axis.profile.offers()
         if Signal.VELOCITY in offered and not axis.integrates:

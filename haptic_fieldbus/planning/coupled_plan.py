@@ -13,11 +13,11 @@ from haptic_fieldbus.scenes.element import CouplingElement
 
 @dataclass(frozen=True)
 class CouplingAges:
-    """Age of the motions that a coupling answers, when its forces act [s]; the hold's T/2 is not part of it."""
+    """Age of the motions to which a coupling reacts, at the time its forces act [s]; without the T/2 of the hold."""
 
     name: str
     ages: Mapping[str, Mapping[str, float]]
-    """Axis that the force acts on → axis whose motion it answers → age [s]."""
+    """Axis on which the force acts → axis of the motion → age [s]."""
 
     def __str__(self) -> str:
         return f"{self.name}: force {', '.join(f'on {axis} {self._behind(axis)}' for axis in self.ages)}"

@@ -1,16 +1,15 @@
-"""The longest time from an event to zero torque at the motor, for each cause for which torque is taken away.
+"""The longest time from an event to zero torque at the motor, for each cause of a torque-off.
 
-Three ways lead to zero, and each cause takes the first that it can:
+There are three ways to zero torque. Each cause takes the first way that works for it:
 
 - The loop sees the event in the feedback of the next period, and the set-points of that period are torque-free.
-- Feedback that is missing: the torque is held, then fades; feedback that grows too old is a trip. Where set-points wait
-  for answers, nothing fades, and the trip comes first. Axes that no coupling ties to the one without feedback do not
-  fade, so that the trip takes their torque.
-- Nothing of us reaches the drive: its own guard takes the torque away.
+- If feedback is missing, the torque is held and then fades; feedback that becomes too old is a trip. If set-points wait
+  for answers, nothing fades, and the trip comes first. Axes without a coupling to the axis without feedback do not
+  fade; the trip takes their torque away.
+- If no message of the host reaches the drive, the drive watchdog takes the torque away.
 
-A torque loop of first order never reaches zero, so *zero* is `REMAINDER` of the torque at the event. The times are
-those of a host that is never late; its lateness comes on top, and is itself bounded by the guard, as that of a host
-that stands still is.
+A torque loop of first order never reaches zero, so *zero* is `REMAINDER` of the torque at the event. The times assume a
+host that is never late. A delay of the host adds to them; the drive watchdog bounds it, even if the host stops.
 """
 
 import math
@@ -34,11 +33,11 @@ from haptic_fieldbus.planning.limits import (
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json, OtherMasters
 from haptic_fieldbus.signals import Signal
 
-# What may happen when a drive is enabled for the first time after power-on.
+# Warnings for the first enabling of a drive after power-on.
 
 
 def first_enabling(profile: DriveProfile) -> str:
-    """Return the warning of a drive that looks for its commutation; empty for any other."""
+    """Return the warning for a drive that searches its commutation; empty for any other drive."""
     if not profile.drive.commutation_search:
         return ""
     timing = profile.timing
@@ -58,12 +57,12 @@ def enabling_lines(axes: Iterable[AxisPlan]) -> Iterator[str]:
 
 
 REMAINDER = 0.01
-"""Share of the torque at which it counts as zero."""
+"""Share of the initial torque below which torque counts as zero."""
 BESIDE = "switched off acyclically"
 
 
 class EndCause(Enum):
-    """Reason for which torque is taken away; the value is the name that users and scripts see."""
+    """Cause of a torque-off; the value is the name that users and scripts see."""
 
     TRIP = "own limit or trip"
     FEEDBACK = "feedback lost"
@@ -81,14 +80,14 @@ class EndCause(Enum):
 
 @dataclass(frozen=True)
 class TorqueDeadline:
-    """The longest time from an event to zero torque [s]; inf when nothing notices the event."""
+    """The longest time from an event to zero torque [s]; inf when the event is not detected."""
 
     cause: EndCause
     seconds: float
     how: str
 
     def to_json(self) -> dict[str, Json]:
-        """Return the object of `plan --json`; None when nothing notices the event."""
+        """Return the object of `plan --json`; the time is None when the event is not detected."""
         stated = 1e3 * self.seconds if math.isfinite(self.seconds) else None
         return {"cause": self.cause.value, "stated_ms": stated}
 
@@ -112,8 +111,8 @@ def _of_axis(
 ) -> Iterable[TorqueDeadline]:
     """Yield the deadlines of one axis, in the order of `EndCause`.
 
-    `others` is a form for words on the other axes, empty for one axis. Feedback of an `age` [s] is a trip on the most
-    patient axis. `untied` axes do not fade with one another, and a `shared` line has other drives.
+    `others` is a format for the text on the other axes, empty for one axis. `age` is the largest feedback age before a
+    trip of all axes [s]. `untied` axes do not fade with one another, and a `shared` line has other drives.
     """
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
     guard = math.inf if alone else traffic.guard(axis.name)
@@ -131,10 +130,10 @@ def _of_axis(
         lost, by_loss = old + end, f"{by_loss}; other drives of the line wait for the silent one: {by_age}"
     if traffic.waits_for_answers:
         lost, by_loss = old + end, f"held, because nothing is sent before the drive answers; {by_age}"
-        if shared:  # a gateway may wait for the drive that is silent, and hand on nothing for the others
+        if shared:  # a gateway may wait for the silent drive, and forward nothing to the others
             lost, by_loss = max(lost, period + guard + end), f"{by_loss}; behind a gateway: {by_guard}"
     yield TorqueDeadline(EndCause.FEEDBACK, lost, by_loss)
-    # A drive whose profile names no reaction to the loss of its master names none to a fault either: it may brake.
+    # A profile without a reaction to the loss of the master has none to a fault either: the drive may brake.
     by_drive = "the drive by itself" if axis.profile.guarded else "the drive by itself after an unknown time"
     yield TorqueDeadline(EndCause.FAULT, seen if axis.profile.guarded else math.inf, by_drive + others.format(by_loop))
     yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself" + others.format("as for lost feedback"))
@@ -143,7 +142,7 @@ def _of_axis(
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
     how = f"{by_age}, then {BESIDE}; at the latest {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
-    # Where only one of several drives is gone, the others lose their torque as when feedback is lost.
+    # If only one of several drives is disconnected, the others lose their torque as with lost feedback.
     yield TorqueDeadline(EndCause.DISCONNECTED, max(guard + end, lost if untied or shared else 0.0), by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.STOPPED, guard + end, by_guard)
@@ -154,7 +153,7 @@ def _of_axis(
 
 
 def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
-    """Return how a set-point without effect is noticed; a constant one cannot be told from one that acts."""
+    """Return how a set-point without effect is detected, in words; a constant set-point shows no difference."""
     if math.isinf(axis.limits.echo):
         return "not detected: the drive does not return its set-points"
     waited = rounded(1e3 * axis.limits.echo)
@@ -162,9 +161,9 @@ def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
 
 
 def _replaced(others: OtherMasters, period: float) -> float:
-    """Return for how long set-points of another master act in all until enough of them are seen [s].
+    """Return the total time for which set-points of another master act until enough of them are detected [s].
 
-    Each acts until one of ours replaces it. The content of a gateway may be a period old.
+    Each acts until our set-point replaces it. The content of a gateway may be a period old.
     """
     return math.inf if others.shown_by is None else FOREIGN_TIMES * foreign_gap(period, others.every) + period
 
@@ -179,7 +178,8 @@ def _shown(axis: AxisPlan) -> str:
 
 
 def unseen_text(axis: AxisPlan, period: float) -> str:
-    """Return which set-points of another master act unseen, and for how long; empty where its messages are heard."""
+    """Return the undetected set-points of another master and their duration, in words; empty if its messages are
+    received."""
     others = axis.other_masters
     if others is None:
         return ""
@@ -199,15 +199,17 @@ def unseen_text(axis: AxisPlan, period: float) -> str:
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:
-    """Return what is added to every way [s]: messages in between, one tick of the drive, the lag of its torque loop."""
+    """Return the time that every way adds [s]: messages in between, one tick of the drive, the lag of its torque
+    loop."""
     lag = -math.log(REMAINDER) * axis.delay.torque_loop
     return traffic.disturbance + axis.profile.timing.control_period + lag
 
 
 def _missing(axis: AxisPlan, period: float, age: float) -> tuple[float, float]:
-    """Return when torque-free set-points act after the last feedback [s]: by the fade, and by its `age` [s]."""
-    # A loop without feedback waits for it nearly to the end of its period; and set-points that act at SYNC alone are
-    # then taken over a period later.
+    """Return the time from the last feedback to torque-free set-points [s]: by the fade, and by the trip at `age`
+    [s]."""
+    # A loop without feedback waits for it nearly to the end of its period. Set-points that act at SYNC are then taken
+    # over a period later.
     answered = period * (2.0 if axis.delay.transport >= period else 1.0)
     faded = (1 + fade_periods(period)) * period
     return faded + answered, age + period + answered

@@ -1,28 +1,28 @@
-"""The pulses that ask an encoder whose counts stand still under force: their size, and where they cannot be asked.
+"""Pulses that test an encoder whose counts stand still under force: their size, and the axes without this test.
 
-A hand that leans and an encoder whose cable broke look alike: force, and counts that stand still. What tells them apart
-is a small torque of both signs. After `STILL` seconds a *pair* is added to the force: −A for n periods, then +A for n
-periods, against the force first. A count that moves shows a live encoder. `PAIRS` pairs in a row without one end the
-run.
+A hand that leans on the handle and an encoder with a broken cable look alike: force, and counts that stand still. A
+small torque of both signs distinguishes them. After `STILL` seconds a *pair* of pulses is added to the force: −A for n
+periods, then +A for n periods, against the force first. A change of the counts shows a working encoder. The run ends
+after `PAIRS` pairs in a row without a change.
 
-Size. A shaft that friction holds at rest is pulled by some p, |p| ≤ fc, that nobody knows. One of the two pulses has at
-least A − fc left, whatever p is; with p = 0 both have exactly that. So A is 1.5·fc or more. The excess E = A − fc moves
-handle and hand together as far as
+Size. An unknown force p, |p| ≤ fc, pulls at a shaft that friction holds at rest. For any p one of the two pulses
+exceeds friction by at least A − fc; with p = 0 both exceed it by exactly A − fc. So A is 1.5·fc or more. The excess E =
+A − fc moves handle and hand together by
 
     x(t) = E/k·(1 − (s₁·e^(s₂·t) − s₂·e^(s₁·t))/(s₁ − s₂)),   s = −γ ± √(γ² − k/m),   γ = b/(2m)
 
-up to the first turn, with the mass m and damping b of both and the stiffness k of the hand. A pair must move two counts
-against the hand of `HAND`, so that one count changes wherever in a count the handle rests. The scene does not enter:
-until a count changes its force stays as it is. Of the n periods three parts count for nothing: the lag T of the torque
-loop, within which the force of the motor follows; T·ln(2A/E) at most, 2A/E ≤ 6, until it exceeds friction after −A; and
-the time of the slew limit from −A to +A.
+up to the first reversal, with the mass m and damping b of both and the stiffness k of the hand. A pair must move the
+handle by two counts against the hand `HAND`. One count then changes, wherever within a count the handle rests. The
+scene has no effect: its force stays constant until a count changes. Three parts of the n periods do not count: the lag
+T of the torque loop, within which the force of the motor follows; T·ln(2A/E) at most, 2A/E ≤ 6, until the force exceeds
+friction after −A; and the time of the slew limit from −A to +A.
 
-Bound. People cannot tell two forces apart that differ by less than about 8 % (`limits.FELT_SHARE`), so pulses are
-asked from A/0.08 of force on. Where the force is within A of its limit it is lowered within half a second, as slowly as
-a hand does not notice either, so that −A and +A both stay within the limit.
+Bound. People do not notice a difference of forces below about 8 % (`limits.FELT_SHARE`), so pulses need a force of at
+least A/0.08. If the force is within A of its limit, it is lowered during half a second, too slowly for a hand to
+notice. Then −A and +A both stay within the limit.
 
-Below that force, and where the pulses that would be needed are felt or too long, the rule of `limits.stall` stays;
-so it does where it acts sooner than five pairs.
+The rule of `limits.stall` applies instead below that force, if the necessary pulses would be felt or too long, and if
+the rule acts sooner than five pairs.
 """
 
 import cmath
@@ -37,24 +37,24 @@ from haptic_fieldbus.planning.limits import FELT_SHARE
 from haptic_fieldbus.signals import Workspace
 
 STILL = 2.0
-"""[s] for which counts must stand still under force before the encoder is asked."""
+"""Time for which counts must stand still under force before the test [s]."""
 PAIRS = 5
-"""Pairs without a motion that end a run."""
+"""Number of pairs without a motion that end a run."""
 FRICTIONS = 1.5
-"""Smallest pulse, in the friction of the rig: it covers half of the friction more than was told."""
+"""Smallest pulse as a multiple of the friction in the rig: it allows for 50 % more friction."""
 ASKED_COUNTS = 2.0
 """Counts that a pair is designed to move."""
 LEAD = 0.5
-"""[s] before each pair, within which a force at its limit is lowered by as much as the pulses need."""
+"""Time before each pair in which a force near its limit is lowered by the size of the pulses [s]."""
 LONGEST_PULSE = 0.05
-"""[s]; of one of the two pulses."""
+"""Longest duration of one of the two pulses [s]."""
 EXCESS_RATIO = 6.0
 """Largest 2A/E, as A is at least 1.5 times the friction."""
 
 
 @dataclass(frozen=True)
 class HandOnHandle:
-    """A hand as it acts on the handle: [N/m or N·m/rad], [N·s/m or N·m·s/rad], [kg or kg·m²]."""
+    """Stiffness, damping and mass of a hand at the handle: [N/m or N·m/rad], [N·s/m or N·m·s/rad], [kg or kg·m²]."""
 
     stiffness: float
     damping: float
@@ -63,23 +63,23 @@ class HandOnHandle:
 
 HAND = {Workspace.LINEAR: HandOnHandle(1000.0, 10.0, 0.02), Workspace.ROTARY: HandOnHandle(2.5, 0.025, 5e-5)}
 """The stiffest hand against which a pair must move the counts. Chosen here: three times the stiffness of the simulated
-hands, and the mass of the fingers; on a handle that turns, at a lever of 50 mm."""
+hands, and the mass of the fingers; on a rotary handle at a lever of 50 mm."""
 
 
 @dataclass(frozen=True)
 class EncoderProbe:
-    """How the encoder of one axis is asked."""
+    """Encoder test of one axis."""
 
     effort: float
-    """Of a pulse, a whole number of the drive's steps [N or N·m]."""
+    """Size of a pulse, a whole number of the drive's steps [N or N·m]."""
     periods: int
-    """Of one pulse."""
+    """Length of one pulse in periods."""
     least: float
     """Smallest force under which pulses of this size are not felt [N or N·m]."""
     lead: int
     """Periods before the pulses."""
     wait: int
-    """Periods after them, until the last motion has been seen."""
+    """Periods after the pulses, until the last motion is visible."""
     period: float
     """[s]"""
 
@@ -90,27 +90,27 @@ class EncoderProbe:
 
     @property
     def time(self) -> float:
-        """Longest time from the last motion until an encoder without any ends the run, gaps not counted [s].
+        """Longest time from the last motion until a dead encoder ends the run, gaps not counted [s].
 
         Rounded up to tenths.
         """
-        # The period in which the time is over, and that which ends each pair.
+        # The period in which the time ends, and the last period of each pair.
         return math.ceil(10.0 * (STILL + (2 + PAIRS * (self.pair + 1)) * self.period)) / 10.0
 
 
 def encoder_probe(axis: AxisPlan, period: float) -> EncoderProbe | None:
-    """Return how the encoder of the axis is asked; None where it cannot be, or need not be."""
+    """Return the encoder test of the axis; None where it is impossible or not needed."""
     probe = _probe(axis, period) if _needed(axis) else None
     return probe if isinstance(probe, EncoderProbe) else None
 
 
 def _needed(axis: AxisPlan) -> bool:
-    """Return whether the axis may give more than what a hand may be left alone with."""
+    """Return whether the axis may give more than the holding force."""
     return axis.limits.effort > axis.limits.holding * (1.0 + 1e-9)
 
 
 def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
-    """Return how the encoder is asked, or the reason for which it cannot be."""
+    """Return the encoder test, or the reason why it is impossible."""
     plant, limits, step = axis.plant, axis.limits, axis.effort_unit
     if axis.integrates:
         return f"{axis.profile.title} offers velocity only"
@@ -143,9 +143,9 @@ def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
 
 
 def travel(plant: Plant, hand: HandOnHandle, time: float) -> float:
-    """Return how far one newton beyond friction moves a handle with a hand on it from rest within `time` [s].
+    """Return the motion of a handle with a hand, from rest within `time` [s], for one newton above friction.
 
-    [m/N or rad/(N·m)]; up to the first turn, from where friction holds the handle.
+    [m/N or rad/(N·m)]; up to the first reversal.
     """
     if time <= 0.0:
         return 0.0
@@ -162,7 +162,7 @@ def travel(plant: Plant, hand: HandOnHandle, time: float) -> float:
 
 
 def encoder_lines(axis: AxisPlan, period: float) -> Iterator[str]:
-    """Yield in words how an encoder is asked whose counts stand still, and the rule where it is not."""
+    """Yield the encoder test of each axis in words, or the rule that applies without it."""
     if not _needed(axis):
         return
     probe, limits, force = _probe(axis, period), axis.limits, axis.workspace.effort_unit
@@ -188,7 +188,7 @@ def encoder_lines(axis: AxisPlan, period: float) -> Iterator[str]:
 
 
 def why_not_asked(axis: AxisPlan, period: float) -> str:
-    """Return why an encoder whose counts stood still was not asked by pulses."""
+    """Return why pulses did not test an encoder whose counts stood still."""
     probe = _probe(axis, period)
     if isinstance(probe, str):
         return probe

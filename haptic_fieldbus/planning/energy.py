@@ -1,4 +1,4 @@
-"""Energy that the loop may put out through an axis: the terms of the ledger, from the plan of the axis.
+"""Energy that the loop may give through an axis: the terms of the ledger, from the plan of the axis.
 
 The theory is at the beginning of `cycle.energy`.
 """
@@ -28,20 +28,21 @@ from haptic_fieldbus.signals import Signal
 TWIST = 2.0
 """The twist of two axes is at most the sum of their motions, and its square twice the sum of their squares."""
 BESIDE = 2.0
-"""Effort limits up to which slopes are looked at where another element may push against those that have places."""
+"""Largest effort at which slopes count if another element may push against them, in effort limits."""
 
 
 def energy_limit(axis: AxisPlan) -> float:
-    """Return the energy [J] beyond which the loop is active: what a hand hardly feels, and a count's worth of force."""
+    """Return the energy [J] above which the loop is active: an energy that a hand hardly feels, plus one count of
+    motion at the effort limit."""
     return ENERGY_LIMIT + axis.limits.effort * axis.resolution
 
 
 def forgiven_limit(axis: AxisPlan) -> float:
     """Return the energy [J] that gaps in the feedback of this axis can give to a hand within a second.
 
-    After a gap no force is above the one before it, at most the limit F; the handle went at most v·t meanwhile, at the
-    limit v of its speed. So a gap of t gives at most F·v·t beyond what was stored, and all gaps of a second together
-    last at most a fifth of it. A limit of power that is lower than F·v takes its place.
+    After a gap no force is above the force before it, which is at most the limit F. In a gap of the length t the handle
+    moves at most v·t, with its speed limit v. So the gap gives at most F·v·t above the stored energy. All gaps of a
+    second together last at most a fifth of it. A power limit below F·v replaces F·v.
     """
     limits = axis.limits
     return LARGEST_MISSING_SHARE * min(limits.effort * limits.speed, limits.power)
@@ -62,19 +63,19 @@ class ByPlace:
 
 @dataclass(frozen=True)
 class AxisTerms:
-    """Terms of one axis: what may be given per way of a period, and the damping that makes up for the leak."""
+    """Terms of one axis: the granted force, and the damping that compensates the leak."""
 
     active: float
-    """Largest force of the active elements together; they may give it times the way [N or N·m]."""
+    """Largest force of all active elements together [N or N·m]; the granted energy is this force times the motion."""
     damping: float
-    """K·(T/2 + td + λ), the damping that takes what the held force of stiffness K leaks [N·s/m or N·m·s/rad]."""
+    """K·(T/2 + td + λ), the damping that compensates the leak of the held force of stiffness K [N·s/m or N·m·s/rad]."""
     age: float
-    """Mean age of the force, T/2 + td + λ, in periods: a force that changes leaks its change times way and age."""
+    """Mean age of the force, T/2 + td + λ, in periods: a changing force leaks its change times motion and age."""
     by_place: tuple[ByPlace, ...] = ()
-    """That damping by place, where an element is steeper than its linear model; the largest counts."""
+    """`damping` by place, if an element is steeper than its linear model; the largest value counts."""
 
     def damping_between(self, low: float, high: float) -> float:
-        """Return the damping that makes up for the leak between two positions [N·s/m or N·m·s/rad]."""
+        """Return the damping that compensates the leak between two positions [N·s/m or N·m·s/rad]."""
         return max([each.largest(low, high) for each in self.by_place]) if self.by_place else self.damping
 
 
@@ -85,7 +86,7 @@ class MemoryTerms:
     reserve: float
     """Largest energy in memories of a stated size [J]."""
     silence: int
-    """Periods at rest without force after which an element that states nothing holds nothing; 0: all state it."""
+    """Periods at rest without force after which elements that state no energy hold none; 0: all elements state it."""
 
 
 def axis_terms(
@@ -105,7 +106,7 @@ def _stiffness(element: Element) -> float:
 
 
 def _twisted(coupling: CouplingElement, axis: str) -> float:
-    """Return the stiffness with which a coupling acts on one of its axes, for its share in the twist."""
+    """Return the stiffness of a coupling at one of its axes, for the share of this axis in the twist."""
     place = coupling.axes.index(axis)
     return TWIST * abs(float(coupling.linearised().d[place, 2 * place]))
 
@@ -113,9 +114,9 @@ def _twisted(coupling: CouplingElement, axis: str) -> float:
 def _by_place(
     axis: AxisPlan, elements: Sequence[Element], tied: Sequence[CouplingElement], stiffness: float, age: float
 ) -> tuple[ByPlace, ...]:
-    """Return the damping by place where an element is steeper than its linear model; `stiffness` is the sum of these.
+    """Return the damping by place if an element is steeper than its linear model; `stiffness` is the sum of the models.
 
-    A body that stiffens with depth is such an element. It is as steep as the effort limit lets it be.
+    A body that stiffens with depth is such an element. The effort limit bounds its slope.
     """
     varying = [each for each in elements if is_varying(each)]
     if not varying:
@@ -142,7 +143,7 @@ def larger_of(one: AxisTerms, other: AxisTerms) -> AxisTerms:
 
 
 def memory_terms(elements: Iterable[AnyElement], period: float) -> MemoryTerms:
-    """Return what these elements and couplings can hold in their memories; `period` in s."""
+    """Return the energy that these elements and couplings can hold in their memories; `period` in s."""
     reserve, silence = 0.0, 0
     for element in elements:
         told = abilities(element)
@@ -154,10 +155,10 @@ def memory_terms(elements: Iterable[AnyElement], period: float) -> MemoryTerms:
 
 
 def _silence(space: StateSpace, period: float) -> int:
-    """Return the slowest turn of the virtual states in periods.
+    """Return the longest oscillation period of the virtual states, in periods of the loop.
 
-    With the handle at rest, states that hold energy show in the force within a turn. A mode that never comes back, and
-    an element that does not show its states, may hold energy for ever.
+    With the handle at rest, states that hold energy cause a force within one oscillation. A mode that does not return,
+    and an element without visible states, may hold energy for ever.
     """
     rates = np.abs(np.linalg.eigvals(space.a)) if space.order else np.zeros(1)
     slowest = float(rates.min())
@@ -165,11 +166,11 @@ def _silence(space: StateSpace, period: float) -> int:
 
 
 NEVER = 2**62
-"""Periods of a silence that does not come."""
+"""Number of periods for a silence that is never reached."""
 
 
 def with_energy_limits(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> tuple[AxisPlan, ...]:
-    """Return the axes with the energy that each may give, together with those that couplings tie to it."""
+    """Return the axes with the energy that each may give together with the axes coupled with it."""
     granted = {axis.name: _granted(group) for group in _groups(axes, couplings) for axis in group}
     return tuple(
         replace(axis, limits=replace(axis.limits, energy=energy, forgiven=forgiven))
@@ -179,14 +180,14 @@ def with_energy_limits(axes: Sequence[AxisPlan], couplings: Sequence[CouplingEle
 
 
 def _granted(group: Sequence[AxisPlan]) -> tuple[float, float]:
-    """Return what axes that are judged together may give of their own, and what is forgiven within a second [J]."""
+    """Return the energy that axes judged together may give, and the energy forgiven within a second [J]."""
     if not has_ledger(group):
         return math.inf, math.inf
     return max(map(energy_limit, group)), sum(map(forgiven_limit, group))
 
 
 def judged_groups(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> list[tuple[AxisPlan, ...]]:
-    """Return the axes of each ledger: those that couplings tie together, or one."""
+    """Return the axes of each ledger: a group of coupled axes, or a single axis."""
     return [group for group in _groups(axes, couplings) if math.isfinite(group[0].limits.energy)]
 
 
@@ -210,16 +211,16 @@ def has_ledger(axes: Sequence[AxisPlan]) -> bool:
 
 
 def unbounded(axis: AxisPlan) -> list[str]:
-    """Return the names of the elements on this axis that may give any force by themselves."""
+    """Return the names of the elements on this axis whose own force has no bound."""
     return [each.name for each in (*axis.elements, *axis.couplings) if not math.isfinite(abilities(each).strongest)]
 
 
 def bind_stored(
     axes: Sequence[AxisPlan], elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]
 ) -> Callable[[Sequence[float], Sequence[float]], float]:
-    """Return a function from the positions of the axes, and the places of their laws, to the energy stored there [J].
+    """Return a function from the positions of the axes and the places of their laws to the stored energy [J].
 
-    What does not depend on the place, such as a weight, stores by the position.
+    Elements that do not depend on the place, such as a weight, use the position.
     """
     numbers = {axis.name: number for number, axis in enumerate(axes)}
     own = [

@@ -45,8 +45,8 @@ from haptic_fieldbus.signals import Workspace
 
 # The limits of an axis as people and scripts read them: value, reaction, and how long it takes.
 #
-# A limit that clamps acts on the set-point of the same period. One that trips does so in the period that shows it; how
-# long the way from there to zero torque is, the plan says apart from this table (`deadlines`).
+# A clamping limit acts on the set-point of the same period. A tripping limit trips in the period that shows the excess.
+# The time from there to zero torque is not in this table, but in `deadlines`.
 
 
 class Reaction(Enum):
@@ -60,7 +60,7 @@ class Reaction(Enum):
 
 @dataclass(frozen=True)
 class LimitRow:
-    """One limit of an axis; `time` [s] is how long it must be exceeded, 0 for one period."""
+    """One limit of an axis; `time` [s] is the time for which it must be exceeded, 0 for one period."""
 
     name: str
     value: float
@@ -70,7 +70,7 @@ class LimitRow:
 
 
 def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
-    """Yield the limits that this axis has, in the order in which a force meets them; none that is infinite."""
+    """Yield the finite limits of this axis, in the order in which they act on a force."""
     limits, force, length = axis.limits, axis.workspace.effort_unit, axis.workspace.length_unit
     judged = 1.0 if math.isfinite(limits.energy) else math.inf
     rows = (
@@ -116,7 +116,7 @@ def _asked(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
 
 
 def _gaps(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
-    # With a fifth of the samples missing, gaps that are as long as feedback may be old cost this at most.
+    # Largest cost if a fifth of the samples is missing, in gaps as long as the largest age of feedback.
     most = 1.0 + LARGEST_MISSING_SHARE * axis.limits.age / (0.5 * period + axis.delay.total)
     if axis.largest_stretch < most:
         yield LimitRow("gaps that divide the stiffness limit by", axis.largest_stretch, "", Reaction.DISABLE)
@@ -128,16 +128,16 @@ def _range(axis: AxisPlan) -> Iterator[LimitRow]:
 
 
 def limit_lines(axis: AxisPlan, period: float) -> Iterator[str]:
-    """Yield one line for each reaction: its name, and the limits that it keeps."""
+    """Yield one line for each reaction: its name and its limits."""
     rows = tuple(limit_rows(axis, period))
     for reaction in Reaction:
         yield f"{reaction.value}: {', '.join(_text(row) for row in rows if row.reaction is reaction)}"
 
 
 def recommended_limits(axis: AxisPlan) -> str:
-    """Return the limits that the rig leaves out as its file would state them for the first runs; empty for none.
+    """Return limits for the first runs that the rig lacks, as lines of its file; empty if it lacks none.
 
-    Where the handle may go is known to the person alone, so places are named and not numbered.
+    Only the user knows the travel of the handle, so positions are names and not numbers.
     """
     given, length = axis.rig.limits, axis.workspace.length_unit
     told = (
@@ -154,13 +154,13 @@ def _text(row: LimitRow) -> str:
     return f"{row.name} {in_unit(row.value, row.unit).rstrip()}{time}"
 
 
-# A plan in rows, of which the text and the JSON object are drawn; the keys of the object are a contract.
+# A plan in rows, for the text and the JSON object; the keys of the object are a contract.
 
 ORDER = (
     "mapped", "left_out", "assumed", *TRAFFIC_KEYS.values(), "bus_load", "delay_s", "ways", "couplings", "limits",
     "guards", "sign", "stability", "modules", "deadlines", "limit",
 )  # fmt: skip
-"""Order of the keys of the object, which is not that of the text; new keys follow."""
+"""Order of the keys in the object; the text has another order. New keys follow at the end."""
 
 
 def explain(plan: Plan, *, verbose: bool = False) -> str:
@@ -177,7 +177,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
 
 
 def summary_json(plan: Plan) -> dict[str, Json]:
-    """Return what `run --json` tells of a plan."""
+    """Return the summary of a plan for `run --json`."""
     return {
         "mapped": list(plan.mapped),
         "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
@@ -210,7 +210,7 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
         yield OutputRow("limits", [prefix + line for line in limit_lines(axis, plan.period)])
     yield OutputRow(key="limits", value=[row for axis in axes for row in _limits_json(axis, plan.period)])
     yield OutputRow(key="sign", value=[_sign_json(axis, plan.period) for axis in axes])
-    if plan.rig.source:  # the shipped bench is nobody's, and has no file to write them into
+    if plan.rig.source:  # the shipped bench has no file for them
         yield OutputRow("advice", filter(None, map(recommended_limits, axes)))
     for prefix, axis in zip(prefixes, axes, strict=True):
         yield OutputRow("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
@@ -237,7 +237,7 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
 
 def _traffic_json(plan: Plan) -> dict[str, Json]:
     """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
-    # All keys are present from the start: the keys of the object do not depend on the bench.
+    # All keys are always present: they do not depend on the bench.
     found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
     for axis in plan.axes:
         for key, rows in axis.traffic.to_json(axis.rig.bus).items():
@@ -247,7 +247,7 @@ def _traffic_json(plan: Plan) -> dict[str, Json]:
 
 
 def _sign_json(axis: AxisPlan, period: float) -> dict[str, Json]:
-    """Return how the sign of an axis is seen; None for what is not known, or not needed."""
+    """Return the test of the motor direction of an axis; None for an unknown value, or without a test."""
     probe = sign_probe(axis, period)
     return {
         "axis": axis.name,
@@ -293,7 +293,7 @@ def delay_text(delay: Delay, period: float) -> str:
 
 
 def deadline_texts(plan: Plan) -> Iterator[str]:
-    """Yield what zero torque means, then a table of causes: the longest time [ms] of each and the way to zero."""
+    """Yield the definition of zero torque, then a table of causes: the longest time [ms] and the way to zero torque."""
     yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % left), without lateness of the host"
     rows = [("cause", "ms", "by")]
     rows += [(each.cause.value, milliseconds(each.seconds).removesuffix(" ms"), each.how) for each in plan.deadlines]
@@ -307,7 +307,7 @@ def milliseconds(seconds: float) -> str:
 
 
 def limit_text(stability: Stability | None) -> str:
-    """Return the limit in one line, and whether the stiffness is inside; `run`, `plan` and `stability` print it.
+    """Return the limit in one line, with "inside" or "above" for the stiffness; `run`, `plan` and `stability` print it.
 
     None: the bench is unknown.
     """
@@ -321,7 +321,7 @@ def limit_text(stability: Stability | None) -> str:
     if not limit.value:
         found = "no stiffness is stable" if limit.obstacle is None else obstacle_text(limit.obstacle, stability.unit)
         return f"{limit_value(stability)}; {found}"
-    # A margin just below 1 does not read as 1.
+    # A margin just below 1 is not rounded to 1.
     margin = exactly(rounded_down(stability.limit.value / stability.stiffness, TYPED_DIGITS))
     where = "inside" if stability.is_inside else "above it"
     cycle = "; vibrates by one encoder count" if stability.verdict is Verdict.LIMIT_CYCLE else ""
@@ -329,12 +329,12 @@ def limit_text(stability: Stability | None) -> str:
 
 
 def nominal_texts(stability: Stability) -> Iterator[str]:
-    """Yield the limits of stability, passivity and rest between counts at the nominal values."""
+    """Yield the nominal limits of stability, of passivity and of quantisation."""
     nominal, unit = stability.stiffness_limit, stability.unit
     if nominal.stable is None or nominal.passive is None:
         return
     yield f"stable {up_to(nominal.stable, unit)}"
-    # Above the limit a hand may meet values at which the loop is not passive.
+    # Above the limit the loop may not be passive for some open values.
     hand = ", stable with every passive hand" if nominal.passive and stability.is_inside else ""
     yield f"{passive_to(nominal.passive, unit)}{hand}"
     if nominal.quantisation is not None:
@@ -352,7 +352,7 @@ def verdict_texts(plan: Plan) -> Iterator[str]:
 
 
 def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
-    """Yield the worst of several resting places, the place where the ideal pushes on the most, and what was read."""
+    """Yield the worst of several equilibria, the largest growth of the ideal scene, and the sampled laws."""
     length, per = workspace.length_unit, f"{workspace.effort_unit}/{workspace.length_unit}"
     place, crest = stability.place, stability.crest
     if place is not None and place.among > 1 and place.position is not None:
@@ -371,7 +371,7 @@ def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
 
 
 def worst_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
-    """Yield the worst case of the open values, at which the limit was found; none for a limit that is not found."""
+    """Yield the worst case of the open values, at which the limit was found; nothing if there is none."""
     effort, travel = workspace.effort_unit, workspace.length_unit
     mass = "kg" if workspace is Workspace.LINEAR else "kg·m²"
     at = [
@@ -385,7 +385,7 @@ def worst_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
 
 
 def obstacle_text(obstacle: Obstacle, unit: str) -> str:
-    """Return which other element leaves no stiffness to the one that varies, and what to set."""
+    """Return the other element that leaves no stiffness to the varied element, with a setting that helps, in words."""
     element = obstacle.element
     return (
         f"{element.name} alone is above its limit, {rounded_limit(stiffness_of(element))} of "

@@ -1,9 +1,8 @@
-"""The guard of each drive: the watch by which it takes the torque away itself when nothing comes from us any more.
+"""The guard (watchdog) of each drive: without messages of the host the drive takes the torque away by itself.
 
-A guard is asked of the drive when it is configured. Whether it acts is proved by a run (`running.guard_proof`), which
-leaves the drive alone at zero torque and measures; the outcome stands in the rig file (`Proved`). A drive without a
-guard, or whose guard did not act when it was tried, may give no more torque than a hand can be left alone with, and
-only where a person can cut its power.
+The guard is set when the drive is configured. A run proves that it acts (`running.guard_proof`): the run stops sending
+at zero torque and measures the time. The outcome is kept in the rig file (`Proved`). A drive without a guard, or with a
+guard that failed in the test, may give no more than the holding torque, and only where a person can cut its power.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,17 +18,17 @@ from haptic_fieldbus.protocols.traffic import Json
 
 CAPPED = f"torque is limited to {100 * HOLDING_SHARE:g} % of rated, which a hand can hold"
 SAME_GUARD_MS = 0.5
-"""Two guards that differ by less are the same; drives count them in whole milliseconds."""
+"""Guard times that differ by less are equal; drives count in whole milliseconds."""
 BETWEEN_PROOFS = 0.2
-"""Longest time between two proofs of our life, in guards; a bus keeps every guard up at least so often."""
+"""Longest time between two signs of life of the host, as a share of the guard time; every bus keeps it."""
 _ROUNDED_MS = 0.001
-"""A measured time is kept in whole microseconds."""
+"""Resolution of a saved time: whole microseconds."""
 LONGEST_QUESTION = 0.02
-"""Time for asking a drive that has left the exchange, as far as it counts for the drive [s]."""
+"""Longest time of a question to a drive without exchange that counts for the drive [s]."""
 
 
 def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
-    """Return the reason for which no guard of the drive can be relied on; empty while none is known."""
+    """Return the reason why the drive has no reliable guard; empty if no reason is known."""
     if not profile.guarded:
         return f"{profile.title} has no watchdog that switches the torque off (profile)"
     proved = axis.proved
@@ -39,7 +38,7 @@ def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
 
 
 def cap_reason(profile: DriveProfile, axis: RigAxis, *, known: bool) -> str:
-    """Return the reason for which force is capped; empty when it is not. `known` is whether stability can be judged."""
+    """Return the reason why force is capped; empty when it is not. `known` is whether stability can be judged."""
     if not known:
         return "inertia and viscous_damping of the axis are unknown"
     if profile.echo is None:
@@ -54,7 +53,7 @@ def _failed(proved: Proved) -> str:
 
 
 def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
-    """Raise PlanError when nothing at all would take the torque of a drive away after the death of its master."""
+    """Raise PlanError when neither guard nor emergency stop takes the torque away after the host has failed."""
     why = unguarded(profile, axis)
     if why and axis.emergency_stop is None:
         raise PlanError(
@@ -66,53 +65,53 @@ def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
 
 @dataclass(frozen=True)
 class SetGuard:
-    """A guard as a plan sets it, and the times at which a proof must see it act."""
+    """A guard as the plan sets it, and the times within which a proof must see it act."""
 
     seconds: float
-    """Time for which it is set [s]."""
+    """Time to which the guard is set [s]."""
     late: float
-    """Time in which the last write reaches the drive and its controller acts [s]."""
+    """Time until the last write reaches the drive and its controller acts [s]."""
     period: float
     """Length of a period [s]."""
     written: tuple[str, ...] = ()
-    """All that is written to the drive for it, and the place of the drive."""
+    """All writes to the drive for the guard, and the place of the drive."""
 
     @property
     def between(self) -> float:
-        """Longest time between two looks at the drive [s]."""
-        # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
+        """Longest time between two readings of the drive [s]."""
+        # Two readings are a period apart; a reading without feedback ends nearly a period later.
         return 2.0 * self.period
 
     @property
     def earliest(self) -> float:
-        """Time from the last write at which it can act at the earliest [s]."""
+        """Earliest time from the last write to the reaction of the guard [s]."""
         return self.seconds - BETWEEN_PROOFS * self.seconds - self.between
 
     @property
     def allowed(self) -> float:
-        """Time from the last write within which the drive must be seen off [s], questions to it not included."""
+        """Latest time from the last write to a reading that shows the drive off [s], without the time of questions."""
         return self.seconds + self.late + self.between
 
 
 @dataclass(frozen=True)
 class AxisGuard:
-    """The guard of one axis, and all that is known of it before a bus is opened."""
+    """The guard of one axis, with its proof as far as it is known before a bus is opened."""
 
     axis: str
     set_to: SetGuard
     proved: Proved | None
-    """Proof that counts for this profile and this time, as far as the serial number is not known yet."""
+    """Proof that is valid for this profile and guard time; the serial number is not yet checked."""
     why_not: str
-    """Reason for which no proof counts; empty when one does, or when it is known that there is no guard."""
+    """Reason why no proof is valid; empty with a valid proof, or if the drive is known to have no reliable guard."""
     cap: str
-    """Reason for which torque is capped; empty when it is not."""
+    """Reason why torque is capped; empty when it is not."""
     emergency_stop: str | None
     exists: bool
-    """False: the profile offers none, so there is nothing to prove."""
+    """False: the profile offers no guard, so there is nothing to prove."""
 
     @property
     def seconds(self) -> float:
-        """Time for which it is set [s]."""
+        """Time to which the guard is set [s]."""
         return self.set_to.seconds
 
     def to_json(self) -> dict[str, Json]:
@@ -145,10 +144,10 @@ class AxisGuard:
 def to_prove(
     guards: Sequence[AxisGuard], recorded: Mapping[str, Proved | None], drives: Mapping[str, Identity]
 ) -> dict[str, str]:
-    """Return the axes whose guards are to be proved now, with the reason of each; empty when all proofs count.
+    """Return the axes whose guards must be proved now, with the reason of each; empty when all proofs are valid.
 
-    When one is to be proved, all others are proved with it, without a reason of their own. An axis without a guard, and
-    one whose guard is known not to act, is never among them. All mappings go by the names of the axes.
+    If one guard must be proved, all others are proved with it, with an empty reason. Axes without a guard, or with a
+    guard that is known not to act, are left out. The keys of all mappings are names of axes.
     """
     reasons = {each.axis: unproved(each, recorded[each.axis], drives[each.axis]) for each in guards}
     if not any(reasons.values()):
@@ -185,7 +184,7 @@ def _why_not(profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str
 
 
 def _out_of_time(proved: Proved, set_to: SetGuard) -> str:
-    """Return the reason for which the measured time of a proof would not pass at this rate; empty when it would."""
+    """Return the reason why the measured time of a proof is not accepted at this rate; empty when it is."""
     low, high = 1e3 * set_to.earliest, 1e3 * (set_to.allowed + LONGEST_QUESTION)
     if proved.guard_ms is not None and low - _ROUNDED_MS <= proved.guard_ms <= high + _ROUNDED_MS:
         return ""
@@ -194,9 +193,9 @@ def _out_of_time(proved: Proved, set_to: SetGuard) -> str:
 
 
 def unproved(guard: AxisGuard, recorded: Proved | None, drive: Identity) -> str:
-    """Return the reason for which a guard must be proved now; empty when its proof counts for the drive that is there.
+    """Return the reason why a guard must be proved now; empty when its proof is valid for the connected drive.
 
-    `recorded` is the outcome in the rig file, `drive` the drive that is there.
+    `recorded` is the outcome in the rig file, `drive` the connected drive.
     """
     if not guard.exists:
         return ""

@@ -1,10 +1,9 @@
 """The process image: a buffer of octets in and one out, each with precompiled codecs.
 
 Input:  HEADER with t_ns, the instant at which the drives latched the data of this period (with several buses the last
-        of them); then for each axis an AXIS_HEADER with age_ns of the data, link flags and a code; then for
-        each axis the octets of its incoming signals, as they were received. The code is that of an emergency, or the
-        identifier of the frame that is not ours.
-Output: for each axis the octets of its outgoing signals.
+of them); then for each axis an AXIS_HEADER with age_ns of the data, link flags and a code; then for each axis the
+octets of its incoming signals, as they were received. The code is an emergency error code, or the identifier of a
+foreign frame. Output: for each axis the octets of its outgoing signals.
 
 The bus writes the headers and copies payloads; it decodes nothing. Faults of the link therefore reach the cycle as
 data. The headers are little-endian. When all signals are little-endian too, as on CANopen, a codec is a plain
@@ -25,11 +24,11 @@ HEADER = struct.Struct("<q")
 AXIS_HEADER = struct.Struct("<IHH")
 AXIS_HEADER_FIELDS = ("age_ns", "flags", "emergency")
 T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
-"""Places in what the codec of an axis decodes; the mapped signals follow, the statusword first."""
+"""Indices in the decoded values of an axis; the mapped signals follow, the statusword first."""
 LARGEST_AGE_NS = 0xFFFF_FFFF
-"""Largest age that its field of 32 bits holds; also the age of an axis that never had feedback."""
+"""Largest age in the 32-bit field; also the age of an axis that never had feedback."""
 _RANKS = {signal: rank for rank, signal in enumerate(Signal)}
-"""Place of each signal in the order of the cycle, which is that of the enum."""
+"""Index of each signal in the order of the cycle, which is the order of the enum."""
 
 
 class Codec(Protocol):
@@ -79,7 +78,7 @@ class ImageLayout:
 
 
 def lay_out_image(axes: Sequence[AxisTraffic]) -> ImageLayout:
-    """Return the layout in which the axes, and the signals of each axis, follow one another."""
+    """Return the layout: the axes in sequence, and the signals of each axis in sequence."""
     header = HEADER.size
     inputs_at = HEADER.size + len(axes) * AXIS_HEADER.size
     outputs_at = 0
@@ -118,7 +117,7 @@ def canonical(signals: Sequence[MappedSignal]) -> tuple[MappedSignal, ...]:
 def _codec(start: str, signals: Sequence[MappedSignal], values: Sequence[MappedSignal]) -> Codec:
     """Return a codec for the little-endian fields `start`, followed on the wire by `signals`.
 
-    Its values are those of `start`, then those of the signals in the order of `values`.
+    It decodes the values of `start`, then the signals in the order of `values`.
     """
     # On CANopen both orders are the same and all octets little-endian: a plain struct is the fastest codec.
     straight = tuple(signals) == tuple(values)
@@ -166,7 +165,7 @@ class BigCodec(WireCodec):
         super().__init__(start, signals, places)
         self._rest = struct.Struct(">" + "".join(mapped.type.code for mapped in signals))
         self._values = tuple(places.index(place) for place in range(len(places)))
-        """By place on the wire: the value that stands there."""
+        """Value at each place on the wire."""
 
     def pack(self, *values: int) -> bytes:
         own = values[self._fields :]

@@ -1,4 +1,4 @@
-"""The limits of an axis: what the plan grants, before any guard of the running cycle."""
+"""The limits of an axis, as the plan sets them for the running cycle."""
 
 import math
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
-    """Return one step of a torque in the workspace [N or N·m], that of the target when the drive does not offer it.
+    """Return one step of a torque in the workspace [N or N·m]; one step of the target if the drive does not offer it.
 
     Raises PlanError when the rig lacks its scale.
     """
@@ -58,10 +58,10 @@ def effort_step(unit: str, profile: DriveProfile, axis: RigAxis) -> float:
 def rated_effort(axis: RigAxis, unit: str = "") -> float:
     """Return the effort at the motor's rated torque, in the workspace [N or N·m].
 
-    Where the drive takes a current (`unit` of its target) it is no more than that of the rated current, if the rig
-    states it: the shares that are permitted are then shares of the current, whatever the torque constant is.
+    If the target of the drive is a current (`unit`), and the rig states the rated current, the effort is at most that
+    of the rated current. Permitted shares are then shares of the current, whatever the torque constant is.
 
-    Raises PlanError when the rated torque is unknown, or when friction leaves nothing of it.
+    Raises PlanError when the rated torque is unknown, or not above friction.
     """
     rated = axis.rated_torque
     if rated is None:
@@ -79,7 +79,7 @@ def rated_effort(axis: RigAxis, unit: str = "") -> float:
 def position_steps(profile: DriveProfile, axis: RigAxis) -> float:
     """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position.
 
-    Raises PlanError for a motor that goes straight and turns in the rig.
+    Raises PlanError if the rig describes the motor both as linear and as rotary.
     """
     offered = profile.offers().get(Signal.POSITION)
     unit = offered.unit if offered else COUNTS
@@ -94,7 +94,7 @@ def load_of(axis: RigAxis, plant: Plant | None) -> "HungBody | None":
     coupling = axis.simulation.coupling
     if coupling is None or plant is None:
         return None
-    from haptic_fieldbus.margins.bodies import HungBody  # a rigid axis does without it
+    from haptic_fieldbus.margins.bodies import HungBody  # not needed for a rigid axis
 
     square = axis.mechanism.ratio**2
     return HungBody(coupling.load_inertia / square, coupling.stiffness / square, coupling.damping / square)
@@ -116,107 +116,111 @@ def plant_of(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None
 
 
 SHORTEST_FADE_IN, LONGEST_FADE_IN = 0.1, 60.0
-"""[s]; what may be asked for: a force that is there sooner is a kick."""
+"""Range of the fade-in time [s]: a force that rises faster is a kick."""
 SLEW_TIME = 0.005
 """Shortest time in which the command goes from 0 to the effort limit [s]."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
-"""[m/s or rad/s]; where a rig states none."""
+"""Speed limit of a rig without one [m/s or rad/s]."""
 FIRST_SHARE = 0.2
-"""Share of rated torque that is recommended as a limit to a rig that states none, for the first runs."""
+"""Limit for the first runs that is recommended for a rig without one, as a share of rated torque."""
 FIRST_SPEED = {"linear": 1.0, "rotary": 30.0}
-"""[m/s or rad/s]; recommended likewise, half of what holds where a rig states none."""
+"""Speed limit that is recommended for the first runs [m/s or rad/s], half of `SPEED_LIMIT`."""
 HAND = {"linear": 500.0, "rotary": 25.0}
-"""The largest force [N] or torque [N·m] that a hand is taken to exert, in a blow: from it follows which jump of the
-encoder no motion can make. Chosen here, well above a push (some 200 N) and below a hammer."""
+"""The largest force [N] or torque [N·m] of a hand, in a blow. A faster change of the position than this force can cause
+is a jump of the encoder. Chosen here, well above a push (some 200 N) and below a hammer."""
 DRIFT_TURNS = 0.1
-"""Revolutions of the motor that an integrated position may be uncertain by, where a rig states no limit: 12 s of
-readings in whole revolutions a minute, each wrong by half of one."""
+"""Drift limit of a rig without one, in revolutions of the motor: 12 s of readings in whole revolutions per minute, each
+wrong by half a revolution per minute."""
 STALL_TIME = 90.0
-"""[s]; so long counts may stand still under torque before the limit falls."""
+"""Time for which counts may stand still under torque before the limit falls [s]."""
 HOLDING_SHARE = 0.05
-"""Share of rated torque that a hand may be left alone with: after a stall, and without a guard that was proved."""
+"""Holding torque, as a share of rated torque: safe for a hand for any time. It applies after a stall, and without a
+proved guard."""
 PULSE_SHARE = 0.15
-"""Share of rated torque that is given at most before the sign is seen; more needs the permission of a person."""
+"""Largest torque before the motor direction is confirmed, as a share of rated torque; more needs the permission of a
+person."""
 PULSE_EFFORT = {"linear": 5.0, "rotary": 0.25}
-"""[N or N·m] at the handle that is given at most before the sign is seen, as the rig describes the handle: what a
-finger holds back. More needs the permission of a person."""
+"""Largest effort at the handle before the motor direction is confirmed [N or N·m], by the mechanism of the rig: a
+finger can hold it back. More needs the permission of a person."""
 START_SHARE = 0.25
-"""Share of the effort limit that a scene may ask for in its first period."""
+"""Largest force of a scene in its first period, as a share of the effort limit."""
 ECHO_TIME, ECHO_PERIODS = 0.035, 3
-"""[s] and periods, the longer of them: so long the drive may show another torque than it was sent."""
+"""Longest time for which the drive may show another torque than the one sent: [s] and periods, the longer of both."""
 ECHO_STEPS = 1
-"""Steps of target torque by which a torque demand may differ from what was sent."""
+"""Largest difference between a torque demand and the torque sent, in steps of target torque."""
 ECHO_SHARE = 0.03
-"""Share of rated torque by which a torque actual value may differ from what was sent, for noise and ripple of the
-current. Below `HOLDING_SHARE`: a torque that stands still unnoticed is one that a hand may be left alone with."""
+"""Largest difference between a torque actual value and the torque sent, as a share of rated torque, for noise and
+ripple of the current. It is below `HOLDING_SHARE`, so that a frozen torque that is not detected is safe for a hand."""
 FOREIGN_TIMES, FOREIGN_WITHIN = 3, 10.0
-"""So many set-points of another master that are seen within this time [s] are a trip."""
+"""Number of set-points of another master within a time [s] that is a trip."""
 FOREIGN_SHARE = HOLDING_SHARE
-"""Share of rated torque by which a drive may show more torque than it was sent: what a hand may be left alone with."""
+"""Largest excess of the shown torque over the torque sent, as a share of rated torque: the holding torque."""
 OVERSHOOT = 0.25
-"""Share of a change of torque by which torque actual may overshoot it."""
+"""Largest overshoot of torque actual, as a share of the change of torque."""
 FELT_SHARE = 0.08
-"""Smallest change of a force that a hand can tell, as a share of the force.
+"""Smallest change of a force that people notice, as a share of the force.
 
 Pang, Tan and Durlach measured 7 % from 2.5 to 10 N: Manual discrimination of force using active finger motion,
 Perception & Psychophysics 49 (1991).
 """
 ENERGY_LIMIT = 0.005
-"""[J] that the loop may give beyond everything that is granted: at a handle of 0.6 kg 0.13 m/s."""
+"""Largest energy of the loop above the granted energy [J]: a handle of 0.6 kg at 0.13 m/s."""
 LARGEST_MISSING_SHARE = 0.2
-"""Share of the samples of a second that may be missing, whatever the stability margin."""
+"""Largest share of missing samples in a second, for any stability margin."""
 GAP_SHARE = 0.9
-"""Share of the stability margin above 1 that gaps in the feedback may use up at their worst timing; the rest damps."""
+"""Largest share of the stability margin above 1 that gaps in the feedback may use at their worst timing; the rest
+damps."""
 AGE_SHARE = 0.6
-"""Share of the drive's own guard at which feedback is too old."""
+"""Age at which feedback is a trip, as a share of the drive's guard time."""
 SOON_SHARE = 0.5
-"""Of that age, within which feedback comes back soon: the law of the scene goes on from where it was."""
+"""Longest short gap, as a share of that age: after a short gap the law of the scene goes on from its place."""
 LARGEST_SHIFT = {"linear": 0.02, "rotary": 0.5}
-"""[m or rad] by which a scene may stand beside its place after gaps: the way of a fast hand, 1.3 m/s or 33 rad/s, in
-the longest gap after which feedback comes back soon at 1 kHz. Chosen here."""
+"""Largest shift of a scene after gaps [m or rad]: the motion of a fast hand, 1.3 m/s or 33 rad/s, in the longest short
+gap at 1 kHz. Chosen here."""
 HELD_POWER = 0.002
-"""Power [W] that the torque held in gaps may give to a hand on average, which it does not feel."""
+"""Largest mean power [W] of torque held in gaps; a hand does not feel it."""
 HELD_ENERGY = 0.05
-"""[J] that it may give beyond that power, in a single gap or in many: as much as a handle of 0.6 kg has at 0.4 m/s."""
+"""Largest energy of held torque above that power [J], in one gap or many: a handle of 0.6 kg at 0.4 m/s."""
 HOLD_FADE = 0.01
 """Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
 
 
 def fade_periods(period: float) -> int:
-    """Return in how many periods held torque fades to zero, at least 1."""
+    """Return the number of periods in which held torque fades to zero, at least 1."""
     return max(1, round(HOLD_FADE / period))
 
 
 def soon_periods(period: float, age: float) -> int:
-    """Return for how many periods feedback that ends a run at an `age` [s] may be missing and still come back soon."""
+    """Return the number of missing periods in the longest short gap; feedback of this `age` [s] is a trip."""
     return math.floor(SOON_SHARE * age / period + 1e-9)
 
 
 def doubt_time(period: float) -> float:
-    """Return how long the drive may show another torque than it was sent, from the first sign of it on [s]."""
+    """Return the deadline of a doubt [s]: the time for which the drive may show another torque than the one sent."""
     return max(ECHO_TIME, ECHO_PERIODS * period)
 
 
 def recent_time(period: float, age: float, lag: float) -> float:
-    """Return for how long a target torque may be what a drive shows [s].
+    """Return the time for which a drive may still show a target torque after it was sent [s].
 
-    That is the deadline of a doubt, the age at which feedback is a trip, and three times the lag of what shows it.
+    It is the sum of the deadline of a doubt, the age at which feedback is a trip, and three lags of the echo.
     """
     return doubt_time(period) + age + 3.0 * lag
 
 
 def foreign_gap(period: float, every: int) -> float:
-    """Return the time within which set-points of another master that are seen count as one [s].
+    """Return the time within which several detected set-points of another master count as one [s].
 
-    Three of them one after another take no longer than set-points may be without effect; a burst of noise is one.
+    Three in a row are found within the deadline of a doubt; a burst of noise counts as one.
     """
     return max(ECHO_TIME / ECHO_PERIODS, every * period)
 
 
 def echo_time(echo: Signal | None, period: float) -> float:
-    """Return the longest time until set-points without effect are noticed [s]; infinity without an echo.
+    """Return the longest time until set-points without effect are detected [s]; infinity without an echo.
 
-    An echo that is asked for shows it by the second answer at the latest, and confirms it by another one in time.
+    An echo that is read back shows it in the second answer at the latest; a further answer within the deadline confirms
+    it.
     """
     if echo is None:
         return math.inf
@@ -238,37 +242,37 @@ class EffortLimits:
     fade_in: float = DEFAULT_FADE_IN
     """Time from operation enabled to full force [s]."""
     drift: float = math.inf
-    """How far a position that is integrated from velocity may be uncertain."""
+    """Largest uncertainty of a position that is integrated from velocity [m or rad]."""
     acceleration: float = math.inf
-    """[m/s² or rad/s²]; beyond it is no motion of motor, hand and inertia."""
+    """[m/s² or rad/s²]; motor and hand cannot accelerate the inertia more."""
     power: float = math.inf
-    """[W] that the motor may give to the hand."""
+    """Largest power of the motor on the hand [W]."""
     stall: float = math.inf
-    """[s] for which counts may stand still under torque."""
+    """Longest time for which counts may stand still under torque [s]."""
     holding: float = math.inf
-    """Effort that is permitted after a stall."""
+    """Largest effort after a stall."""
     unseen: float = math.inf
-    """Largest effort of all, that of pulses, before the sign is seen."""
+    """Largest effort, that of the pulses, before the motor direction is confirmed."""
     age: float = math.inf
-    """[s]; oldest feedback with which force is rendered."""
+    """Largest age of feedback with which force is rendered [s]."""
     echo: float = math.inf
-    """[s] for which the drive may show another torque than it was sent; infinity where it shows none."""
+    """Longest time until set-points without effect are detected [s]; infinity for a drive without an echo."""
     shift: float = math.inf
-    """How far the scene may stand beside its place after gaps in the feedback [m or rad]."""
+    """Largest shift of the scene after gaps in the feedback [m or rad]."""
     energy: float = math.inf
-    """[J] that this axis and those that couplings tie to it may give of their own together; infinity: not judged."""
+    """Largest energy that this axis and its coupled axes may generate together [J]; infinity: not judged."""
     forgiven: float = math.inf
-    """[J] that these axes may give within a second because another force than that of the law is sent."""
+    """Largest energy that these axes may give within a second while the sent force differs from the law [J]."""
 
     @property
     def before_sign(self) -> float:
-        """Effort that the scene is permitted before the sign is seen [N or N·m]."""
+        """Largest effort of the scene before the motor direction is confirmed [N or N·m]."""
         return min(self.effort, self.holding, self.unseen)
 
     def jump(self, period: float, resolution: float) -> float:
-        """Return the largest second difference of the position [m or rad] that motion and encoder can make.
+        """Return the largest second difference of the position [m or rad] that motion and encoder can cause.
 
-        Each of its three readings is up to half a count off, the middle one counts twice.
+        Each of its three readings is wrong by up to half a count; the middle one counts twice.
         """
         return self.acceleration * period**2 + 2.0 * resolution
 
@@ -279,8 +283,7 @@ def limits_of(
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
     `rated` is the rated effort in the workspace [N or N·m], `step` one step of the drive's target torque. `plant` is
-    None when inertia or damping is unknown. A `capped` effort is what a hand may be left alone with
-    (`guards.cap_reason`).
+    None when inertia or damping is unknown. A `capped` effort is the holding effort (`guards.cap_reason`).
     """
     limits = axis.limits
     effort = min(limits.effort or math.inf, HOLDING_SHARE * rated if capped else rated)
@@ -302,14 +305,15 @@ def limits_of(
 
 
 def permitted_unseen(axis: RigAxis, rated: float, workspace: Workspace) -> tuple[float, float]:
-    """Return both bounds on the effort before the sign is seen: a share of the rated effort, and one at the handle."""
+    """Return both bounds on the effort before the motor direction is confirmed: by the rated effort, and at the
+    handle."""
     given = axis.permissions
     share = PULSE_SHARE if given.sign_pulse is None else given.sign_pulse
     return share * rated, PULSE_EFFORT[workspace.value] if given.sign_effort is None else given.sign_effort
 
 
 def check_places(scene: Scene, name: str, rig: Rig, elements: tuple[Element, ...], limits: EffortLimits) -> None:
-    """Refuse places that the handle cannot reach: such a wall would never be felt, or always with all of the force."""
+    """Refuse places outside the travel: such a wall would never be felt, or always with its full force."""
     if limits.position is None:
         return
     low, high = limits.position
@@ -330,7 +334,8 @@ def check_places(scene: Scene, name: str, rig: Rig, elements: tuple[Element, ...
 
 
 def _felt(element: Element, end: float, effort: float) -> bool:
-    """Return whether an element acts at an end of the range with less than the limit, as a preloaded spring does."""
+    """Return whether an element acts at an end of the travel with less than the effort limit, such as a preloaded
+    spring."""
     if not is_varying(element):
         return False
     there = element.local(end, end)
@@ -338,5 +343,5 @@ def _felt(element: Element, end: float, effort: float) -> bool:
 
 
 def _in_thousandths(place: float, unit: str) -> str:
-    """Return how a place in mm or mrad is written, where a place in m or rad would be far; else nothing."""
+    """Return a hint on mm or mrad for a place of at least 1 m or rad; empty for any other."""
     return f'; {exactly(place)} m{unit} is written "{exactly(place)} m{unit}"' if abs(place) >= 1.0 else ""

@@ -1,7 +1,7 @@
 """New values for a scene that runs: checked, compiled and judged as for a new run, before anything changes.
 
-The signals that a run maps, estimates and counts were decided before its first period, and so was whether its energy is
-judged. A change that needs further ones, or could not be judged, is refused, because it needs a new run.
+The mapped and estimated signals of a run, and the judgement of its energy, are fixed before its first period. A change
+that needs further signals, or whose energy could not be judged, needs a new run and is refused.
 """
 
 import math
@@ -31,7 +31,7 @@ MISSING = {
     Signal.TORQUE_ACTUAL: "torque actual, which this run does not map",
     Signal.ELAPSED_NS: "the time, which this run does not count",
 }
-"""Signals that a run may lack, in the words of a refusal; the position is always there."""
+"""Signals that a run may lack, in the words of a refusal; the position is never missing."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,12 @@ class RampingChange:
 def plan_change(
     running: Plan, last: Plan, settings: Mapping[str, Setting], *, force: bool = False, time: float = 0.0
 ) -> Change:
-    """Return the change that applies `settings` to `last`, the plan after the change before; nothing is touched.
+    """Return the change that applies `settings` to `last`, the plan after the previous change; nothing is changed yet.
 
-    `running` is the plan that the loop was made for, `time` the scheduled begin [s from operation enabled]. Raises
+    `running` is the plan at the start of the loop, `time` the scheduled begin [s from operation enabled]. Raises
     SceneError, UsageError or PlanError as a new run would, and PlanError for a signal that the loop lacks. Raises
-    UnstableSceneError when a new run with these values would be refused, or when the mixes on the way to them are
-    unstable; not with `force`, unless the run is on a real bus and its force is not capped.
+    UnstableSceneError when a new run with these values would be refused, or when a mix of old and new elements is
+    unstable. With `force` it is raised only for a run on a real bus without a force cap.
     """
     if not settings:
         raise UsageError('a change names what it changes, such as {"wall.stiffness": 800.0}')
@@ -74,7 +74,7 @@ def plan_change(
     task = Task(last.scene, settings=settings)
     scene, part = settled(task)
     plan = _compiled(running, scene)
-    if part is not None:  # a part of the limit, which the first plan has made known
+    if part is not None:  # a part of the limit, which is known from the first plan
         plan = _compiled(running, at_limit(task, scene, part, plan.stability))
     # A sentence occurs once, however many axes it is about.
     refused = dict.fromkeys(_beyond(running, plan))

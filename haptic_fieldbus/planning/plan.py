@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from haptic_fieldbus.planning.coupled_plan import CouplingAges
 
 
-# What a plan rests on without a source: the values of the profiles that are marked ASSUMED, in words.
+# Values of the plan without a source: the values of the profiles that are marked ASSUMED, in words.
 #
-# A limit that is computed from an assumption is no better than it. The word therefore stands beside each result.
+# A limit that is computed from an assumption is no better than the assumption. Each result therefore shows the word.
 
 _WORDS: dict[str, Callable[[DriveProfile], str]] = {
     "timing.torque_bandwidth": lambda profile: f"torque loop {exactly(profile.timing.torque_bandwidth)} Hz",
@@ -43,23 +43,23 @@ _WORDS: dict[str, Callable[[DriveProfile], str]] = {
     "link_loss.reacts": lambda profile: "reaction to a lost link",
     "sync.powers": lambda profile: "accepted loop periods",
 }
-"""Key of a profile → its words; others do not bear on torque, or follow from these."""
+"""Key of a profile → its words; other keys do not affect torque, or follow from these."""
 _ORDER = list(_WORDS)
 
 
 def assumed_words(profile: DriveProfile) -> tuple[str, ...]:
-    """Return what is assumed of a drive, the times first."""
+    """Return the words of the assumed values of a drive, times first."""
     keys = {member for key in profile.assumed for member in _members(key)}
     return tuple(_WORDS[key](profile) for key in sorted(keys, key=_ORDER.index))
 
 
 def _members(key: str) -> Iterator[str]:
-    """Yield the keys with words that a source covers: its own, or those of its table."""
+    """Yield the keys with words that a source covers: its own key, or the keys of its table."""
     yield from (name for name in _WORDS if name == key or name.startswith(f"{key}."))
 
 
 def assumed_lines(axes: Iterable[AxisPlan]) -> tuple[str, ...]:
-    """Return a line for each drive of which something is assumed; drives of one profile share theirs."""
+    """Return a line for each drive with assumed values; drives with one profile share a line."""
     profiles = {axis.profile.title: axis.profile for axis in axes}
     told = {title: ", ".join(assumed_words(profile)) for title, profile in profiles.items()}
     several = len(profiles) > 1
@@ -67,19 +67,19 @@ def assumed_lines(axes: Iterable[AxisPlan]) -> tuple[str, ...]:
 
 
 def assumed_texts(assumed: Iterable[str]) -> Iterator[str]:
-    """Yield each line of what is assumed with its reason."""
+    """Yield each line of assumed values with its reason."""
     return (f"{text}; not stated by the profile" for text in assumed)
 
 
 def _margin(axis: AxisPlan) -> float:
-    """Return the margin of an axis; ∞ for one without a stiffness, which is the weakest only if no other is there."""
+    """Return the margin of an axis; ∞ without a stiffness, so that such an axis is the weakest only if it is alone."""
     margin = None if axis.stability is None else axis.stability.margin
     return math.inf if margin is None else margin
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A part that a plan does without, and the reason."""
+    """A part that a plan omits, and the reason."""
 
     what: str
     why: str
@@ -204,7 +204,7 @@ class Plan:
         names = {axis.group.reference_axis for axis in self.axes if axis.group is not None}
         if not names or any(axis.stability is None for axis in self.axes):
             return None
-        # The margin of a single group is not asked for: it takes longer than all other values of a plan.
+        # The margin of a single group is not computed: it takes longer than all other values of a plan.
         judged = [axis for axis in self.axes if axis.name in names]
         return judged[0] if len(judged) == 1 else min(judged, key=_margin)
 
@@ -217,7 +217,7 @@ class Plan:
         """Age of the motion to which each coupling reacts; empty without couplings."""
         if not self.scene.couplings:
             return ()
-        # Imported here, because a scene without couplings does without it.
+        # Imported here, because a scene without couplings does not need it.
         from haptic_fieldbus.planning.coupled_plan import ages
 
         latch = {name: bus.traffic.latch(name) for bus in self.buses for name in bus.axes}

@@ -1,4 +1,4 @@
-"""Refusal of a scene above its limit before anything moves, with the limit and with settings that are inside."""
+"""Refusal of a scene above its limit before anything moves, with the limit and with settings inside it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,22 +25,22 @@ from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.registry import parameters
 from haptic_fieldbus.signals import Signal, Workspace
 
-# Limits of the ways in which a bus could exchange feedback and set-points: that of the plan, and others.
+# Limits with each way in which a bus could exchange feedback and set-points: the way of the plan, and others.
 
 
 @dataclass(frozen=True)
 class ExchangeLimit:
-    """The limit of the weakest axis of a plan by one way of exchange."""
+    """The limit of the weakest axis of a plan with one way of exchange."""
 
     bus: str
     exchange: str
     """The way in words."""
     rate: float
-    """[Hz]: that of the plan, or the highest that the way sustains."""
+    """Rate of the plan, or the highest rate of this way [Hz]."""
     delay: float
     """Longest time from sampling to acting of an axis on the bus, with the lag of the torque loop [s]."""
     limit: float | None
-    """[N/m or N·m/rad]; None when no stiffness can be varied, or a bench is unknown."""
+    """Limit [N/m or N·m/rad]; None without a stiffness to vary, or with an unknown bench."""
     unit: str
     chosen: bool
 
@@ -67,7 +67,7 @@ def way_limits(plan: Plan) -> tuple[ExchangeLimit, ...]:
 
 
 def _by(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> Plan:
-    """Return the plan with one bus exchanging in another way; only its delays, period and verdicts are those."""
+    """Return the plan with another exchange on one bus; only delays, period and verdicts are updated."""
     period = round(1e9 / traffic.rate) * 1e-9
     axes = [on_bus(axis, traffic, period) if axis.name in bus.axes else axis for axis in plan.axes]
     return replace(plan, rate=traffic.rate, axes=with_verdicts(axes, period))
@@ -82,7 +82,7 @@ def _limit(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> ExchangeLimit:
 
 
 def check_stable(plan: Plan, *, running: bool = False) -> None:
-    """Raise UnstableSceneError for the first axis that its limit forbids; an axis of an unknown bench has no limit.
+    """Raise UnstableSceneError for the first axis above its limit; an axis with an unknown bench has no limit.
 
     On simulated buses a scene above the limit is permitted while the loop with the values of rig and profile is stable.
     With `running` the message proposes no damping to a loop that has no velocity, because it could not render it.
@@ -105,7 +105,7 @@ def above_limit(plan: Plan) -> Iterator[str]:
 
 
 def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
-    """Return the message: the stiffness, the limit that it exceeds, and settings that are inside."""
+    """Return the message: the stiffness, the limit that it exceeds, and settings inside the limit."""
     axis = plan.axis(group.reference_axis)
     hints = _hints(group)
     if running and Signal.VELOCITY not in axis.needs:
@@ -139,7 +139,7 @@ def limit_value(stability: Stability) -> str:
 
 
 def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[OwnLaw, str]]:
-    """Yield each element without bounds of its own, and how it was judged."""
+    """Yield each element that states no bounds, with its stability check."""
     length, per = workspace.length_unit, f"{workspace.effort_unit}/{workspace.length_unit}"
     for law in stability.own_laws:
         beyond = " and ".join(law.beyond)
@@ -172,7 +172,7 @@ def _uncoupled(plan: Plan, group: Group) -> str:
 
 
 def softer(element: AnyElement, stiffness: float) -> str:
-    """Return the `--set` options that give an element this stiffness, by way of the parameters that it follows from."""
+    """Return the `--set` options that give an element this stiffness, through the parameters that determine it."""
     graded = abilities(element).with_stiffness
     if graded is None:
         return f"--set {element.name}.stiffness={exactly(stiffness)}"
@@ -182,7 +182,7 @@ def softer(element: AnyElement, stiffness: float) -> str:
     # A list of stiffnesses cannot be written as one setting.
     if not all(isinstance(value, float) for value in changed.values()):
         return f"{element.name} with all stiffnesses multiplied by {rounded(stiffness / abilities(element).stiffness)}"
-    # Several are rounded by less, so that their ratio stays.
+    # Several values are rounded to more digits, so that their ratio stays.
     digits = 2 if len(changed) == 1 else LIMIT_DIGITS
     smaller = {name: rounded_down(value, digits) if value > 0.0 else value for name, value in changed.items()}
     settings = [f"{name}={exactly(value)}" for name, value in smaller.items()]
@@ -190,7 +190,7 @@ def softer(element: AnyElement, stiffness: float) -> str:
 
 
 def _hints(group: Group) -> list[str]:
-    """Return settings that bring the group inside its limit, each by itself; empty when nothing can be varied."""
+    """Return settings each of which brings the group inside its limit; empty when nothing can be varied."""
     element, found = group.stiffest, group.suggested()
     if element is None:
         return []
@@ -202,7 +202,8 @@ def _hints(group: Group) -> list[str]:
 
 
 def _eased(group: Group) -> Iterator[str]:
-    """Yield settings that make an element softer which leaves no stiffness to another one, and that one if it must."""
+    """Yield settings that soften the element that leaves no stiffness to another element, and the other element if
+    necessary."""
     obstacle = group.limit_over_ranges().obstacle
     if obstacle is None:
         return

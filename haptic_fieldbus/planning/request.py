@@ -27,10 +27,10 @@ from haptic_fieldbus.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Task:
-    """Request of a caller, as it was given: a scene on a bench, the shipped one or that of a rig.
+    """Request of a caller, unchanged: a scene on the shipped bench or on the bench of a rig.
 
-    Nothing is loaded or checked yet. A rig replaces `drive` and `node`. A `bus` that is given replaces the buses of the
-    rig. The open loop, which has no bench, takes the scene and how it is rendered alone.
+    Nothing is loaded or checked yet. A rig replaces `drive` and `node`. A given `bus` replaces the buses of the rig.
+    The open loop has no bench and uses only the scene, its method and its estimator.
     """
 
     scene: str | Path | Scene
@@ -62,9 +62,10 @@ class Task:
 
 
 MAXIMUM_RATE = 100_000.0
-"""Highest rate accepted [Hz]: far above the rate of any bus here, and low enough for the clock to resolve a period."""
+"""Highest rate accepted [Hz]: far above the rate of any supported bus, and low enough for the clock to resolve a
+period."""
 MINIMUM_RATE = 0.1
-"""Lowest rate accepted [Hz]: five of its periods are the longest time that a drive's guard can be given."""
+"""Lowest rate accepted [Hz]: five of its periods are the longest guard time of a drive."""
 LONGEST = 1e6
 """Longest duration accepted [s]."""
 LARGEST_SEED = 2**64 - 1
@@ -138,7 +139,7 @@ def check_request(
     seed: int = DEFAULT_SEED,
     record: Path | None = None,
 ) -> BusName:
-    """Check a request and return its bus; `rate` in Hz, None for that of the bus, `duration` in s.
+    """Check a request and return its bus; `rate` in Hz, None for the rate of the bus, `duration` in s.
 
     Raises one UsageError that lists every fault.
     """
@@ -154,13 +155,13 @@ def check_request(
 
 
 def _node_faults(protocol: str, interface: str, node: int) -> list[str]:
-    """Return the fault of a node-ID outside of those of `protocol`; empty when there is none."""
+    """Return the fault of a node-ID outside the range of `protocol`; empty without a fault."""
     wanted = protocol_named(protocol).wanted_node(node, interface)
     return [f"node {node}: a node-ID is {wanted}"] if wanted else []
 
 
 def check_fade_in(fade_in: float) -> None:
-    """Raise UsageError for a time [s] in which a force would not fade in; the comparison also refuses NaN."""
+    """Raise UsageError for a fade-in time [s] outside its range; the comparison also refuses NaN."""
     if not SHORTEST_FADE_IN <= fade_in <= LONGEST_FADE_IN:
         least, most = exactly(SHORTEST_FADE_IN), exactly(LONGEST_FADE_IN)
         raise UsageError(f"fade-in {exactly(fade_in)} s: expected {least} to {most} s, so that the person notices it")
@@ -175,7 +176,7 @@ def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
         (good_rate, f"rate {exactly(rate)}: expected a rate above 0, {rates}"),
         (good_duration, f"duration {exactly(duration)}: expected a time above 0 s, at most {exactly(LONGEST)} s"),
         (
-            # Only if both are good by themselves: one fault is not to be reported twice.
+            # Only if both values are valid: one fault must not be reported twice.
             not (good_rate and good_duration) or rate * duration >= 1.0,
             f"duration {exactly(duration)} s: less than one period at {exactly(rate)} Hz",
         ),
@@ -185,16 +186,16 @@ def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
 
 
 def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list[str]:
-    """Return the reason why a file cannot be written, before the run rather than after it; empty when it can."""
+    """Return the reason why a file cannot be written, known before the run; empty when it can be written."""
     if path is None:
         return []
     if path.suffix not in suffixes:
         return [f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}']
     if not path.parent.is_dir():
         return [f'{option} "{path}": no folder {path.parent}']
-    # Opening to append tries the permissions without changing a file that is there.
+    # Opening to append tests the permissions without changing an existing file.
     existed = path.exists()
-    if path.is_fifo():  # opening it would wait for somebody who reads it
+    if path.is_fifo():  # opening it would wait for a reader
         return [f'{option} "{path}": it is a FIFO; expected a regular file']
     try:
         path.open("ab").close()

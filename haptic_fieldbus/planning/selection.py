@@ -27,10 +27,10 @@ from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
 from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
 
-# A scene with its settings applied, one of which may be `max` or `max/N`: the limit, or a part of it.
+# A scene with its settings applied. One setting may be `max` or `max/N`: the limit, or a part of it.
 #
-# The limit is that of the scene with all other settings applied, so it takes two steps: `settled` returns the scene
-# without that setting, and `at_limit` the final scene, once the caller has judged the first one.
+# The limit applies to the scene with all other settings, so there are two steps. `settled` returns the scene without
+# this setting. `at_limit` returns the final scene after the caller has judged the first one.
 
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 """Form of a setting that is a part of the limit: `max`, `max/2`, `max/1.5`."""
@@ -39,7 +39,7 @@ PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 def settled(task: Task) -> tuple[Scene, str | None]:
     """Load the scene of a task and apply all settings but a part of the limit.
 
-    Returns the scene and the name of that setting; None when there is none, so that the scene is final. Raises
+    Returns the scene and the name of that setting; None without such a setting, the scene is then final. Raises
     SceneError or UsageError.
     """
     values = parsed(task.settings)
@@ -89,7 +89,7 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> S
         return load_scene(scene, values)
     if not values:
         return scene
-    # Imported here, because a scene that is named or keeps its values does without it.
+    # Imported here, because a named scene or unchanged values do not need it.
     from haptic_fieldbus.scenes.parameter_changes import changed
 
     return changed(scene, values)
@@ -98,7 +98,7 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> S
 def parsed(settings: Mapping[str, Setting] | None) -> dict[str, Setting]:
     """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are.
 
-    Raises TypeError for what is no mapping, and for a value that no file could have.
+    Raises TypeError for settings that are no mapping, and for a value that no file could have.
     """
     if not isinstance(settings, Mapping | None):
         raise wrong_kind("settings", 'a mapping such as {"wall.stiffness": 800.0}', settings)
@@ -130,7 +130,7 @@ def _part_of_limit(values: Mapping[str, Setting]) -> str | None:
 
 
 def _check_scales(part: str, value: Setting, scene: Scene) -> None:
-    """Raise UsageError unless the setting is a stiffness, or one from which the stiffness of its element follows."""
+    """Raise UsageError unless the setting is a stiffness, or determines the stiffness of its element."""
     name, _, parameter = part.rpartition(".")
     element: Any = next((each for each in scene.elements if each.name == name), None)
     if parameter == "stiffness" or element is None:
@@ -145,12 +145,12 @@ def _check_scales(part: str, value: Setting, scene: Scene) -> None:
 
 
 HERE = "here"
-"""Zero of all axes: where the handle is when the drive is enabled."""
+"""Zero of all axes: the position of the handle when the drive is enabled."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """A task with all that it names loaded: the scene with its settings, the bench, and the bus; and its plan."""
+    """A loaded task: the scene with its settings, the bench and the bus; and its plan."""
 
     task: Task
     scene: Scene
@@ -160,7 +160,7 @@ class Selection:
     rig: Rig
     bus: BusName
     profiles: Mapping[str, DriveProfile] = field(default_factory=dict)
-    """Profiles that are known already, by their names in the rig; others are loaded."""
+    """Profiles that are already loaded, by their names in the rig; others are loaded on demand."""
     forced: bool = False
     """True: the force is capped, because the scene is rendered above its limit."""
 
@@ -206,12 +206,12 @@ def select(task: Task) -> Selection:
 
 
 def load(task: Task) -> Selection:
-    """Load all that the task names, except profiles, and judge nothing; raises DocumentError or UsageError."""
+    """Load everything that the task names except profiles, without a verdict; raises DocumentError or UsageError."""
     check_rendering(task)
     if isinstance(task.rig, Rig):
-        check_rig(task.rig)  # made in Python, it may say what no file may say
+        check_rig(task.rig)  # made in Python, it may have values that no file may have
     rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
-    # A bus that is named replaces the buses of the rig; without either it is the simulation.
+    # A named bus replaces the buses of the rig; without both the bus is the simulation.
     bus = parse_bus(task.bus or DEFAULT_BUS) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
         rig = _on_bus(rig, bus)
@@ -239,10 +239,11 @@ def _with_zero(rig: Rig, zero: str | None) -> Rig:
 
 
 def check_rendering(task: Task) -> None:
-    """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
+    """Check the names of method and estimator, even if the scene does not need them, and the elements of a ready-made
+    scene.
 
     Raises UsageError for an unknown name, SceneError for an element that a scene file could not have, TypeError for an
-    element that is none.
+    object that is no element.
     """
     # Imported only when named, because a scene that needs neither must not import them.
     if task.method is not None:
@@ -263,7 +264,7 @@ def _renamed(scene: Scene, task: Task) -> Scene:
     """Return the scene with the names that the task gives its axes; raises UsageError for an unknown axis."""
     if not task.axes:
         return scene
-    # Imported here, because a scene whose axes keep their names does without it.
+    # Imported here, because unchanged names of the axes do not need it.
     from haptic_fieldbus.scenes.parameter_changes import with_axes
 
     return with_axes(scene, task.axes)
@@ -314,13 +315,13 @@ def _on_bus(rig: Rig, named: BusName) -> Rig:
 def _shipped_bench(scene: Scene, drive: str | None, bus: BusName, node: int) -> Rig:
     """Return the shipped bench: a drive for each axis of the scene, with node-IDs counting from `node`.
 
-    On a real bus nothing is known of the motors, so that rated torque, inertia and damping are None.
+    On a real bus the motors are unknown, so rated torque, inertia and damping are None.
     """
     name, drive = bus.text.partition("@")[0], drive or protocol_named(bus.section.protocol).default_drive
     axes = {}
     for number, axis in enumerate(scene.axes, start=node):
         made = RigAxis(name, number, drive, shipped_mechanism(axis.workspace), COUNTS_PER_REVOLUTION)
-        if bus.simulated:  # nobody holds it, and its power can be cut at any time
+        if bus.simulated:  # no hand at the handle, and its power can be cut at any time
             made = default_axis(axis.workspace, bus=name, node=number, profile=drive)
             made = replace(made, emergency_stop="power")
         axes[axis.name] = made

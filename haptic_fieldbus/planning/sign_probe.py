@@ -1,35 +1,35 @@
-"""The torque by which the sign from torque to motion is seen, before more than a hand can bear is given.
+"""The torque pulses that test the motor direction (the sign from torque to motion) before the full force is permitted.
 
-A reversed encoder, or a motor that turns the other way, makes a spring push away instead of back. In a scene nothing
-tells this before the handle flies: a spring answers the position alike with either sign, and a hand that leads the
-handle sees to it that position and torque go together. What tells is a torque that does *not* answer the motion. So at
-enabling, while the permitted torque is small, pulses of both signs are given, of which neither scene nor hand knows.
+A reversed encoder, or a motor that turns the other way, makes a spring push away instead of back. The scene does not
+show this before the handle flies: a spring reacts to the position in the same way with either sign, and a hand that
+leads the handle makes position and torque agree. A torque that does *not* depend on the motion shows the sign. At
+enabling, while the permitted torque is small, pulses of both signs are therefore given, independent of scene and hand.
 
-A *pulse* lasts three times n periods: n without torque, n with the torque s·A, n with −s·A to stop again. From the
-positions at the ends of its first two thirds follows the second difference
+A *pulse* lasts three times n periods: n without torque, n with the torque s·A, n with −s·A to stop again. The positions
+at its begin and at the ends of its first two thirds give the second difference
 
     e = x(2n) − 2·x(n) + x(0)
 
-A motion with constant speed drops out of it. Two pulses of opposite sign are a *pair*, d = e₊ − e₋, from which constant
-acceleration drops out too: a push, a weight. For a mass alone d = A·T²/m with T = n periods.
+A constant speed cancels in e. Two pulses of opposite sign are a *pair*, d = e₊ − e₋. A constant acceleration, such as a
+push or a weight, cancels in d too. For a mass alone d = A·T²/m with T = n periods.
 
-Three things must agree before anything is decided, so that it takes more than noise, a hand or a spring to decide
-falsely, and all three are the same for either decision:
+Three conditions must agree before a decision, so that noise, a hand or a spring alone cannot cause a wrong one. They
+are the same for both decisions:
 
-- *Every pair* shows |d| of at least three counts, all to the same side. Each of the readings of a pair is up to half a
-  count off, two of them count twice: together at most four counts, with a standard deviation of one.
-- *The first pulse* goes to that side. It begins at rest, and what is pushed out of rest goes the way of the push first,
-  whatever mass, spring or damper hold it. Later pulses may go wrong while the handle still rings.
-- *Every pulse* goes the way of its torque, after a straight line is taken out of their e. The signs are + − − + − + + −
-  … (Thue and Morse), which no even motion follows: a hand that leads the handle would have to turn it round with nearly
-  every pulse, some 30 times a second on the shipped bench. Where pulses are so long that a hand could, there are
-  twice as many, with turns that are so uneven that no swing follows them.
+- *Every pair* shows |d| of at least three counts, all to the same side. Each reading of a pair is wrong by up to half a
+  count, and two of them count twice: together at most four counts, with a standard deviation of one.
+- *The first pulse* moves the handle to that side. It begins at rest, and a body at rest first moves in the direction of
+  the push, whatever mass, spring or damper hold it. Later pulses may fail while the handle still rings.
+- *Every pulse* moves the handle in the direction of its torque, after a straight line is subtracted from their e. The
+  signs are + − − + − + + − … (Thue and Morse). No regular motion follows them: a hand that leads the handle would have
+  to reverse it at nearly every pulse, some 30 times a second on the shipped bench. If pulses are so long that a hand
+  could do so, there are twice as many pulses. Their reversals are too irregular for any oscillation.
 
 A pulse is as long as it takes for d to be four counts, but at least 5 ms. The pulses begin small. While nothing moves
 they grow step by step to a bound that no description of the bench can raise: 15 % of rated torque, and 5 N or 0.25 N·m
-at the handle (`limits.PULSE_SHARE`, `PULSE_EFFORT`). At the bound they become longer. When something moved, but not as
-it must, the pulses become longer with the same torque. After that the scene goes on within 5 % of rated torque, and it
-is tried again every second. A handle that did not move in three attempts ends the run.
+at the handle (`limits.PULSE_SHARE`, `PULSE_EFFORT`). At the bound they become longer. If the handle moved, but the
+conditions do not agree, the pulses become longer with the same torque. After that the scene goes on within 5 % of rated
+torque, and the test is repeated every second. A handle that did not move in three attempts ends the run.
 """
 
 import math
@@ -47,17 +47,17 @@ from haptic_fieldbus.planning.limits import HOLDING_SHARE, permitted_unseen
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import Signal
 
-# How much an element answers acceleration, as a mass would.
+# Reaction of an element to acceleration, as a virtual mass.
 
 FASTEST_HAND, BLOCK = 30.0, 600.0
-"""[rad/s]; between them lie changes of torque that a hand does not follow, and that are seen within blocks of 5 ms."""
+"""[rad/s]; changes of torque between these frequencies are too fast for a hand, and visible in blocks of 5 ms."""
 FREQUENCIES = np.geomspace(FASTEST_HAND, BLOCK, 16)
 
 
 def virtual_mass(elements: Iterable[Element]) -> float:
     """Return the largest mass [kg or kg·m²] that the elements add to the handle between these frequencies.
 
-    A force H(jω)·x on a motion x with the frequency ω acts like a mass Re H/ω², since a mass answers with m·ω²·x.
+    A force H(jω)·x on a motion x with the frequency ω acts like a mass Re H/ω², because the force of a mass is m·ω²·x.
     """
     total = np.zeros(FREQUENCIES.size)
     for element in elements:
@@ -72,21 +72,22 @@ def virtual_mass(elements: Iterable[Element]) -> float:
 
 
 FIRST_SHARE = 2.0 / 3.0
-"""Of `HOLDING_SHARE` of rated torque, with which the probe begins."""
+"""First torque of the probe, as a share of the holding torque."""
 GROWTH = 1.5
-"""Of one step of torque to the next."""
+"""Factor from one torque of the probe to the next."""
 LENGTHS = (2, 4)
-"""Of the pulses that are made longer, in lengths of the first one."""
+"""Lengths of the longer pulses, as multiples of the first length."""
 ATTEMPTS = 3
-"""In which nothing may move; between them are pauses in which a person can let go of the handle."""
+"""Number of attempts without any motion that end a run; in the pauses between them a person can let go of the
+handle."""
 SHORTEST_PULSE, LONGEST_PULSE = 0.005, 0.1
-"""[s]; of the part with one torque."""
+"""Range of the length of the part of a pulse with one torque [s]."""
 ASKED_COUNTS, SEEN_COUNTS = 4.0, 3.0
-"""Counts that a pair is designed to show, and those from which on it counts."""
+"""Counts for which a pair is designed, and smallest number of counts with which it is valid."""
 FEWEST_PAIRS, MORE_PAIRS = 3, 6
-"""Pairs of a stage that is faster than a hand, and of one that is not."""
+"""Number of pairs of a stage that is faster than a hand, and of a slower stage."""
 HAND_TIME = 0.15
-"""[s]; in it a hand makes no more than one movement and back."""
+"""Time in which a hand makes at most one movement and back [s]."""
 PAUSE = 1.0
 """[s] between two attempts."""
 PULSES_OF_A_PAIR, PARTS = 2, 3
@@ -103,19 +104,19 @@ class PulseStage:
 
 @dataclass(frozen=True)
 class SignProbe:
-    """How the sign of one axis will be seen."""
+    """Test of the motor direction of one axis."""
 
     stages: tuple[PulseStage, ...]
-    """Tried one after the other until the sign is seen."""
+    """Stages in their order, until the direction is confirmed."""
     holding: float
-    """Effort that the scene is permitted until then [N or N·m]."""
+    """Largest effort of the scene until then [N or N·m]."""
     period: float
     """[s]"""
     step: float
     """Smallest measurable motion: one encoder count [m or rad]; for a drive with velocity only, one step of its speed
     [m/s]."""
     speed: bool
-    """Whether `step` is one of speed."""
+    """Whether `step` is a step of speed."""
     mass: float | None
     """[kg or kg·m²]; None: unknown."""
     friction: float
@@ -128,17 +129,18 @@ class SignProbe:
 
     @property
     def time(self) -> float:
-        """Least time until the sign is seen [s]."""
+        """Shortest time until the direction is confirmed [s]."""
         return self.stages[0].pairs * PULSES_OF_A_PAIR * PARTS * self.stages[0].periods * self.period
 
     @property
     def travel(self) -> float | None:
-        """How far the first pulse moves a handle without friction [m or rad]; None: the inertia is unknown."""
+        """Motion of a handle without friction in the first pulse [m or rad]; None: the inertia is unknown."""
         return self._moved(self.stages[0])
 
     @property
     def farthest(self) -> float | None:
-        """How far any pulse may move a handle, as when it comes loose [m or rad]; None: the inertia is unknown."""
+        """Largest motion of a handle in any pulse, for example if it comes loose [m or rad]; None: the inertia is
+        unknown."""
         ways = [way for stage in self.stages if (way := self._moved(stage)) is not None]
         return max(ways, default=None)
 
@@ -146,20 +148,20 @@ class SignProbe:
         return stage.effort / self.mass * (stage.periods * self.period) ** 2 if self.mass else None
 
     def least(self, stage: PulseStage) -> float:
-        """Return the smallest d of a pair that counts [m or rad]."""
+        """Return the smallest d of a valid pair [m or rad]."""
         return SEEN_COUNTS * self.step * (stage.periods * self.period if self.speed else 1.0)
 
 
 def sign_probe(axis: AxisPlan, period: float) -> SignProbe | None:
-    """Return how the sign of the axis is seen; None where it is known."""
+    """Return the direction test of the axis; None if the direction is known."""
     return None if axis.sign_known else probe_of(axis, period)
 
 
 def check_steps(axis: AxisPlan) -> None:
-    """Raise PlanError when the drive cannot be sent what is permitted, because its steps of torque are of another size.
+    """Raise PlanError when the torque steps of the drive are too large or too small for the permitted torque.
 
-    That is when one step is more than is permitted before the sign is seen, or when the limit of the axis has more
-    steps than the type of the target torque.
+    A step is too large if it exceeds the torque permitted before the direction is confirmed. It is too small if the
+    limit of the axis has more steps than the type of the target torque.
     """
     target, force = axis.profile.offers()[Signal.TARGET_TORQUE], axis.workspace.effort_unit
     step = f"axis {axis.name}: one step of target torque is {in_unit(axis.effort_unit, force)} at the handle"
@@ -177,13 +179,13 @@ def check_steps(axis: AxisPlan) -> None:
 
 
 def probe_of(axis: AxisPlan, period: float) -> SignProbe:
-    """Return how the sign of the axis is seen, known or not."""
+    """Return the direction test of the axis, even if the direction is known."""
     bound = axis.limits.unseen
     friction = axis.rig.coulomb_friction / axis.rig.mechanism.ratio
     efforts = tuple(_efforts(axis, bound))
     step = abs(axis.velocity_unit) if axis.integrates else axis.resolution
     mass = axis.plant.mass if axis.plant is not None else None
-    # The pulses are as long as the first torque needs that friction leaves enough of.
+    # The length of the pulses fits the first torque that is well above friction.
     enough = next((effort for effort in efforts if effort > 1.5 * friction), bound)
     length = _length(step, enough - friction, mass, speed=axis.integrates)
     periods = max(1, math.ceil(length / period - 1e-9))
@@ -215,13 +217,13 @@ def longer(stage: PulseStage, period: float) -> tuple[PulseStage, ...]:
 
 
 def _pairs(length: float) -> int:
-    """Return how many pairs decide with pulses of this length [s]."""
+    """Return the number of pairs in a stage with pulses of this length [s]."""
     fast = FEWEST_PAIRS * PULSES_OF_A_PAIR * PARTS * length <= HAND_TIME
     return FEWEST_PAIRS if fast else MORE_PAIRS
 
 
 def _length(step: float, effort: float, mass: float | None, *, speed: bool) -> float:
-    """Return the time for which a torque must act on the free handle to be seen [s]."""
+    """Return the time for which a torque must act on the free handle until its motion is measurable [s]."""
     if not mass or effort <= 0.0:
         return SHORTEST_PULSE
     least = ASKED_COUNTS * step * mass / effort  # speed times time of the pulse, or its square
@@ -229,12 +231,12 @@ def _length(step: float, effort: float, mass: float | None, *, speed: bool) -> f
 
 
 def is_checked(axis: AxisPlan) -> bool:
-    """Return whether the torque before the sign is seen is a share of the drive's own rated value for certain."""
+    """Return whether the torque of the test is certainly a share of the drive's own rated value."""
     return axis.profile.offers()[Signal.TARGET_TORQUE].unit in SHARES_OF_RATED or axis.profile.rating_told
 
 
 def raising(axis: AxisPlan) -> str:
-    """Return in words what bounds the torque before the sign is seen, and the key that permits more."""
+    """Return the bound on the torque of the test, and the key that permits more, in words."""
     given, force = axis.rig.permissions, axis.workspace.effort_unit
     share, effort = permitted_unseen(axis.rig, axis.rated_effort, axis.workspace)
     if axis.limits.effort < min(share, effort):
@@ -250,7 +252,7 @@ def raising(axis: AxisPlan) -> str:
 
 
 def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
-    """Return in words how the sign will be seen: torques, times, and how far the handle may move."""
+    """Return the direction test in words: torques, times, and motion of the handle."""
     force, first = axis.workspace.effort_unit, probe.stages[0]
     share = percent(probe.largest / axis.rated_effort)
     grown = f", growing to ±{in_unit(probe.largest, force)} ({share} of rated torque) while nothing moves"
@@ -265,7 +267,7 @@ def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
 
 
 def _ways(axis: AxisPlan, probe: SignProbe) -> str:
-    """Return how far the pulses move the handle, as the rig describes its inertia."""
+    """Return the motion of the handle in the pulses, from the inertia in the rig."""
     length, first = axis.workspace.length_unit, probe.stages[0]
     if probe.travel is None or probe.farthest is None:
         return "the travel of the handle is unknown, because its inertia is"
@@ -277,7 +279,7 @@ def _ways(axis: AxisPlan, probe: SignProbe) -> str:
 
 
 def _hindered(axis: AxisPlan, probe: SignProbe) -> str:
-    """Return what a person must know besides: friction above the pulses, and a scale that cannot be checked."""
+    """Return further warnings: friction above the pulses, and a torque scale that cannot be checked."""
     force, told = axis.workspace.effort_unit, ""
     if probe.friction >= probe.largest:
         told = (

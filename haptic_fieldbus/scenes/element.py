@@ -244,7 +244,7 @@ class Varying(Element, Protocol):
 class Abilities:
     """Optional statements of an element beyond its law, with their defaults.
 
-    A class makes a statement by a member of this name: a field, a property or a method. `abilities` returns all
+    A class makes a statement by a member with its name: a field, a property or a method. `abilities` returns all
     statements of an element.
     """
 
