@@ -128,8 +128,7 @@ class AxisCycle:
             self._fields.append(lambda position: self.sensed.damped)
             self._remembers.append(False)
         self._resting: tuple[Field, ...] = (at_rest(axis.elements, period),)
-        """Force at rest of the elements without memory, by position; during a change one field before and one after
-        it."""
+        """Force at rest of the elements without memory, by position; during a change also the field before it."""
         self._changed_ns = 0
         """End of the last change [ns]."""
         self._field = self._summed()
@@ -397,8 +396,7 @@ class AxisCycle:
             self._trip(TripKind.POWER, power, limit)
 
     def _bind_standstill(self) -> "Standstill | None":
-        """Return the test of an encoder whose counts stand still, by pulses; None where it is impossible or not
-        needed."""
+        """Return the pulse test of an encoder whose counts stand still; None where it is impossible or not needed."""
         probe = encoder_probe(self._axis, self._period)
         if probe is None:
             return None
@@ -493,8 +491,7 @@ class AxisWatch:
         # A period after a late period is shorter; divided by its length the same speed shows no change.
         periods = elapsed_ns / self._period_ns
         change, widest = abs(way - state.way * periods), max(periods, 1.0)
-        # A late drive latched at an unknown instant between SYNC and arrival; a change of speed depends on three
-        # instants.
+        # A late drive latched at some instant between SYNC and arrival; a change of speed depends on three instants.
         (_, first_ns), (way_before, second_ns) = self._looked
         unsure = (first_ns + second_ns + age_ns) / self._period_ns * max(abs(way_before), abs(state.way))
         if change > self._jump * widest**2 + 2.0 * self._resolution * widest + unsure:
@@ -507,6 +504,5 @@ class AxisWatch:
 
 
 def in_time(period: float) -> tuple[int, int]:
-    """Return the earliest and the latest time [ns] after the last sample at which a sample belongs to the next
-    period."""
+    """Return the earliest and the latest time [ns] after the last sample for a sample of the next period."""
     return round(SHORTEST * 1e9 * period), round(1.5e9 * period)

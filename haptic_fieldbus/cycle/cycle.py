@@ -165,8 +165,7 @@ class Cycle:
                 each.sign.permit(self.t_ns)
 
     def sign_doubted(self) -> None:
-        """Limit all axes to the holding force while the motor direction of one is tested: a coupling acts on two
-        axes."""
+        """Limit all axes to the holding force while one motor direction is tested: a coupling acts on two axes."""
         for each in self.axes.values():
             each.sign.hold()
 
@@ -216,8 +215,7 @@ class Cycle:
             )
 
     def _ledger(self, plan: Plan, axes: Sequence[AxisPlan]) -> Ledger:
-        """Return the ledger of axes that are judged together; its first axis trips when an account exceeds its
-        limit."""
+        """Return the ledger of axes that are judged together; an account above its limit trips the first axis."""
         name = axes[0].name
 
         def trip(energy: float, limit: float, kind: TripKind = TripKind.ENERGY) -> None:

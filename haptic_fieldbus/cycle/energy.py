@@ -112,8 +112,7 @@ LIPSCHITZ = 0.25
 
 
 class EnergyTrip(Protocol):
-    """Function that takes the torque away, from an energy (above the granted energy, or forgiven in a second) and its
-    limit [J]."""
+    """Function that takes the torque away; it gets the energy (excess, or forgiven in a second) and its limit [J]."""
 
     def __call__(self, energy: float, limit: float, kind: TripKind = ..., /) -> None: ...
 
@@ -134,8 +133,7 @@ class EnergyRecord:
     recent: deque[tuple[int, float]] = field(default_factory=deque)
     """Energy forgiven within the last second, with its time [ns]."""
     held: float = 0.0
-    """Energy of held torque over all gaps, minus the fall of the stored energy and minus `HELD_POWER` times the
-    time."""
+    """Energy of held torque over all gaps, minus the fall of the stored energy and minus `HELD_POWER` · time."""
     held_most: float = 0.0
     held_ns: int = 0
     """Time of the last charge to `held`."""
@@ -208,8 +206,7 @@ class Ledger:
 
     @property
     def is_plain(self) -> bool:
-        """Whether `bind_alone` is enough: one axis, elements that state their stored energy, and a delay below one
-        period."""
+        """Whether `bind_alone` is enough: one axis, elements that state their energy, and a delay below one period."""
         return len(self.ports) == 1 and not self.memory.silence and not shares(self.axes[0], self.period)[0]
 
     @property
@@ -219,8 +216,7 @@ class Ledger:
         return dict(self.tally.booked)
 
     def stored(self, positions: Sequence[float], weights: Sequence[float] | None = None) -> float:
-        """Return the stored energy at these positions of the axes [J]; during a change the mix of both sets of
-        elements.
+        """Return the stored energy at these positions of the axes [J]; during a change the mix of both sets.
 
         Elements that do not depend on the place, such as a weight, use the positions `weights` if these are given.
         """
@@ -374,8 +370,7 @@ class Ledger:
         return moved
 
     def fallen(self, before: Sequence[float]) -> float:
-        """Return the energy that weights lost since these positions [J]; a faded weight gives between 0 and this
-        energy."""
+        """Return the energy that weights lost since these positions [J]; a faded weight gives 0 up to this energy."""
         here = self.here
         return max(0.0, self._after(before, here) - self._after(here, here))
 
@@ -447,8 +442,8 @@ class LawAccount:
         self._energy = 0.0
         self._places, self._here = list[float](), list[float]()
         self._forces, self._sides = list[float](), list[float]()
-        """`_places` and `_forces`: at the sample before the last; `_here`: last places; `_sides`: signs when contact
-        began."""
+        """`_places`, `_forces`: at the sample before the last; `_here`: last places; `_sides`: signs at first
+        contact."""
         self._stored = self._stored_before = 0.0
         """Stored energy at the last place, and at the one before [J]."""
         self._shifts = list[float]()

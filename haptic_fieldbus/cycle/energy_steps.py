@@ -121,8 +121,7 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
         render()
 
     def begin(before: int) -> None:
-        """Open a new account when contact begins or ends; judge the law in each period in which the sent force
-        differs."""
+        """Open a new account when contact begins or ends; judge the law in periods in which the sent force differs."""
         nonlocal energy, side, kept, settles, terms, leak, active, limit
         if ledger.changing:
             ledger.tick((last,))

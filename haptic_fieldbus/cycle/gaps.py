@@ -112,8 +112,7 @@ class LawPlace:
         return any(force * shift < 0.0 for force in self._forces(place))
 
     def _pushes(self, before: float, way: float) -> bool:
-        """Return whether the law pushed along the motion `way` [m or rad]: its stored energy then falls on this
-        motion."""
+        """Return whether the law pushed along the motion `way` [m or rad]: its stored energy then falls."""
         return all(force * way > 0.0 for force in self._forces(before - self._permission.shift))
 
     def _forces(self, place: float) -> list[float]:

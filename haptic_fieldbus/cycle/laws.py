@@ -63,8 +63,7 @@ class AxisState:
     """Part of `force` from elements with a memory, if the axis has other elements too [N or N·m]."""
     led_work: float = 0.0
     led_force: float = 0.0
-    """Work and last force of the law of the scene along the straight line that bridges periods without a sample [J; N
-    or N·m]."""
+    """Work and last force of the law along the straight line that bridges periods without a sample [J; N or N·m]."""
     target: int = 0
     """Target torque in steps of the drive, without the sign of the mechanism."""
 
@@ -178,8 +177,7 @@ def is_static(element: Element) -> bool:
 
 
 def has_say(element: Element) -> bool:
-    """Return whether an element depends on the position through a memory; friction, which has no surface, does not
-    count."""
+    """Return whether an element depends on the position through a memory; friction without a surface does not count."""
     return not is_static(element) and (abilities(element).reserve is None or abilities(element).penetration is not None)
 
 
@@ -226,8 +224,7 @@ def blended_pair(before: PairField, after: PairField, periods: int) -> PairField
     return pair
 
 
-# Signals that the scene needs besides the position: velocity, time and torque, computed once a period, before any
-# field.
+# Signals that the scene needs besides the position: velocity, time, torque; computed once a period, before any field.
 
 PeriodStep = Callable[[], None]
 
@@ -274,8 +271,7 @@ def bind_sense(
 
 
 def _bind_velocity(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float) -> tuple[PeriodStep, bool]:
-    """Return (step, True if it takes times): estimate the velocity from new feedback; without it keep the last
-    estimate."""
+    """Return (step, True if it takes times): estimate the velocity from new feedback, else keep the last estimate."""
     from haptic_fieldbus.numerics.estimators import bind, is_timed
 
     name = axis.estimator or DEFAULT_ESTIMATOR

@@ -75,8 +75,7 @@ from haptic_fieldbus.signals import Signal, Workspace
 LAGS = 3.0
 """Number of time constants of the torque loop after which a target counts as reached."""
 FEWEST_TARGETS = 3
-"""Smallest number of last targets with which an echo may agree: acting on reception or at a SYNC, and one lost
-frame."""
+"""Smallest number of last targets with which an echo may agree: on reception or at a SYNC, and one lost frame."""
 SHORTEST_BLOCK, LONGEST_BLOCK = 0.005, 0.01
 """[s]"""
 COARSENESS = 0.05
@@ -124,8 +123,7 @@ def bind_echo(
 def bind_other_masters(
     axis: AxisPlan, state: AxisState, period: float, trip: TripOff, render: PeriodStep
 ) -> PeriodStep:
-    """Return a step that counts set-points of another master, then renders; `render` alone if they cannot be
-    detected."""
+    """Return a step that counts set-points of another master, then renders; `render` alone if none can be detected."""
     shown_by = None if axis.other_masters is None else axis.other_masters.shown_by
     if shown_by is None:
         return render

@@ -221,15 +221,14 @@ class Permission:
         self.loosen()
 
     def come_back(self, *, arrived: bool, longest: int) -> None:
-        """Count a period with feedback; end the gap when the force has `arrived` at that of the scene, or after
-        `longest` periods."""
+        """Count a period with feedback; end the gap when the force has `arrived` at the scene's, or after `longest`
+        periods."""
         self.gaps.short += not self.returning and not self.is_long
         self.returning += 1
         self.blind = not arrived and self.returning < longest
 
     def leave_contact(self, asked: float, least: float) -> None:
-        """Remove the cap when the scene asks for no force (at most `least`), or for a force against the side of the
-        cap.
+        """Remove the cap when the scene asks for no force (at most `least`), or for one against the side of the cap.
 
         While the shift is too large, only the side is reset.
         """

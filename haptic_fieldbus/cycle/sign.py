@@ -139,8 +139,7 @@ class SignProof:
         """Remaining periods of the pause between two attempts, and of the pause without force before a stage."""
         self._stages, self._number = probe.stages, 0
         self._again, self._still, self._moved = again, 0, False
-        """`_still`: attempts in a row without motion; `_moved`: whether pulses moved the handle in the present
-        attempt."""
+        """`_still`: attempts in a row without motion; `_moved`: whether pulses moved the handle in this attempt."""
         self._from: float | None = None
         self._far = 0.0
         """Position at the begin of the present attempt, and largest distance of the handle from it since then."""

@@ -54,8 +54,7 @@ class Standstill:
         permission.pulses, permission.unchanged = self.give, False
 
     def give(self, force: float, bound: float) -> float:
-        """Return the permitted force with its pulse, within `bound`, and book the largest energy that the pulse may
-        give."""
+        """Return the permitted force with its pulse, within `bound`, and book the largest energy of the pulse."""
         probe, permission, state = self._probe, self._permission, self._state
         t_ns = state.feedback[T_NS]
         self._place = self._place + 1 if t_ns - self._last_ns < self._longest_ns else 0

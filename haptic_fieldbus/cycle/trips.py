@@ -187,8 +187,7 @@ def _too_often(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _missed(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of missing feedback. One long gap has no detail; many short gaps have the factor that they cost
-    in stiffness."""
+    """Return the cause of missed periods. One long sleep has no detail; many short ones have a stiffness factor."""
     advice = "Another process uses the processor, or --rate is too high for this computer."
     if not trip.detail:
         return f"the loop slept for {rounded(1e3 * trip.value)} ms", advice
@@ -298,8 +297,7 @@ def _weak(axis: AxisPlan) -> str:
 
 
 def _dead(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of set-points without effect; the value is the torque that the drive shows, the limit the torque
-    sent."""
+    """Return the cause of set-points without effect; the value is the shown torque, the limit the torque sent."""
     unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
     if math.isnan(trip.value):
         cause = f"set-points not confirmed: node {axis.node} has not returned its target torque for {trip.detail} ms"
@@ -315,8 +313,7 @@ def _dead(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _foreign(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of torque that was not sent; the value is the torque that the drive shows, the limit the torque
-    sent."""
+    """Return the cause of torque that was not sent; the value is the shown torque, the limit the torque sent."""
     unit = axis.workspace.effort_unit
     cause = (
         f"another master on {axis.bus_name} sets the torque of unit {axis.node}: {trip.detail} it was "
@@ -339,8 +336,7 @@ def _reversed(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _hidden(trip: Trip, axis: AxisPlan) -> Told:
-    """Return the cause of a refusal because nothing moved; the value is the number of attempts, the limit the
-    torque."""
+    """Return the cause of a refusal because nothing moved; the value is the attempts, the limit the torque."""
     cause = (
         f"motor direction not confirmed: test pulses up to ±{in_unit(trip.limit or 0.0, axis.workspace.effort_unit)} "
         f"did not move the handle in {trip.value:.0f} attempts"

@@ -106,8 +106,7 @@ class Axis:
         return max(float(self.environment.stiffness.max()), 0.0) if isinstance(self.environment, Places) else 0.0
 
     def damping_needed(self, places: Places, period: float) -> float:
-        """Return the device damping that passivity with any hand needs, for this delay and torque loop [N·s/m or
-        N·m·s/rad]."""
+        """Return the device damping for passivity with any hand, at this delay and torque loop [N·s/m or N·m·s/rad]."""
         times = (period, self.delay, self.plant.torque_lag)
         needed = places.increments.damping_needed(*times)
         if places.swept is not None:

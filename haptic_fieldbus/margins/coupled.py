@@ -107,8 +107,7 @@ class CoupledAxes(ClosedLoop):
         if falls:
             matrix = coupled.loop_matrix(self.devices, environment)
             modes = np.linalg.eigvals(coupled.without_shifts(matrix, self.devices, environment))
-            # At a crest the ideal grows too, once for each negative stiffness: as many of the largest real eigenvalues
-            # above 1 do not count.
+            # At a crest the ideal grows too: one real eigenvalue above 1 for each negative stiffness does not count.
             real = np.flatnonzero((np.abs(modes.imag) < 1e-9) & (modes.real > 1.0 - 1e-9))
             fallen = real[np.argsort(modes.real[real])[-falls:]]
             return float(np.abs(np.delete(modes, fallen)).max())
@@ -119,8 +118,7 @@ class CoupledAxes(ClosedLoop):
         return 1.0 if drifts and abs(found - 1.0) <= ROUNDING else found
 
     def damping_share(self, environment: StateSpace) -> float:
-        """Return the share of the devices' dampings needed for passivity with any hands; ∞ when no damping is
-        enough."""
+        """Return the share of the devices' dampings that passivity needs; ∞ when no damping is enough."""
         if not self.has_potential:
             return math.inf
         left = [self._damping_left(axis) for axis in self.axes]
@@ -164,8 +162,7 @@ class CoupledAxes(ClosedLoop):
         return self.period * total
 
     def _damping_left(self, axis: Axis) -> float:
-        """Return the device damping minus the damping that its own elements need [N·s/m or N·m·s/rad]; below 0: too
-        little."""
+        """Return the device damping minus the need of its own elements [N·s/m or N·m·s/rad]; below 0: too little."""
         # The readings of a tachometer do not show the motion between them, so the damping of its device counts as 0.
         own = 0.0 if axis.plant.tachometer else axis.plant.damping
         return own - axis.damping_needed(axis.environment, self.period) if isinstance(axis.environment, Places) else own
@@ -216,14 +213,12 @@ def _stiffnesses(environment: StateSpace) -> NDArray[np.float64]:
 
 
 def are_linear(couplings: Sequence[Any], efforts: Mapping[str, float]) -> bool:
-    """Return whether neither the couplings nor the motors limit a force; `efforts` are the motors' largest [N or
-    N·m]."""
+    """Return whether no coupling and no motor limits a force; `efforts` are the motors' largest [N or N·m]."""
     return all(map(math.isinf, efforts.values())) and not may_slacken(couplings)
 
 
 def has_potential(couplings: Sequence[Any], efforts: Mapping[str, float], are_alone: bool) -> bool:
-    """Return whether the forces have a potential with the play and largest force of the couplings and the limits of the
-    motors.
+    """Return whether the forces have a potential, with play and largest force of a coupling and the motors' limits.
 
     `efforts` are the largest forces of the motors [N or N·m]. `are_alone`: the axes have no elements of their own.
     """

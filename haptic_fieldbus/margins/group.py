@@ -64,8 +64,7 @@ class Member:
         return self.ranges or exact_bench((lag, lag), (self.delay, self.delay), Basis.STATED)
 
     def at(self, values: Values) -> "Member":
-        """Return the same axis with these values; the mass of its further bodies changes by the same factor as its
-        plant."""
+        """Return the same axis with these values; the mass of further bodies scales with that of the plant."""
         share = values.plant.mass / self.plant.mass if self.plant.mass else 1.0
         bodies = tuple(
             replace(body, mass=share * body.mass, stiffness=values.coupling * body.stiffness) for body in self.bodies

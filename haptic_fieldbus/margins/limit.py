@@ -87,8 +87,7 @@ def _round_values(largest: float) -> list[float]:
 
 
 LOWER = (1.0, 0.6, 0.2)
-"""Stiffnesses at which a further corner is checked before its limit is computed, as shares of the smallest limit so
-far."""
+"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far."""
 MOST_MIXED = 3
 """Largest number of coupled axes whose masses are varied independently, at the worst corner for a spring."""
 WORST = (0, 1, 1)

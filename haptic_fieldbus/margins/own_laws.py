@@ -28,16 +28,14 @@ Array = NDArray[np.float64]
 FURTHEST = 1e4
 """Largest position that is sampled when the travel has no limit [m or rad]."""
 NEAR = 2.0 * math.pi
-"""Position up to which a travel without limits is sampled as densely as a limited one [m or rad]: a turn to either
-side."""
+"""Largest position of dense sampling in a travel without limits [m or rad]: a turn to either side."""
 MANY, FEW = 768, 96
 """Number of places of the first sampling, and of each further sampling with another stiffness of the same element."""
 MOST = {MANY: 1536, FEW: 256}
 """Largest number of places after halving."""
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 STEP, SPEED = 1e-7, 1e-6
-"""Steps of difference quotients: a share of |position|, which counts as at least 1 [m or rad]; and a speed [m/s,
-rad/s]."""
+"""Steps of difference quotients: a share of |position|, at least of 1 [m or rad]; and a speed [m/s, rad/s]."""
 ROUNDING = 64 * 2.0**-52
 """Share of a force below which a difference is rounding."""
 GROWS = 1.5
@@ -48,8 +46,7 @@ UNREAD = Local((math.nan, math.nan), (math.nan, math.nan))
 
 @dataclass(frozen=True, eq=False)
 class SampledLaw:
-    """Sampled force of an element without bounds, with the methods of `Varying`; sampling begins at the places of
-    `start`."""
+    """Sampled force of an element without bounds, with the methods of `Varying`; sampling begins at `start`."""
 
     element: Any
     start: tuple[float, ...] = ()

@@ -1,5 +1,4 @@
-"""The environment of one axis from its elements: a spring and a damper at every place, in parallel with virtual
-states."""
+"""The environment of one axis from its elements: spring and damper at every place, in parallel with virtual states."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -154,7 +153,7 @@ class AxisElements:
 
     @cached_property
     def _scales(self) -> tuple[int, float] | None:
-        """Return (row, stiffness) of the stiffest element if its force scales with its stiffness at fixed places, else
+        """Return (row, stiffness) of the stiffest element if its force scales with stiffness at fixed places, else
         None.
 
         For example, the places of a contact that stiffens with depth move with its stiffness.

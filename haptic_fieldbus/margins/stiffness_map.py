@@ -32,8 +32,8 @@ from haptic_fieldbus.scenes.element import Interval, Local, Varying
 # places are the possible equilibria, for the eigenvalues. The intervals cover the whole travel, also an unlimited one.
 # They bound slope and damping for the proof of passivity (`margins.passivity`).
 #
-# A place counts if the force at rest is at most the effort limit: beyond it the motor gives a constant force, whose
-# slope is 0.
+# A place counts if the force at rest is at most the effort limit: beyond it the force of the motor is constant, with
+# the slope 0.
 
 Array = NDArray[np.float64]
 EVERYWHERE: Interval = (-math.inf, math.inf)
@@ -136,8 +136,7 @@ class StiffnessMap:
 
 
 def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> StiffnessMap:
-    """Return the stiffness map of these elements within `travel`; `effort` is the largest force of the motor [N or
-    N·m]."""
+    """Return the stiffness map of these elements within `travel`; `effort`: largest force of the motor [N or N·m]."""
     lower, upper = travel
     marks = {place for each in elements for place in each.places(lower, upper, effort)}
     grid = sorted(place for place in {*marks, *travel} if lower <= place <= upper and math.isfinite(place))
@@ -285,8 +284,7 @@ class Places(StateSpace):
     find_increments: Callable[[], Increments]
     """Function that computes `increments`; the eigenvalues do not need them."""
     swept: StateSpace | None
-    """Linear elements with virtual states x_k → F_k; a frequency sweep finds the damping that they need. None without
-    any."""
+    """Linear elements with virtual states x_k → F_k, for a frequency sweep of the needed damping; None without any."""
     runs_off: bool = False
     """Whether the elements push the handle away without bound; the loop is then unstable."""
 
@@ -304,8 +302,7 @@ class Places(StateSpace):
         return max(found, key=lambda pair: pair[0].growth)
 
     def crest(self, device: SampledPlant, mass: float, damping: float, period: float) -> RestingPlace | None:
-        """Return the equilibrium with the largest growth of the ideal scene, with both growths; None without such
-        growth."""
+        """Return the equilibrium with the largest growth of the ideal scene, with both growths; None without growth."""
         if not (self.stiffness < 0.0).any():
             return None
         at = int(self.stiffness.argmin())

@@ -55,8 +55,8 @@ def parallel(systems: list[StateSpace]) -> StateSpace:
 
 
 def equilibrium(a: Matrix, b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the z with A z + b = 0, shaped as `b`, (n,) or (n, m); for a singular A the least-squares solution of
-    smallest norm."""
+    """Return the z with A z + b = 0, shaped as `b`, (n,) or (n, m); a singular A: the smallest least-squares
+    solution."""
     try:
         return np.asarray(np.linalg.solve(a, -b), dtype=np.float64)
     except np.linalg.LinAlgError:

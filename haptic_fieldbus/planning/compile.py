@@ -70,8 +70,7 @@ KEPT = 64
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
-    """Return the axis with the values that follow from its bus: delay, limits of age and echo, resolution of the
-    plant."""
+    """Return the axis with the values that follow from its bus: delay, limits of age and echo, plant."""
     echo = echo_time(draft.profile.echo, period)
     limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
     delay, plant = traffic.delay(draft.name), _seen(draft, period)
@@ -147,8 +146,8 @@ def _estimator(axis: AxisPlan) -> str:
 # Exchange of a plan with its drives: the rate, the wait of each bus for the others, and the way of its exchange.
 #
 # A bus may have several ways to exchange feedback and set-points. The plan takes the way with the largest stable
-# stiffness on this bench. If all are equal, or unknown (no stiffness, an unknown bench), it takes the first way of the
-# protocol.
+# stiffness on this bench. If all are equal or unknown (no stiffness, an unknown bench), it takes the protocol's first
+# way.
 
 Drafts = Callable[[float | None], list[AxisPlan]]
 """Function from a period [s], or None for no period, to the drafts of all axes."""
@@ -220,8 +219,7 @@ def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> di
 
 
 def _margin(traffics: Mapping[str, BusTraffic], drafts_at: Drafts) -> float:
-    """Return the smallest margin (nominal limit of stability divided by stiffness) of all axes; ∞ when none is
-    known."""
+    """Return the smallest margin (nominal stability limit divided by stiffness) of all axes; ∞ when none is known."""
     period = round(1e9 / next(iter(traffics.values())).rate) * 1e-9
     axes = [on_bus(draft, traffics[draft.rig.bus], period) for draft in drafts_at(period)]
     return min((group.rough_margin() for group in grouped(axes, period)), default=math.inf)

@@ -178,8 +178,7 @@ def _shown(axis: AxisPlan) -> str:
 
 
 def unseen_text(axis: AxisPlan, period: float) -> str:
-    """Return the undetected set-points of another master and their duration, in words; empty if its messages are
-    received."""
+    """Return the undetected set-points of another master, in words; empty if its messages are received."""
     others = axis.other_masters
     if others is None:
         return ""
@@ -199,17 +198,14 @@ def unseen_text(axis: AxisPlan, period: float) -> str:
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:
-    """Return the time that every way adds [s]: messages in between, one tick of the drive, the lag of its torque
-    loop."""
+    """Return the time added to every way [s]: messages in between, one tick of the drive, lag of its torque loop."""
     lag = -math.log(REMAINDER) * axis.delay.torque_loop
     return traffic.disturbance + axis.profile.timing.control_period + lag
 
 
 def _missing(axis: AxisPlan, period: float, age: float) -> tuple[float, float]:
-    """Return the time from the last feedback to torque-free set-points [s]: by the fade, and by the trip at `age`
-    [s]."""
-    # A loop without feedback waits for it nearly to the end of its period. Set-points that act at SYNC are then taken
-    # over a period later.
+    """Return the time from the last feedback to torque-free set-points [s]: by the fade, and by the trip at `age`."""
+    # A loop without feedback waits for it nearly to the end of its period. Set-points at SYNC then act a period later.
     answered = period * (2.0 if axis.delay.transport >= period else 1.0)
     faded = (1 + fade_periods(period)) * period
     return faded + answered, age + period + answered

@@ -32,8 +32,7 @@ BESIDE = 2.0
 
 
 def energy_limit(axis: AxisPlan) -> float:
-    """Return the energy [J] above which the loop is active: an energy that a hand hardly feels, plus one count of
-    motion at the effort limit."""
+    """Return the energy [J] above which the loop is active: hardly felt by a hand, plus one count times the effort."""
     return ENERGY_LIMIT + axis.limits.effort * axis.resolution
 
 

@@ -129,16 +129,13 @@ HAND = {"linear": 500.0, "rotary": 25.0}
 """The largest force [N] or torque [N·m] of a hand, in a blow. A faster change of the position than this force can cause
 is a jump of the encoder. Chosen here, well above a push (some 200 N) and below a hammer."""
 DRIFT_TURNS = 0.1
-"""Drift limit of a rig without one, in revolutions of the motor: 12 s of readings in whole revolutions per minute, each
-wrong by half a revolution per minute."""
+"""Drift limit of a rig without one, in revolutions of the motor: 12 s of readings that are wrong by ½ r/min each."""
 STALL_TIME = 90.0
 """Time for which counts may stand still under torque before the limit falls [s]."""
 HOLDING_SHARE = 0.05
-"""Holding torque, as a share of rated torque: safe for a hand for any time. It applies after a stall, and without a
-proved guard."""
+"""Holding torque, safe for a hand at any time, as a share of rated torque: after a stall, or without a proof."""
 PULSE_SHARE = 0.15
-"""Largest torque before the motor direction is confirmed, as a share of rated torque; more needs the permission of a
-person."""
+"""Largest torque before the motor direction is confirmed, as a share of rated torque; more needs a permission."""
 PULSE_EFFORT = {"linear": 5.0, "rotary": 0.25}
 """Largest effort at the handle before the motor direction is confirmed [N or N·m], by the mechanism of the rig: a
 finger can hold it back. More needs the permission of a person."""
@@ -168,8 +165,7 @@ ENERGY_LIMIT = 0.005
 LARGEST_MISSING_SHARE = 0.2
 """Largest share of missing samples in a second, for any stability margin."""
 GAP_SHARE = 0.9
-"""Largest share of the stability margin above 1 that gaps in the feedback may use at their worst timing; the rest
-damps."""
+"""Largest share of the stability margin above 1 that feedback gaps may use at their worst timing; the rest damps."""
 AGE_SHARE = 0.6
 """Age at which feedback is a trip, as a share of the drive's guard time."""
 SOON_SHARE = 0.5
@@ -305,8 +301,7 @@ def limits_of(
 
 
 def permitted_unseen(axis: RigAxis, rated: float, workspace: Workspace) -> tuple[float, float]:
-    """Return both bounds on the effort before the motor direction is confirmed: by the rated effort, and at the
-    handle."""
+    """Return both bounds on the effort before the direction is confirmed: by the rated effort, and at the handle."""
     given = axis.permissions
     share = PULSE_SHARE if given.sign_pulse is None else given.sign_pulse
     return share * rated, PULSE_EFFORT[workspace.value] if given.sign_effort is None else given.sign_effort
@@ -334,8 +329,7 @@ def check_places(scene: Scene, name: str, rig: Rig, elements: tuple[Element, ...
 
 
 def _felt(element: Element, end: float, effort: float) -> bool:
-    """Return whether an element acts at an end of the travel with less than the effort limit, such as a preloaded
-    spring."""
+    """Return whether an element, such as a preloaded spring, acts at an end of the travel below the effort limit."""
     if not is_varying(element):
         return False
     there = element.local(end, end)

@@ -202,7 +202,7 @@ def _hints(group: Group) -> list[str]:
 
 
 def _eased(group: Group) -> Iterator[str]:
-    """Yield settings that soften the element that leaves no stiffness to another element, and the other element if
+    """Yield settings that soften an element beside which another one has no stiffness, and the other one if
     necessary."""
     obstacle = group.limit_over_ranges().obstacle
     if obstacle is None:

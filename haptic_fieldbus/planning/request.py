@@ -62,8 +62,7 @@ class Task:
 
 
 MAXIMUM_RATE = 100_000.0
-"""Highest rate accepted [Hz]: far above the rate of any supported bus, and low enough for the clock to resolve a
-period."""
+"""Highest rate accepted [Hz]: far above the rate of any bus, and low enough for the clock to resolve a period."""
 MINIMUM_RATE = 0.1
 """Lowest rate accepted [Hz]: five of its periods are the longest guard time of a drive."""
 LONGEST = 1e6

@@ -239,8 +239,7 @@ def _with_zero(rig: Rig, zero: str | None) -> Rig:
 
 
 def check_rendering(task: Task) -> None:
-    """Check the names of method and estimator, even if the scene does not need them, and the elements of a ready-made
-    scene.
+    """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
 
     Raises UsageError for an unknown name, SceneError for an element that a scene file could not have, TypeError for an
     object that is no element.

@@ -78,8 +78,7 @@ GROWTH = 1.5
 LENGTHS = (2, 4)
 """Lengths of the longer pulses, as multiples of the first length."""
 ATTEMPTS = 3
-"""Number of attempts without any motion that end a run; in the pauses between them a person can let go of the
-handle."""
+"""Number of attempts without motion that end a run; in the pauses between them a person can let go of the handle."""
 SHORTEST_PULSE, LONGEST_PULSE = 0.005, 0.1
 """Range of the length of the part of a pulse with one torque [s]."""
 ASKED_COUNTS, SEEN_COUNTS = 4.0, 3.0
@@ -139,8 +138,7 @@ class SignProbe:
 
     @property
     def farthest(self) -> float | None:
-        """Largest motion of a handle in any pulse, for example if it comes loose [m or rad]; None: the inertia is
-        unknown."""
+        """Largest motion of a handle in any pulse, as when it comes loose [m or rad]; None: the inertia is unknown."""
         ways = [way for stage in self.stages if (way := self._moved(stage)) is not None]
         return max(ways, default=None)
 

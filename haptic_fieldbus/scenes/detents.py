@@ -69,8 +69,7 @@ class Detents:
         return -self.amplitude * math.sin(2.0 * math.pi * remainder(way, self.pitch) / self.pitch)
 
     def stored(self, position: float) -> float:
-        """Return the energy above a valley when the handle is at `position` [J]; beyond the last crest the energy of
-        this crest."""
+        """Return the energy above a valley when the handle is at `position` [J]; constant beyond the last crest."""
         way, crest = position - self.position, self.amplitude * self.pitch / math.pi
         if self.count and (way <= -0.5 * self.pitch or way >= (self.count - 0.5) * self.pitch):
             return crest

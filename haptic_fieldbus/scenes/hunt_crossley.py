@@ -110,8 +110,7 @@ class HuntCrossley:
         return self.stiffness * math.pow(share, self.exponent - 1.0)
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return depths with stepwise smaller push, from `effort` on, or from the push at `depth` if `effort` is
-        infinite."""
+        """Return depths with stepwise smaller push, from `effort` on, or from the push at `depth` if it is infinite."""
         most = self.effort if math.isinf(effort) else effort
         pushes = [most * 10.0 ** (-number / STEPS) for number in range(6 * STEPS + 1)]
         inwards = 1.0 if self.side == "positive" else -1.0

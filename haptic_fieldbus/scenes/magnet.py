@@ -55,8 +55,7 @@ class Magnet:
         return 0.0 if inner <= 0.0 else -self.pull / LARGEST_PULL * u * inner * inner
 
     def stored(self, position: float) -> float:
-        """Return the energy above the middle when the handle is at `position` [J]; outside the energy needed to leave
-        it."""
+        """Return the energy above the middle when the handle is at `position` [J]; constant outside."""
         u = (position - self.position) / self.radius
         return self.stiffness * self.radius**2 / 6.0 * (1.0 - max(1.0 - u * u, 0.0) ** 3)
 

@@ -87,8 +87,7 @@ class PredictedWall:
 
     @property
     def increments(self) -> tuple[float, float]:
-        """Return stiffness and damping; the prediction adds K times the lead to the damping, twice with a deadbeat
-        release."""
+        """Return stiffness and damping; the prediction adds K · lead to the damping, a deadbeat release twice that."""
         share = 2.0 if self.release == "deadbeat" else 1.0
         return self.stiffness, self.damping + share * self.stiffness * self._ahead
 

@@ -71,8 +71,7 @@ class VirtualCoupling:
         return force
 
     def penetration(self, position: float) -> float | None:
-        """Return the depth of the handle beyond the wall [m or rad], larger than the depth of the tool; None without a
-        wall."""
+        """Return the depth of the handle in the wall [m or rad], larger than that of the tool; None without a wall."""
         return below(position, self.wall, self.side) if self.wall_stiffness else None
 
     def _tool(self, wall_stiffness: float) -> StateSpace:

@@ -20,8 +20,7 @@ MOST_DOUBLINGS = 60
 
 
 def noise_gain(system: StateSpace) -> float:
-    """Return the rms of the output for white noise of rms 1 at the input; a stable system with one input and one
-    output."""
+    """Return the rms output of a stable system for white noise of rms 1, with one input and one output."""
     power, covariance = system.a, system.b @ system.b.T
     for _ in range(MOST_DOUBLINGS):
         if not power.any():

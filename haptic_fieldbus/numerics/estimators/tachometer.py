@@ -79,6 +79,5 @@ class VelocityIntegrator:
         self._time, self._velocity = time, velocity
 
     def hold(self, time: float) -> None:
-        """Extrapolate with the last reading in a period without a new one; the next reading replaces the
-        extrapolation."""
+        """Extrapolate with the last reading, in a period without a new one; the next reading replaces the result."""
         self.position = self._sum + self._velocity * (time - self._time)
