@@ -7,13 +7,13 @@ its place y before the gap. The scene is then shifted by
 
 The law does not follow the motion of the handle in the gap, so it gives back no energy for this motion. After the gap
 the faded force comes back with the slew limit. Meanwhile the law still pauses on motion against its force, because it
-would store more energy than the hand brings in. After that y moves with the handle, and is drawn back to x wherever the
-law does not resist, F(y)·δ ≥ 0: there its stored energy falls or stays constant, and the handle does not get it. A law
-that depends on the present motion alone is drawn back in steps no longer than the mean motion of a period, and its
-force at rest is checked at both ends of each step. If an element has a memory, the law is drawn back by at most the
-motion of the period, and the present force of the element is added in the check. Two kinds of forces do not count in
-the check: forces that do not depend on the place, such as weight; and friction, which opposes the motion of y and
-therefore that of x. `docs/explanation/stability.md` has the proof that this generates no energy.
+would otherwise store more energy than the hand brings in. After that y moves with the handle, and is drawn back to x
+wherever the law does not resist, F(y)·δ ≥ 0: there its stored energy falls or stays constant, and the handle does not
+get it. A law that depends on the present motion alone is drawn back in steps no longer than the mean motion of a
+period, and its force at rest is checked at both ends of each step. If an element has a memory, the law is drawn back by
+at most the motion of the period, and the present force of the element is added in the check. Two kinds of forces do not
+count in the check: forces that do not depend on the place, such as weight; and friction, which opposes the motion of y
+and therefore that of x. `docs/explanation/stability.md` has the proof that this generates no energy.
 
 |δ| has a bound (`planning.limits.LARGEST_SHIFT`). Above this bound, and after a long gap, the force before the gap is
 the cap (`cycle.safety`). While the cap cuts the force, y also pauses on motion against the force: otherwise the law

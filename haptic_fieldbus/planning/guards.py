@@ -24,7 +24,7 @@ BETWEEN_PROOFS = 0.2
 _ROUNDED_MS = 0.001
 """Resolution of a saved time: whole microseconds."""
 LONGEST_QUESTION = 0.02
-"""Longest time of a question to a drive without exchange that counts for the drive [s]."""
+"""Largest part of the measured time that counts as questions to a drive that has left the exchange [s]."""
 
 
 def unguarded(profile: DriveProfile, axis: RigAxis) -> str:

@@ -79,7 +79,7 @@ def rated_effort(axis: RigAxis, unit: str = "") -> float:
 def position_steps(profile: DriveProfile, axis: RigAxis) -> float:
     """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position.
 
-    Raises PlanError if the rig describes the motor both as linear and as rotary.
+    Raises PlanError when the drive reports its position as a length, but the mechanism of the rig is not linear.
     """
     offered = profile.offers().get(Signal.POSITION)
     unit = offered.unit if offered else COUNTS
@@ -133,7 +133,7 @@ DRIFT_TURNS = 0.1
 STALL_TIME = 90.0
 """Time for which counts may stand still under torque before the limit falls [s]."""
 HOLDING_SHARE = 0.05
-"""Holding torque, safe for a hand at any time, as a share of rated torque: after a stall, or without a proof."""
+"""Holding torque, always safe for a hand, as a share of rated torque: after a stall, or without a proved guard."""
 PULSE_SHARE = 0.15
 """Largest torque before the motor direction is confirmed, as a share of rated torque; more needs a permission."""
 PULSE_EFFORT = {"linear": 5.0, "rotary": 0.25}
