@@ -18,9 +18,9 @@ class CaseResult:
     oracle: str
     """Source of the expectation: a closed form, extended precision, or brute force."""
     tolerance: str
-    """Permitted distance of measured and expected; "exact" when there is none."""
+    """Permitted difference of measurement and expectation; "exact": no difference is permitted."""
     used: float | None = None
-    """Largest deviation over what is permitted (`share_used`), above 1 in a case that fails; None without a number."""
+    """Largest deviation over the permitted one (`share_used`); above 1 if the case fails, None without a number."""
 
 
 Case = Callable[[bool], CaseResult]
@@ -28,16 +28,16 @@ Case = Callable[[bool], CaseResult]
 
 
 def share_used(*deviations: tuple[float, float]) -> float:
-    """Return the largest of some deviations, each as a share of what is permitted; ∞ where one is no number.
+    """Return the largest of some deviations, each as a share of the permitted deviation; ∞ if one is not a number.
 
-    A deviation is a pair of what was found and what is permitted, in the same unit.
+    A deviation is a pair: the value found and the value permitted, in the same unit.
     """
     shares = (float(abs(found) / permitted) for found, permitted in deviations)
     return max(share if share == share else math.inf for share in shares)  # NaN differs from itself
 
 
 def refused(ask: Callable[[], object]) -> str:
-    """Call `ask` and return the message with which it is refused by SceneError or UsageError; empty when it is not."""
+    """Call `ask` and return the message of its SceneError or UsageError; empty if it raises neither."""
     try:
         ask()
     except SceneError as error:
@@ -48,7 +48,7 @@ def refused(ask: Callable[[], object]) -> str:
 
 
 def signed(value: float, digits: int) -> str:
-    """The number with its sign, also where that is a plus."""
+    """Return the number with its sign, a plus included."""
     return f"{'+' if value >= 0.0 else ''}{rounded(value, digits)}"
 
 

@@ -164,7 +164,7 @@ def make_report(
 
 @contextmanager
 def _writing(out: Path) -> Iterator[None]:
-    """Raise UsageError with the reason for what cannot be written into the folder."""
+    """Turn an error of writing into the folder into a UsageError with the reason."""
     try:
         yield
     except OSError as error:

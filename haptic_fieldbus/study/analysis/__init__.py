@@ -1,1 +1,1 @@
-"""Analysis that only the report reaches: many loops at once, limit cycles, schedules of samples, steps by rates."""
+"""Analysis for the report alone: many loops at once, limit cycles, sampling schedules, nonlinear rates."""

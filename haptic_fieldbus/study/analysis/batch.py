@@ -4,8 +4,8 @@ Every loop has its own parameters. One step of all loops is a few dozen operatio
 in the cache. Loops with the same number of whole periods of delay share a block, so that their forces lie in one row.
 
 Without friction a step is the exact linear map of `sampled`. With Coulomb friction the force is constant between the
-instants at which it changes, so the handle reverses at most once in between. It slips to a standstill at a known time,
-and then sticks, or slips in the other direction. Both cases are exact. A loop with the lag of a torque loop has no
+instants at which it changes, so the handle reverses at most once in between. It slips until it stops at a known time.
+Then it sticks, or slips in the other direction. Both cases are exact. A loop with the lag of a torque loop has no
 friction, because this solution does not include a lag.
 
 The numbers of each loop are, bit for bit, those of the same additions and multiplications in plain floats; with
@@ -54,7 +54,7 @@ class Loops:
     saturation: Array
     """Largest force; ∞ without saturation."""
     push: Array
-    """Constant force of the hand, in addition to the environment's."""
+    """Constant force of the hand, in addition to the environment's force."""
     position: Array
     velocity: Array
 
@@ -282,7 +282,7 @@ def run(given: Loops, steps: int, parts: int = 10) -> FinalState:
 
 
 def _blocks(given: Loops) -> Iterator[NDArray[np.int64]]:
-    """Yield blocks of row numbers; loops of a block have the same whole delay, and all have friction or none has."""
+    """Yield blocks of row numbers; loops of a block have the same whole delay, and either all or none have friction."""
     whole = np.array([split_delay(*pair)[0] for pair in zip(given.delay.tolist(), given.period.tolist(), strict=True)])
     kinds = np.stack([whole, given.coulomb > 0.0])
     for kind in np.unique(kinds, axis=1).T:

@@ -1,4 +1,4 @@
-"""Chatter over the edge of an encoder count: predicted by a describing function, and what is proved of it.
+"""Chatter over the edge of an encoder count: its prediction by a describing function, and a proved bound.
 
 The environment's force is multiplied by the gain ν of the nonlinearity. When the loop with ν is on the border of
 stability, it oscillates at the frequency of its critical eigenvalue, with the amplitude at which the gain is ν.
@@ -8,20 +8,20 @@ friction such a cycle always exists. Friction acts as damping 4·fc/(π·ω·A),
 about K = 2·fc/D. (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill
 1968, appendix B.)
 
-The prediction is an estimate, as good as the loop is a low-pass filter, and no bound. Over the edge of a count several
-cycles exist beside each other: from rest the one told here is found within 20 % where it lasts 24 samples or more,
-after a knock another one.
+The prediction is an estimate, not a bound. It is accurate if the loop is a good low-pass filter. Over the edge of a
+count several cycles exist beside each other: from rest the loop settles to the one predicted here, within 20 % if it
+lasts 24 samples or more; after a knock it may settle to another one.
 
 Proof. The rounding of a step D changes the force of a spring K by at most K·D/2, so the motor gives at most
 
     ∫f·v ≤ b_K·∫v² + (K·D/2)·∫|v|,   b_K = ½·K·(g + √(g² + S)), g = T/2 + td + λ
 
-(`passivity`; about K·(T/2 + td)). The device takes b·∫v² + fc·∫|v|. In a motion that repeats itself both are equal, so
-that where b > b_K
+(`passivity`; about K·(T/2 + td)). The device takes b·∫v² + fc·∫|v|. In a periodic motion both are equal. If b > b_K,
+therefore
 
     ∫v²/∫|v| ≤ (K·D/2 − fc)/(b − b_K),
 
-and nothing moves where fc ≥ K·D/2. With a device that damps less there is no bound.
+and nothing moves if fc ≥ K·D/2. If b ≤ b_K there is no bound.
 """
 
 import math
@@ -35,7 +35,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
 MOST_DAMPING = 1e6
-"""Largest damping that friction may act like, as a multiple of the device's own or of m/T; beyond it is no cycle."""
+"""Largest damping equivalent to friction, as a multiple of the device's damping or m/T; above it is no cycle."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
     """Return an estimate of a cycle of a handle pressed to the edge between two counts; None when there is none.
 
     The environment is that of the contact, x_k → F_k, with a direct force. There is no cycle when friction holds the
-    handle, without quantisation, with a tachometer (its velocity has no edges of position), and in an unstable loop,
-    whose motions grow beyond a count.
+    handle, without quantisation, with a tachometer (its velocity has no steps of position), and in an unstable loop,
+    because its motions grow beyond a count.
     """
     if not plant.resolution or plant.tachometer or _critical(plant, period, delay, environment)[0] <= 1.0:
         return None
@@ -95,9 +95,9 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
 
 
 def chatter_speed(plant: Plant, period: float, delay: float, stiffness: float) -> float:
-    """Return the largest ∫v²/∫|v| of a motion that repeats itself at a spring [m/s or rad/s]; times in s.
+    """Return the largest ∫v²/∫|v| of a periodic motion against a spring [m/s or rad/s]; times in s.
 
-    0 where friction bridges half a count and damping suffices, ∞ where no bound is proved.
+    0 if friction bridges half a count and damping suffices, ∞ if no bound is proved.
     """
     needed = Increments(stiffness, 0.0).damping_needed(period, delay, plant.torque_lag)
     if plant.damping <= needed:

@@ -5,8 +5,8 @@ known, and the element computes its force from both. Implicit equations cannot b
 velocity in a(p, v, u) is predicted by half a kick with the old velocity and corrected once, which keeps second order.
 
 A bristle that is faster than the period makes all these methods explode (LuGre at |v| > 2·g/(σ0·T)). The caller must
-choose a period that is small enough, by `lag_limit` and `oscillator_limit` of the method. Only for "verlet" the limit
-of a lag λ differs here: with x = λT/2 it grows by (1 − x)(1 − x + x²) in a step, which is stable up to T·λ = 3.087.
+choose a small enough period with `lag_limit` and `oscillator_limit` of the method. For "verlet" alone the limit of a
+lag λ differs here: with x = λT/2 a step multiplies the state by (1 − x)(1 − x + x²), which is stable up to T·λ = 3.087.
 """
 
 import math
@@ -20,7 +20,7 @@ States = tuple[float, ...]
 Rates = Callable[..., Sequence[float]]
 """Function f(t [s], states, *inputs) that returns the rates of the states, in their order."""
 Advance = Callable[..., States]
-"""Step from the inputs of a sample to the states at this sample; it remembers earlier states and inputs."""
+"""Function from the inputs of a sample to the states at this sample; it remembers earlier states and inputs."""
 
 
 EXPLICIT_VERLET_LAG_LIMIT = 3.0873780253841527

@@ -1,9 +1,9 @@
 """A loop whose samples and forces come at instants that differ from period to period, in a pattern that repeats.
 
-A control tick that is not locked to SYNC, a position that is older than its latch, an adapter, a host that is late:
-each moves the instant at which a position is measured, or the one from which its force acts. Between two instants the
-device moves under a constant force, exactly. A pattern of N periods is therefore one linear map, and its eigenvalue of
-the largest modulus decides (Floquet). A constant delay is a pattern of one period.
+A control tick that is not locked to SYNC, a position that is older than its latch, an adapter, a late host: each shifts
+the instant at which a position is measured, or the instant from which its force acts. Between two instants the device
+moves under a constant force, exactly. A pattern of N periods is therefore one linear map. Its eigenvalue of the largest
+modulus decides stability (Floquet). A constant delay is a pattern of one period.
 """
 
 import math
@@ -24,9 +24,9 @@ class Instants:
     """Instants of one period [s], counted from its nominal beginning k·T."""
 
     measured: float
-    """When the position was measured; negative for an age at the latch."""
+    """Instant at which the position was measured; negative if it was measured before the latch."""
     acts: float
-    """From when its force acts."""
+    """Instant from which its force acts."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ def free_ticks(
 ) -> tuple[Instants, ...]:
     """Return the pattern of a drive whose ticks are not locked to SYNC, for the lateness [s] of each SYNC.
 
-    A set-point arrives `arrival` after SYNC, and the position at SYNC is of the last tick, `latency` older. The pattern
-    repeats only when its periods together are a whole number of ticks; raises UsageError when they are not.
+    A set-point arrives `arrival` after SYNC. The position at SYNC is that of the last tick, older by `latency`. The
+    pattern repeats only if its periods together are a whole number of ticks; otherwise raises UsageError.
     """
     turns = len(lateness) * period / ticks.period
     if abs(turns - round(turns)) > 1e-6:
@@ -66,7 +66,7 @@ def free_ticks(
 def schedule_growth(plant: Plant, period: float, pattern: Sequence[Instants], environment: StateSpace) -> float:
     """Return the mean growth of the loop in a period of the pattern; below 1 is stable.
 
-    The environment is that of a contact: one that leaves the handle anywhere has an eigenvalue of 1, which counts.
+    The environment is that of a contact. Without a restoring force, an eigenvalue is 1, and it counts.
     """
     return float(spectral_radius(_map(plant, period, pattern, environment)) ** (1.0 / len(pattern)))
 
@@ -103,7 +103,7 @@ def _events(period: float, pattern: Sequence[Instants]) -> list[_Event]:
 
 
 def _waiting(period: float, pattern: Sequence[Instants]) -> int:
-    """Return the forces that are computed and do not act yet at the beginning of the pattern."""
+    """Return the forces that are computed before the beginning of the pattern and act after it."""
     turn = len(pattern) * period
     count = 0
     for place, each in enumerate(pattern):

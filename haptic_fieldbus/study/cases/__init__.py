@@ -1,6 +1,6 @@
-"""Stiff and extreme cases by name, each judged by an oracle of its own.
+"""Stiff and extreme cases by name, each with its own oracle.
 
-An oracle is a closed form, a computation in extended precision, or brute force; those that need more than a line are in
+An oracle is a closed form, a computation in extended precision, or brute force. Oracles of more than a line are in
 `study.oracles`. Each case is a function whose docstring states the claim that it checks.
 """
 

@@ -49,7 +49,7 @@ def _law(stiffness: float) -> Callable[[float], float]:
 
 
 def at_boundary(factor: float, quick: bool) -> CaseResult:
-    """Check that at `factor` of its limit a wall's motion fades or grows as slowly as theory predicts.
+    """Check that at `factor` times its limit the motion at a wall decays or grows as slowly as theory predicts.
 
     The logarithm of the growth over N periods is compared with N·ln ρ, where ρ² = e + K·c0 for complex roots.
     """
@@ -172,7 +172,7 @@ def undamped_wall(quick: bool) -> CaseResult:
 
 ESTIMATOR = "backward-difference"
 AGREEMENT, CUT, EXACT = 1e-6, 5e-4, 1e-12
-"""Permitted relative difference of limits of stability; of energies, for motions are cut into cells; of forces."""
+"""Permitted relative differences of stability limits, of energies (motions are cut into cells), and of forces."""
 FIRST, SECOND = Plant(0.1, 2.0, 0.02, 1e-5, 0.4e-3), Plant(0.05, 0.8, 0.001, 2e-6)
 """Devices of two axes, with friction and encoder; the motor of the first one lags."""
 DELAYS = (0.3e-3, 1.2e-3)
@@ -214,7 +214,7 @@ def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -
 
 
 def _torn(damping: float, ratio: float) -> float:
-    """Return how far the forces of a coupling are from those of a spring and damper between x₁ and n·x₂."""
+    """Return the difference of the forces of a coupling from those of a spring and damper between x₁ and n·x₂."""
     law = Coupling(("a", "b"), 400.0, damping, ratio).begin(PERIOD)
     places = np.random.default_rng(2).uniform(-0.1, 0.1, (100, 4)).tolist()
     worst = 0.0
@@ -276,7 +276,7 @@ def _loaded_by_hand(loss: float) -> float:
 
 
 def compliant_transmission(quick: bool) -> CaseResult:
-    """Check the limit of a motor with a load behind a spring: the swing of both counts, and a rigid one is one mass."""
+    """Check the limit of a motor with a load behind a spring: their oscillation counts; a rigid one is one mass."""
     found = [_judged(HungBody(LOAD, STIFF, loss)) for loss in LOSSES]
     by_hand = [_loaded_by_hand(loss) for loss in LOSSES]
     whole = _judged(plant=Plant(MOTOR.mass + LOAD, MOTOR.damping, torque_lag=MOTOR.torque_lag))

@@ -1,4 +1,4 @@
-"""Cases of faults of bus, encoder and clock: a running loop takes its torque away, or goes on unaffected."""
+"""Cases of faults of bus, encoder and clock: a running loop sets its torque to zero, or continues unaffected."""
 
 import math
 from dataclasses import dataclass, replace
@@ -80,7 +80,7 @@ def plan_of(
 
 
 class Feeder(Cycle):
-    """Cycle that keeps its plan, with which its octets are packed."""
+    """Cycle that keeps its plan for packing and unpacking its octets."""
 
     def __init__(self, plan: Plan) -> None:
         super().__init__(plan)
@@ -99,7 +99,7 @@ class Feeder(Cycle):
 def feed(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> bytes:
     """Run one period in operation enabled at this position, and return the octets of the output image.
 
-    The drive shows the torque that it was sent last.
+    The drive shows the last torque sent to it.
     """
     shown = int(cycle.value("target torque"))
     return bytes(cycle(cycle.plan.image.input.pack(t_ns, 0, flags, 0, ENABLED, counts, shown)))
@@ -125,7 +125,7 @@ class BusOffOutcome:
     error: str
     """Class of the error that ended the run; "none" without one."""
     guard: float
-    """Guard time that the drive was given [s]."""
+    """Time set in the drive watchdog [s]."""
     pushed: float
     """Target torque of the drive when the bus was lost [N·m]."""
     torque_free_after: float
@@ -161,13 +161,13 @@ def bus_off_in_contact() -> BusOffOutcome:
 
 
 def odd_periods(start_ns: int, cycles: int) -> tuple[int, int]:
-    """Return how many periods had a wrong length, and how many there were; the clock begins at `start_ns`."""
+    """Return the numbers of periods with a wrong length and of all periods; the clock begins at `start_ns`."""
     _, report, _ = _run(plan_of(Wall("handle", stiffness=600.0)), VirtualClock(start_ns), cycles)
     return int((report.sample("period_ns")[1:] != PERIOD_NS).sum()), report.cycles
 
 
 def lost_bus(quick: bool) -> CaseResult:
-    """Check that after bus-off in contact the target is 0 in that period, and the drive alone takes its torque away."""
+    """Check that after bus-off in contact the target is 0 in that period, and the drive frees itself."""
     cycle = running_feeder(plan_of(Constant("handle", 3.0)))
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
@@ -190,9 +190,9 @@ def lost_bus(quick: bool) -> CaseResult:
 
 
 def stale_position(quick: bool) -> CaseResult:
-    """One sample that is missing changes nothing; of a gap the second takes a tenth of the torque, the eleventh all.
+    """One missing sample changes nothing; the second in a row removes a tenth of the torque, the eleventh removes all.
 
-    The first new sample brings the torque back, here in one period, for the slew limit allows it.
+    The first new sample restores the torque, here in one period, because the slew limit allows it.
     """
     full = round(3.0 / UNIT)
     cycle = running_feeder(plan_of(Constant("handle", 3.0)))
@@ -260,7 +260,7 @@ def denormal_input(quick: bool) -> CaseResult:
 
 
 def encoder_wrap(quick: bool) -> CaseResult:
-    """An encoder that passes 2³¹ on its way there and back is followed as if it had no end."""
+    """A position counter that wraps at 2³¹, there and back, is followed without a jump."""
     wall = Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)
     cycle = running_feeder(plan_of(wall, limits=Limits(speed=10.0, acceleration=1e9)), 0x7FFF_FFFF - 2000)
     true, off, off_speed, crossings = 0, 0.0, 0.0, 0
@@ -288,7 +288,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
 
 
 def encoder_jump(quick: bool) -> CaseResult:
-    """A jump that motor and hand could make is rendered at the slew limit; one count more lets go at once."""
+    """A jump that motor and hand could make is rendered at the slew limit; a jump larger by one count trips at once."""
     mass, effort = 4.0e-5 / (0.05 / (2 * math.pi)) ** 2, 1000 * UNIT
     allowed = math.floor((effort + LARGEST_HAND_FORCE) / mass * 1e-6 / COUNT) + 2
     plan = plan_of(Wall("handle", stiffness=2000.0))
@@ -321,9 +321,9 @@ LARGEST_HAND_FORCE = 500.0
 
 
 def clock_backwards(quick: bool) -> CaseResult:
-    """Time stamps that stand still change nothing; one that goes back by a nanosecond or by days ends the run.
+    """Time stamps that stand still change nothing; one that goes back, by a nanosecond or by days, ends the run.
 
-    Then neither the age of the feedback nor its velocity is known.
+    After such a step neither the age of the feedback nor its velocity is known.
     """
     damped = plan_of(Wall("handle", stiffness=600.0, damping=0.5), estimator="tick-interval")
     plain = running_feeder(plan_of(Wall("handle", stiffness=600.0)), t_ns=600 * PERIOD_NS)
@@ -374,7 +374,7 @@ def long_clock(quick: bool) -> CaseResult:
 
 
 VIRTUAL = 0.002
-"""Damping of the wall that is the same in both workspaces [N·s/m or N·m·s/rad]."""
+"""Damping of the wall, the same number in both workspaces [N·s/m or N·m·s/rad]."""
 
 
 def rotary_equals_linear(quick: bool) -> CaseResult:

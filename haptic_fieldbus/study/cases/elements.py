@@ -195,7 +195,7 @@ def _stop(damping: float) -> tuple[float, float]:
 
 
 def _rendered_way() -> float:
-    """Return the angle at which the shaft turns back when the friction is rendered at 1 kHz [rad]."""
+    """Return the angle at which the shaft reverses if the friction is rendered at 1 kHz [rad]."""
     plant, law, t_ns = mechanics.Plant(Shaft(INERTIA, 0.0, 0.0, LAG), None, velocity=SPIN), RENDERED.begin(PERIOD), 0
     way = 0.0
     while plant.velocity > 0.0:

@@ -1,8 +1,8 @@
 """Cases of encoder counts and Coulomb friction: a handle pressed to the edge between two counts, and above the limit.
 
 A hand presses with the force of one and a half counts, so the handle stands on the edge between counts 1 and 2. There
-the total force is ±K·D/2 and nothing in between: a relay. The handle rests only if friction bridges that force,
-fc ≥ K·D/2, for any period.
+the total force is +K·D/2 or −K·D/2: a relay. For any period, the handle rests only if friction bridges that force, fc ≥
+K·D/2.
 """
 
 import math
@@ -20,11 +20,11 @@ from haptic_fieldbus.study.oracles.contact import Pressed, jury_limit, largest, 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
 CLOSE = 1e-3
-"""Permitted relative difference of a border between chatter and rest."""
+"""Permitted relative difference of the border between chatter and rest."""
 SHARES = np.array([0.9, 0.99, 1.0 - CLOSE, 1.0 + CLOSE, 1.01, 1.1])
 """Shares of a border at which loops run."""
 KNOCK = 6e-4
-"""Initial speed [m/s]: a handle that is at rest in the end has come to rest, and was not left untouched."""
+"""Initial speed [m/s], so that a handle at rest at the end has come to rest from a motion."""
 
 
 def recorded(many: Loops, settle: int, samples: int) -> Array:
@@ -38,7 +38,7 @@ def recorded(many: Loops, settle: int, samples: int) -> Array:
 
 
 def _moves(many: Loops, settle: int) -> list[bool]:
-    """Return whether each handle still moves after `settle` periods."""
+    """Return a mask of the handles that still move after `settle` periods, `(n,)`."""
     # Differences of neighbours over 21 samples: the ends alone would miss a cycle of two samples.
     steps = np.diff(recorded(many, settle, 21)[:, 0], axis=0)
     return [bool(each.any()) for each in steps.T]
@@ -101,14 +101,14 @@ def coulomb_rescue(quick: bool) -> CaseResult:
 
 
 def _edge(before: list[bool]) -> float:
-    """Return the middle between the last of SHARES up to which something holds, and the one after it."""
+    """Return the middle between the last of SHARES up to which a condition holds, and the next one."""
     count = sum(before)
     low, high = np.concatenate([[0.0], SHARES, [np.inf]])[count : count + 2].tolist()
     return 0.5 * (float(low) + float(high))
 
 
 def one_count_wall(quick: bool) -> CaseResult:
-    """Check a wall pressed one count deep: its chatter beside a loop by hand, the estimate of it, and its bound.
+    """Check a wall pressed one count deep: its chatter against a loop written by hand, its estimate, and its bound.
 
     The cycle is symmetric, with the speed K·D/(2·b)·tanh(b·n·T/(2·m)) for n samples in a half. The estimate by a
     describing function has the amplitude 2·D·K/(π·Kmax), with Kmax the limit without counts; the bound is
@@ -170,7 +170,7 @@ def _states_by_hand(device: Pressed, settle: int, samples: int) -> Array:
 
 
 def local_stability(quick: bool) -> CaseResult:
-    """Check that above K = 2b/T small motions stick and large ones cycle, from a threshold on that is found by hand."""
+    """Check that above K = 2b/T small motions stick and large ones cycle; the threshold is computed by hand."""
     stiffness, most = 8000.0, 5.0
     coulomb = 1.2 * 0.5 * stiffness * STEP
     hand = Pressed(MASS, DAMPING, coulomb, stiffness, STEP, 0.0, PERIOD, most=most)

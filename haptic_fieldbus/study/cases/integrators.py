@@ -27,7 +27,7 @@ from haptic_fieldbus.study.oracles.textbook import DIGITS, RADII, RULES, free_mo
 # Cases of integrators with extreme masses and numbers: refusals, overflow, vanishing mass, zero input.
 
 LARGEST = 2**1024
-"""Smallest power of two that is no finite double."""
+"""Smallest power of two that is not a finite double."""
 SENTENCE = "expected a number from 1e-12 to 1e9"
 """Part of the message with which a mass is refused."""
 COUNTS, PERIODS = 10, 400
@@ -43,9 +43,9 @@ def _overflow_sample(square: int, scale: Fraction) -> int:
 
 
 def float_overflow(quick: bool) -> CaseResult:
-    """Check that forward Euler with much too long a period ends flagged before its first infinity.
+    """Check that forward Euler with a far too long period is flagged before its first infinity.
 
-    In the cycle, the target torque is zero from there on.
+    In the cycle, the target torque is zero from that period on.
     """
     space = sprung_mass(100.0, 1.0)
     found = follow(discretise(space, 1.0, "forward-euler"), np.zeros((2_000, 2)), [1.0, 0.0])
@@ -215,7 +215,7 @@ def h_sweep(quick: bool) -> CaseResult:
 
 
 def forward_euler_any_t(quick: bool) -> CaseResult:
-    """Check that forward Euler gains energy with every period T, which only sets how fast."""
+    """Check that forward Euler gains energy with every period T; T only sets the rate."""
     steps = 2_000 if quick else 10_000
     worst, gains = 0.0, []
     for period in np.geomspace(1e-6, 1e-2, 9).tolist():
@@ -237,7 +237,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
 
 
 def rk4_at_its_limit(quick: bool) -> CaseResult:
-    """Check that RK4 keeps the energy at h = 2·√2, and loses or gains it a ten-thousandth to either side."""
+    """Check that RK4 keeps the energy at h = 2·√2, and loses or gains it if h is a ten-thousandth smaller or larger."""
     steps = 1_000 if quick else 20_000
     by_fractions = np.linalg.matrix_power(np.array([[-1, -1], [8, -1]], dtype=object) * Fraction(1, 3), 60)
     swing = _swing(oscillator(8.0), 1.0, "rk4", (1.0, 0.0), steps)

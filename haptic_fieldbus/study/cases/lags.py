@@ -1,4 +1,4 @@
-"""Case of a torque loop with a lag: its limits of stability and passivity, and the damping that it asks for."""
+"""Case of a torque loop with a lag: its limits of stability and passivity, and the damping that a wall then needs."""
 
 import math
 from collections.abc import Callable
@@ -20,9 +20,9 @@ BENCHES = ((0.4e-3, 0.3e-3), (0.16e-3, 1.2e-3), (2e-3, 0.5e-3))
 MASS, DAMPING, VIRTUAL = 0.1, 2.0, 0.5
 """Device [kg, N·s/m], and the damper of a wall [N·s/m]."""
 DASHPOT = 20.0
-"""Dashpot in series with a spring [N·s/m]; alone it is more than the device can hide."""
+"""Dashpot in series with a spring [N·s/m]; without the spring it would be too large to be passive."""
 ASKED = 300.0
-"""Stiffness of the wall whose damping is asked for [N/m]."""
+"""Stiffness of the wall for which the required damping is computed [N/m]."""
 AGREEMENT, CUT = 1e-6, 5e-4
 """Permitted relative difference of limits of stability, and of energies: motions are cut into cells."""
 
@@ -56,14 +56,14 @@ def _maxwell_by_hand(stiffness: float) -> Force:
 
 @dataclass(frozen=True)
 class _Found:
-    """Answers of the package for one lag and delay, and what the oracles say to them."""
+    """Answers of the package for one lag and delay, and the results of the oracles for them."""
 
     stable: float
     by_hand: float
     passive: tuple[float, float, float]
     """Limits of spring, wall and Maxwell body [N/m]."""
     needed: tuple[float, float, float, float]
-    """Share of the damping that the worst motion needs at these limits, and, at ASKED, per share that was asked."""
+    """Share of the damping that the worst motion needs at these limits; for ASKED, relative to the computed damping."""
 
 
 def _found(lag: float, delay: float, cells: int) -> _Found:
@@ -89,8 +89,8 @@ def _found(lag: float, delay: float, cells: int) -> _Found:
 def torque_lag(quick: bool) -> CaseResult:
     """Check that the lag of a torque loop counts in stability and, as energy, in each way to passivity.
 
-    The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection that a Maxwell
-    body needs, and the damping that a wall asks for.
+    The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection for a Maxwell
+    body, and the damping that a wall requires.
     """
     found = [_found(lag, delay, 24 if quick else 48) for lag, delay in BENCHES]
     apart = max(abs(each.stable / each.by_hand - 1.0) for each in found)

@@ -23,7 +23,7 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 def _counted(speed: float, samples: int) -> list[float]:
-    """Return the positions that an encoder gives for a steady motion [m], sample by sample."""
+    """Return the encoder positions of a steady motion [m], sample by sample."""
     return [STEP * math.floor(speed * PERIOD * number / STEP) for number in range(samples)]
 
 
@@ -33,7 +33,7 @@ def _estimated(spec: str, positions: Iterable[float], period: float = PERIOD) ->
 
 
 def velocity_quantisation(quick: bool) -> CaseResult:
-    """Check that a difference of counts takes whole multiples of D/T only, with the rms error of theory."""
+    """Check that a difference of counts gives only whole multiples of D/T, with the rms error of theory."""
     samples, ratio = 20_000 if quick else 1_000_000, 3.0 + GOLDEN
     found = np.array(_estimated("backward-difference", _counted(ratio * STEP / PERIOD, samples))[1:])
     unit = STEP / PERIOD
@@ -148,7 +148,7 @@ def tachometer_drift(quick: bool) -> CaseResult:
 
 
 def tachometer_alias(quick: bool) -> CaseResult:
-    """Check that a motion to and fro at the sampling rate reads as a steady one, and a slower one loses amplitude."""
+    """Check that an oscillation at the sampling rate reads as a constant velocity, and a slower one loses amplitude."""
     samples, phase, size = 2000 if quick else 200_000, 0.3, 1e-4
     turn = 2.0 * math.pi / PERIOD
     aliased, slower = tachometer.bind_position(PERIOD), tachometer.bind_position(PERIOD)
@@ -170,7 +170,7 @@ def tachometer_alias(quick: bool) -> CaseResult:
 
 
 def jittered_sampling(quick: bool) -> CaseResult:
-    """Check that jitter lowers the limit by its square, and is an error to a difference that assumes the period T."""
+    """Check that jitter lowers the limit by its square, and is an error of a difference that assumes the period T."""
     number, plant = 300 if quick else 3000, Plant(5.0, 0.5)
     times = PERIOD * (1.0 + np.random.default_rng(4).uniform(-0.5, 0.5, number))
     devices = [sample(plant, float(time), 0.0) for time in times]

@@ -41,13 +41,13 @@ PERIOD = 1e-3
 SPEED = 0.2
 """Speed towards the wall [m/s]."""
 EXACT, AGREEMENT = 1e-9, 1e-6
-"""Permitted relative difference of sums that are equal but for rounding; of limits and rates."""
+"""Permitted relative differences: of sums that differ by rounding alone, and of limits and rates."""
 
 
 def _bounced(mass: float, stiffness: float, phases: Array, steps: int, saturation: float = math.inf) -> Array:
     """Return the exit speeds of masses that hit the wall [m/s], `(n,)`.
 
-    `phases`, `(n,)`, are the shares of a period that are left from the impact to the next sample.
+    `phases`, `(n,)`, are the times from the impact to the next sample, as shares of a period.
     """
     many = loops(
         mass=mass, damping=0.0, period=PERIOD, stiffness=stiffness, unilateral=True, saturation=saturation,
@@ -57,7 +57,7 @@ def _bounced(mass: float, stiffness: float, phases: Array, steps: int, saturatio
 
 
 def bounce_energy(quick: bool) -> CaseResult:
-    """Check that a bounce on an undamped wall generates e^{πh/2} − 1 of its energy on average, more or less by phase.
+    """Check that a bounce on an undamped wall generates e^{πh/2} − 1 of its energy, on average over the phases.
 
     With y_0 the first sample inside and y_N the first one outside again, the work of the wall is exactly
     K/2·(Σ(y_{k+1} − y_k)² + y_0² − y_N²): the leak of the hold, and terms of up to one sample at entry and at exit.
@@ -101,8 +101,8 @@ def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
 def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
     """Check that a contact of less than a period throws the handle out with (h²·φ − 1) times its speed.
 
-    A contact lasts π·√(m/K), and φ is the share of the period that is left after the impact. The handle leaves within
-    one period when φ ≥ 1/(h²/2 − 1). A limit of the force limits the speed to F·T/m − v.
+    A contact lasts π·√(m/K), and φ is the time from the impact to the next sample, as a share of the period. The handle
+    leaves within one period when φ ≥ 1/(h²/2 − 1). A limit of the force limits the speed to F·T/m − v.
     """
     mass, stiffness, count = 0.02, 5e5, 200 if quick else 20_000
     square, most = PERIOD**2 * stiffness / mass, 20.0
@@ -193,7 +193,7 @@ def _package_limit(damping: float, delay: float, pole: float) -> float:
 
 
 def _right(limit: float, point: Point, quick: bool) -> int:
-    """Return how many of two simulated loops behave as the limit says: one below it decays, one above it grows."""
+    """Return the number of two simulated loops that agree with the limit: one below it decays, one above it grows."""
     damping, delay, pole = point
     many = loops(
         mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, delay=delay, position=1e-3,

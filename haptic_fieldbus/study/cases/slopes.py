@@ -1,4 +1,4 @@
-"""Case of contacts whose slope varies with their place: a body that stiffens with depth, and hilltops of detents."""
+"""Case of contacts with a position-dependent slope: a body that stiffens with depth, and hilltops of detents."""
 
 import math
 
@@ -20,7 +20,7 @@ BODY = events.motor(MASS, DAMPING, LAG)
 EXPONENT, DEPTH, FORCE, LOSS = 1.5, 0.01, 2.0, 1.0
 """Body k·dⁿ·(1 + p·ḋ): n, the force [N] at a depth [m] that gives k, and p [s/m]."""
 STEEP = 300.0
-"""Force [N] at that depth of a body which is calm at the effort limit and not at less."""
+"""Force [N] at that depth of a body that is stable at the effort limit and unstable at smaller forces."""
 HEIGHT, PITCH = 0.4, 4e-3
 """Amplitude [N] and pitch [m] of detents."""
 AGREEMENT, CUT = 1e-6, 5e-4
@@ -64,7 +64,7 @@ def _hilltop_by_hand() -> tuple[float, float]:
 
 
 def varying_slope(quick: bool) -> CaseResult:
-    """Check that a body is judged by its slope wherever the motor can hold the handle, and hilltops by the ideal's own.
+    """Check that a body is judged by its slope wherever the motor can hold the handle, hilltops by ideal growth.
 
     Without loss the slope at the effort limit decides. With loss the worst depth is somewhere in between.
     """

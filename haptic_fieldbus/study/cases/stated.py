@@ -1,4 +1,4 @@
-"""Cases of figures that are stated of a loop: the worst of its ranges, what passivity asks for, what a run scored."""
+"""Cases of stated figures of a loop: the worst case of its ranges, the damping for passivity, the score of a run."""
 
 import math
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ MASS, DAMPING = 0.1, 2.0
 """Device [kg, N·s/m]."""
 DEVICE = Plant(MASS, DAMPING)
 LAGS, DELAYS = (0.1e-3, 0.4e-3), (0.2e-3, 0.8e-3)
-"""Shortest and longest lag and delay of the worst of ranges [s]."""
+"""Shortest and longest lag and delay of the ranges [s]."""
 SHARES = {"mass": (0.8, 1.25), "damping": (0.5, 2.0)}
-"""Ranges that are stated in the documentation for any bench."""
+"""Ranges that the documentation states for any bench."""
 DAMPERS = (0.0, 20.0)
 """Dampers of two walls [N·s/m]: with the second one the lightest device is the worst."""
 AGREEMENT, ROUGH, CUT = 1e-6, 1e-5, 5e-4
@@ -50,7 +50,8 @@ def _alone(
 def worst_of_ranges(quick: bool) -> CaseResult:
     """Check that the limit is that of the worst device, lag and delay within their ranges.
 
-    Of a plain wall that is the largest delay and the least friction; with much virtual damping it is the lightest mass.
+    For a plain wall the worst case is the largest delay and the least friction; with much virtual damping it is the
+    lightest mass.
     """
     ranges = Ranges(LAGS, DELAYS)
     middle = Plant(MASS, DAMPING, torque_lag=LAGS[0])
@@ -80,13 +81,13 @@ def worst_of_ranges(quick: bool) -> CaseResult:
 
 
 ESTIMATOR, VIRTUAL = "kalman-acceleration", 0.5
-"""Estimator that answers a move with more than the move at first, and a damper that it drives [N·s/m]."""
+"""Estimator whose first response to a move overshoots the move, and a damper that it drives [N·s/m]."""
 REMEMBERED = 400
 """Periods after which it has forgotten a move."""
 
 
 def _largest_answer() -> float:
-    """Return the largest velocity that the running estimator gives for moves of one way a period, in ways a period."""
+    """Return the largest velocity of the running estimator for moves of one way per period, in ways per period."""
     velocity = bind(ESTIMATOR, PERIOD)
     places = [0.0] * 5 + [1.0] * REMEMBERED
     # After one move: what that move gives in each later period. The hand that moves by these signs gets the sum.
@@ -95,9 +96,10 @@ def _largest_answer() -> float:
 
 
 def estimator_weight(quick: bool) -> CaseResult:
-    """Check that passivity counts what an estimator can make of single moves: more than the moves themselves.
+    """Check that passivity counts the overshoot of an estimator that responds to single moves.
 
-    A hand that moves to and fro with the signs of its weights gets B·Σ|w| a way, and a spring K a way of K·T/2.
+    A hand that moves back and forth with the signs of the estimator's weights gets B·Σ|w| per way, and K·T/2 from a
+    spring K.
     """
     limit = _alone(Wall("handle", 100.0, damping=VIRTUAL), estimator=ESTIMATOR).stability.stiffness_limit.passive
     found, answer = limit or math.nan, _largest_answer()
@@ -119,7 +121,7 @@ COUNT, STIFFNESS = 1e-5, 1000.0
 
 
 def _most_wrong(steps: int) -> float:
-    """Return by how much the rounding of two neighbouring samples changes the wall's force, at most [N]."""
+    """Return the largest change of the wall's force by the rounding of two neighbouring samples [N]."""
     within = (np.arange(steps) + 0.5) / steps - 0.5  # of a count, from its middle
     now, before = np.meshgrid(within, within)
     off = -COUNT * now, -COUNT * before
@@ -127,7 +129,7 @@ def _most_wrong(steps: int) -> float:
 
 
 def rounding_bridged(quick: bool) -> CaseResult:
-    """Check that friction has to bridge what counts change the force by: half a count of position, one of velocity."""
+    """Check that friction has to bridge the force steps of the counts: half a count of position, one of velocity."""
 
     def is_passive(coulomb: float) -> bool:
         group = _alone(Wall("handle", STIFFNESS, damping=VIRTUAL), Plant(MASS, DAMPING, coulomb, COUNT))
@@ -158,9 +160,9 @@ OUTER = (0.755 * RADIUS, 0.81 * RADIUS)
 
 
 def magnet_outside(quick: bool) -> CaseResult:
-    """Check that a handle that moves on the outer slope of a magnet alone is judged by the steepest of that slope.
+    """Check that the outer slope of a magnet is judged by its steepest part, for a handle that moves there alone.
 
-    There the force falls with the way, by 0.8 of the slope in the middle. A slope of either sign leaks alike.
+    There the force falls with the way, by 0.8 of the slope in the middle. Slopes of both signs leak alike.
     """
     limit = _alone(Magnet("handle", 1.0, RADIUS), travel=OUTER).stability.stiffness_limit.passive
     u = np.linspace(OUTER[0], OUTER[1], 20_001) / RADIUS
@@ -188,7 +190,7 @@ CLOSE = 2e-3
 
 
 def late_spring_score(quick: bool) -> CaseResult:
-    """Check the score of a spring whose force is late in a sine: the error over the force, both while it moves."""
+    """Check the score of a spring with a late force in a sine motion: error over force, both while the handle moves."""
     points = POINTS if quick else 10 * POINTS
     phase = 2.0 * math.pi * (np.arange(points) + 0.5) / points
     ideal, force = np.sin(phase), np.sin(phase - TURN * LATE)
@@ -223,7 +225,7 @@ RAMP = 7.0
 def straight_line_step(quick: bool) -> CaseResult:
     """Check a step with an input on a straight line: a mass that is pulled at constant speed from rest.
 
-    q(t) = r·t − r/ω·sin(ω·t), to the last digits at any rate, also where the whole answer is a difference.
+    q(t) = r·t − r/ω·sin(ω·t), to the last digits at any rate, even if cancellation leaves little of the result.
     """
     off = 0.0
     for rate in RATES if quick else (*RATES, 1e-2, 1e4):

@@ -64,9 +64,9 @@ def _shots(lengths: Sequence[int]) -> tuple[float, list[events.Shot]]:
 
 
 def missed_frames_pattern(quick: bool) -> CaseResult:
-    """Check limit and growth of a late, lagging loop that loses samples in a pattern and holds its last force.
+    """Check limit and growth of a loop with delay and lag that loses samples in a pattern and holds its last force.
 
-    The damper keeps the last position that came, and divides the way from it by one period.
+    The damper keeps the last received position, and divides the way from it by one period.
     """
     found = [pattern_limit(DEVICE, PERIOD, LATE, _wall, gaps(lengths)) for lengths in LOST]
     by_hand = [_limit_by_hand(*_shots(lengths)) for lengths in LOST]
@@ -89,14 +89,14 @@ def missed_frames_pattern(quick: bool) -> CaseResult:
 
 
 TICK, ARRIVAL, AGE = 0.4e-3, 0.25e-3, 0.05e-3
-"""Control ticks of a drive, way of a set-point to it, and age of a position at its tick [s]."""
+"""Control ticks of a drive, travel time of a set-point to it, and age of a position at its tick [s]."""
 LATENESS = (0.0, 0.15e-3)
-"""How late each SYNC of two comes [s]; two periods are five ticks."""
+"""Lateness of each of two SYNC messages [s]; two periods are five ticks."""
 PHASES = (0.0, 0.1e-3, 0.3e-3)
 
 
 def _ticked(phase: float) -> tuple[float, list[events.Shot]]:
-    """Return a turn of two periods, its ticks found by going through them."""
+    """Return a turn of two periods; the ticks are found by enumeration."""
     ticks = [phase + number * TICK for number in range(-10, 20)]
     shots = []
     for number, late in enumerate(LATENESS):
@@ -107,7 +107,7 @@ def _ticked(phase: float) -> tuple[float, list[events.Shot]]:
 
 
 def tick_phase(quick: bool) -> CaseResult:
-    """Check the limit of a drive whose ticks are not locked to SYNC, by phase, and that the longest delay bounds it."""
+    """Check the limit of a drive with ticks not locked to SYNC, for each phase; the longest delay bounds it."""
     found, by_hand = [], []
     for phase in PHASES:
         pattern = free_ticks(Ticks(TICK, phase), PERIOD, ARRIVAL, LATENESS, AGE)
@@ -137,10 +137,10 @@ FASTEST = 1e8
 
 
 def modbus_one_period(quick: bool) -> CaseResult:
-    """Check that by function 23 each torque acts a period after its sample, and that the limit is that of such a delay.
+    """Check that with function 23 each torque acts one period after its sample, and that the limit includes this delay.
 
-    The limit is compared with a polynomial in 60 digits; the instants at which torque changed in the simulated drive
-    with those of the samples that it was computed from.
+    The limit is compared with a polynomial in 60 digits. The instants at which torque changed in the simulated drive
+    are compared with those of its samples.
     """
     plan = _late_plan()
     plant = plan.axes[0].plant
@@ -202,11 +202,11 @@ def _late(plan: Plan, cycles: int) -> list[float]:
 WAY, FADE = 20, 10
 """Counts that the hand moves in a period, and periods of a whole fade."""
 STIFFNESS, EFFORT = 10.0 * UNIT / (WAY * COUNT), 400.0 * UNIT
-"""Wall [N/m] and effort limit [N], of whole steps of torque, so that none is rounded."""
+"""Wall [N/m] and effort limit [N]; both give whole steps of torque, so no torque is rounded."""
 SLEW = EFFORT / 5.0
 """Largest change of the force in a period [N]: from 0 to the limit in 5 ms."""
 SOON = 15
-"""Longest gap [periods] after which the wall goes on from where it was; after a longer one its force also has a cap."""
+"""Longest gap [periods] after which the wall continues unchanged; after a longer gap its force also has a cap."""
 PRESSED, DEEPER = 30, 10
 """Periods of pressing before the gap, and after it."""
 EXACT = 1e-9
@@ -216,8 +216,8 @@ EXACT = 1e-9
 def _forces(gap: int) -> tuple[list[float], list[float]]:
     """Return what the loop commands and what is expected [N], with a gap of so many periods in the feedback.
 
-    The hand presses on during the gap, and after it for a while. Then it goes out of the wall, and in again. After a
-    trip the command is 0.
+    The hand presses deeper during the gap, and for a while after it. Then it leaves the wall and enters it again. After
+    a trip the command is 0.
     """
     cycle = Feeder(plan_of(Wall("handle", STIFFNESS), limits=Limits(effort=EFFORT)))
     turn = PRESSED + gap + DEEPER
@@ -267,10 +267,10 @@ def _given(forces: Sequence[float], gap: int) -> float:
 
 
 def fade_return(quick: bool) -> CaseResult:
-    """Check that a force fades in a gap and comes back at its slew, and that the wall goes on, or is capped.
+    """Check that a force fades in a gap and returns at its slew limit, and that the wall continues or is capped.
 
-    The hand presses on in the gap, after it for a while, and goes out. What it gets back beyond what it gave is the
-    leak of held forces and what faded; a force that returned in full would give it more.
+    The hand presses deeper in the gap and for a while after it, then leaves. It gets back more energy than it gave: the
+    leak of held forces and the energy of the faded force. A force that returned in full would give it more.
     """
     gaps = (1, 4, 15, 20) if quick else range(1, 21)
     off, works, by_hand = 0.0, [], []
@@ -298,7 +298,7 @@ def fade_return(quick: bool) -> CaseResult:
 LENGTH, EACH = 10, 51
 """Periods from sample to sample in a gap, and periods from gap to gap: less than a fifth of the samples is missing."""
 SPANS = (1.5, 40.0)
-"""Limits of stiffness over the stiffness of two walls."""
+"""Stiffness limit over stiffness, for two walls."""
 
 
 def _given_up(stiffness: float) -> str | None:
@@ -315,9 +315,9 @@ def _given_up(stiffness: float) -> str | None:
 
 
 def gaps_given_up(quick: bool) -> CaseResult:
-    """Check that a loop is given up whose gaps make it grow, though few samples are missing, and another is not.
+    """Check that a loop trips if its gaps make it grow, although few samples are missing, and another loop does not.
 
-    A gap counts by the square of its length, since its force is that much older.
+    A gap counts by the square of its length, because its force is older by its length.
     """
     axis = plan_of(Wall("handle", STIFFNESS)).axes[0]
     if axis.plant is None or axis.stability is None:

@@ -13,7 +13,7 @@ from haptic_fieldbus.numerics.linear import Matrix
 FEW_SCENES = ("wall", "damped_wall", "sprung_mass", "detents", "lugre", "generalised_maxwell", "virtual_shaft")
 """Scenes of a quick report: one of each sort."""
 DEFAULT_ESTIMATOR, DEFAULT_METHOD = "backward-difference", "exact-foh"
-"""Velocity estimator and integrator of a plan that is asked for none."""
+"""Default velocity estimator and integrator of a plan."""
 
 
 def library_scenes() -> list[str]:

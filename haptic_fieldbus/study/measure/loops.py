@@ -122,8 +122,7 @@ def free_swing(method: str, total: int) -> Growth:
 # an eigenvalue of exactly 1; it is left out.
 
 SOFTEST, BEYOND, LOOKED_AT = 1e-6, 1e3, 120
-"""Softest and stiffest spring tried, in units of m/T², and their number; beyond the stiffest, any spring is taken as
-stable."""
+"""Softest and stiffest spring tried, in units of m/T², and their number; if the stiffest is stable, all are."""
 HANDLES = ("clamped", "in the hand", "free")
 
 
@@ -137,9 +136,9 @@ class LoopGrowth:
     rate: dict[str, Array]
     """Growth rates [1/s], each `(n,)`."""
     limit: dict[str, float]
-    """Stiffest stable spring [N/m]; 0 when none is stable, ∞ when any is."""
+    """Stiffest stable spring [N/m]; 0 if none is stable, ∞ if all are."""
     softest: dict[str, float]
-    """Softest stable spring below that limit [N/m]; 0 when any below it is stable."""
+    """Softest stable spring below that limit [N/m]; 0 if all springs below it are stable."""
     at_scene: dict[str, float]
     """Growth rate with the stiffness of the scene [1/s]."""
 
@@ -161,7 +160,7 @@ def radius_of(handle: str, bench: Bench, method: str) -> Callable[[float], float
 
 
 def loop_growth(bench: Bench, method: str, points: int) -> LoopGrowth:
-    """Measure one method over four decades of stiffness, up to the range that no sampled loop stands."""
+    """Measure one method over four decades of stiffness, up to values at which every sampled loop is unstable."""
     scale = bench.plant.mass / bench.period**2
     stiffness = np.geomspace(2e-5 * scale, 2e-1 * scale, points)
     radii = {handle: radius_of(handle, bench, method) for handle in HANDLES}
@@ -244,7 +243,7 @@ HAND_FORCE = sine(4.0, 1.0)
 TIMED_STEPS = 200
 """Steps in one timed pass."""
 DIVERGED = 1e12
-"""Force from which a run counts as diverged [N]; far above any real one, and far below overflow."""
+"""Force from which a run counts as diverged [N]; far above any real force, and far below overflow."""
 FIXED_TIMES = ("filtered-derivative",)
 """Estimators with a time constant that does not shrink with the period: their error has a limit above 0."""
 

@@ -109,7 +109,7 @@ class Problem:
 
 
 def feels_velocity(space: StateSpace) -> bool:
-    """Return whether accelerations or the force depend on a velocity: kick-then-drift has it half a period late."""
+    """Return whether accelerations or the force depend on a velocity, which kick-then-drift has half a period late."""
     # A position is a state whose rate is another state, and nothing else.
     alone = (np.count_nonzero(space.a, axis=1) == 1) & (space.a == 1.0).any(axis=1) & ~space.b.any(axis=1)
     velocities = np.flatnonzero(~alone)

@@ -1,9 +1,9 @@
 """K–B region of a wall: predicted by eigenvalues and by passivity, measured by simulating many loops at once.
 
-In the measurement, a handle that is flicked swings against a bilateral wall. In each period its position is sampled,
-differentiated by backward difference, and the force acts after the delay until the next one. A loop is unstable when
-its largest excursion in the last quarter of the run exceeds that in the second quarter. Close to a boundary, motions
-neither grow nor fade within a run, so that the measurement is undecided there.
+In the measurement, a handle that is flicked swings against a bilateral wall. In each period its position is sampled and
+differentiated by backward difference. The force acts after the delay, until the next force. A loop is unstable when its
+largest excursion in the last quarter of the run exceeds that in the second quarter. Close to a boundary, motions
+neither grow nor fade within a run, so the measurement is undecided there.
 """
 
 import math
@@ -66,7 +66,7 @@ class Plane:
 
     @property
     def agreement(self) -> float:
-        """Share of points that end as predicted, among those further than 5 % of the plane from a predicted border."""
+        """Share of points that end as predicted; points within 5 % of the plane of a predicted border are left out."""
         sigma, steepness = self.axis[:, None], -_slope(self.start)
         # Distance from the slanted border, at a right angle to it.
         above = (sigma - self.border[None, :]) / math.hypot(1.0, steepness)
@@ -78,7 +78,7 @@ class Plane:
 
 
 def border(start: float, beta: Array) -> Array:
-    """Return the σ below which a motion of `start` counts grows, for each β, `(n,)`; 0 when it grows with no σ."""
+    """Return the σ below which a motion of `start` counts grows, for each β, `(n,)`; 0 if it grows for no σ."""
     return np.maximum(0.0, _slope(start) * (0.5 - beta))
 
 
@@ -126,7 +126,7 @@ class Region:
 
     @property
     def agreement(self) -> float:
-        """Share of grid points measured as predicted, among those further than 1 % from the predicted boundary."""
+        """Share of grid points measured as predicted; points within 1 % of the predicted boundary are left out."""
         predicted = self.stiffness[None, :] > self.stable_limit[:, None]
         apart = np.abs(self.stiffness[None, :] - self.stable_limit[:, None]) > 0.01 * self.stable_limit.max()
         return float((predicted == self.grew)[apart].mean())
@@ -172,7 +172,7 @@ def grew(bench: Bench, stiffness: Array, damping: Array, periods: int) -> NDArra
 
 
 def region(title: str, bench: Bench, points: int, periods: int, damping: float | None = None) -> Region:
-    """Return a grid of points × points up to a damping [N·s/m]; for None, over the stable region and a tenth more."""
+    """Return a grid of points × points up to a damping [N·s/m]; None: over the stable region and a tenth more."""
     dampings = np.linspace(0.0, 1.1 * largest_damping(bench) if damping is None else damping, points)
     limits = np.array([predicted(bench, value) for value in dampings.tolist()])
     stiffnesses = (np.arange(points) + 0.5) / points * 1.1 * float(limits[:, 0].max())

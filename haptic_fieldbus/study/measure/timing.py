@@ -50,7 +50,7 @@ class Timed:
 
 @dataclass(frozen=True, eq=False)
 class Cost:
-    """Times of a call, and what disturbed them."""
+    """Times of a call, and the time in which the thread had a processor."""
 
     passes: Array
     """Mean time of a call in each pass [ns], `(n_passes,)`."""
@@ -61,7 +61,7 @@ class Cost:
 
     @property
     def ns(self) -> float:
-        """Mean time of a call in the median pass [ns], which is between the quartiles that are told beside it."""
+        """Mean time of a call in the median pass [ns]; it lies between the quartiles."""
         return self.quartiles[1]
 
     @property
@@ -71,7 +71,7 @@ class Cost:
 
     @property
     def spread(self) -> float:
-        """Distance of the outer quartiles, as a share of the median."""
+        """Interquartile range, as a share of the median."""
         low, middle, high = self.quartiles
         return (high - low) / middle
 
@@ -106,7 +106,7 @@ def in_turn(calls: Mapping[str, Timed], repeats: int = REPEATS) -> dict[str, Cos
 
 
 def _pass(call: Callable[..., object], inputs: Sequence[Sequence[object]]) -> tuple[int, int]:
-    """Return the time that calls along all inputs take, and the time of it in which this thread ran [ns]."""
+    """Return the duration of calls along all inputs, and the part of it in which this thread ran [ns]."""
     with _without_collector():
         thread, begun = thread_time_ns(), perf_counter_ns()
         # The calls are driven in C, without the cost of a Python loop around them.
@@ -158,7 +158,7 @@ ENABLED = 0x0637
 IMAGES, SINGLE = 250, 5000
 """Input images in one timed pass, which is one swing of the handle, and periods that are timed one by one."""
 APPROACH = 4 * IMAGES
-"""Periods in which the handle is led to its place; longer than the fade-in."""
+"""Number of periods in which the handle moves to its place; longer than the fade-in."""
 PLAIN, DAMPED = "wall", "damped_wall"
 """Scenes whose difference is the cost of velocity and damping."""
 PLACES = {Workspace.LINEAR: (0.025, 0.004), Workspace.ROTARY: (0.5, 0.08)}
@@ -180,10 +180,10 @@ class OptionalPart:
 
 
 class Playback:
-    """Input images of a run, made once, so that the cycles that are timed later pay for nothing else.
+    """Input images of a run, made in advance, so that timed cycles contain no other work.
 
-    Handles swing about their places with the drives in operation enabled. Time goes on from image to image, and each
-    drive shows the set-point that was sent to it, since a cycle trips where one of the two stands still.
+    Handles swing about their places with the drives in operation enabled. Time advances from image to image, and each
+    drive shows the set-point sent to it; without either the cycle would trip.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -201,7 +201,7 @@ class Playback:
         return cycle
 
     def images(self, count: int) -> list[bytes]:
-        """Return the next `count` images; the first of all follows the last that a running cycle has had."""
+        """Return the next `count` images; the first one follows the last image of the running cycle."""
         return [self._next(1.0, math.sin(2.0 * math.pi * (self._number - 1) / IMAGES)) for _ in range(count)]
 
     def swing(self) -> tuple[list[bytes]]:
@@ -209,7 +209,7 @@ class Playback:
         return (self.images(IMAGES),)
 
     def _next(self, travel: float, swing: float) -> bytes:
-        """Return the next image: `travel` is the share of the way to the place, `swing` the share of a swing."""
+        """Return the next image: `travel` is the share of the way to the place, `swing` that of the amplitude."""
         plan = self._plan
         known = {"t_ns": self._number * plan.period_ns}
         for axis in plan.axes:
@@ -232,7 +232,7 @@ class Playback:
 def parts(plans: Mapping[str, Plan], bench: Bench) -> Iterator[OptionalPart]:
     """Yield whole periods of the plans by scene, then each kind of element of the library, then the rest.
 
-    What is compared is timed in turn: whole periods of all scenes, then all parts by themselves.
+    Compared calls are timed in turn: whole periods of all scenes, then all single parts.
     """
     yield from _periods(plans)
     single = _elements([load_scene(name) for name in library_scenes()], plans[PLAIN].period)
@@ -263,7 +263,7 @@ def _elements(scenes: Sequence[Scene], period: float) -> dict[str, Timed]:
 
 
 def _element(kind: str, element: AnyElement, scene: Scene, period: float) -> tuple[str, Timed]:
-    """Return name and law of an element; a law without signals is called with nothing, by a lambda that costs too."""
+    """Return name and law of an element; a law without signals is called through a lambda, whose time is included."""
     spaces = {axis.name: axis.workspace for axis in scene.axes}
     axes = element.axes if isinstance(element, CouplingElement) else (cast(Element, element).axis,)
     given = [_signals(period, spaces[name])[signal] for name in axes for signal in element.needs]
@@ -351,11 +351,11 @@ def deadlines(tools: Tools, periods: int) -> RateDeadlines:
 # How quiet the machine was while times were taken: its load, the share of a processor, and the spread of costs.
 
 LOADED, INTERRUPTED, SCATTERED = 0.7, 0.97, 0.1
-"""Load of a core from which, share of a processor up to which, and spread of costs from which a machine is busy."""
+"""Thresholds of a busy machine: least load of a core, largest share of a processor, least spread of costs."""
 
 
 def load_average() -> float | None:
-    """Return the number of programs that wanted a processor in the last minute; None where the system has none."""
+    """Return the load average of the last minute; None if the system does not report it."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
@@ -364,22 +364,22 @@ class MachineNoise:
     """Load of the machine that disturbs its times."""
 
     load: float | None
-    """Load average before the first measurement; None where the system has none."""
+    """Load average before the first measurement; None if the system does not report it."""
     cores: int
     running: float
     """Share of the time of all timed calls in which they had a processor."""
     spread: float
-    """Median over the timed calls of the distance of their outer quartiles, as a share of their median."""
+    """Median over the timed calls of their interquartile range, as a share of their median."""
 
     @classmethod
     def of(cls, load: float | None, costs: Sequence[Cost]) -> "MachineNoise":
-        """Return how quiet it was at this load while these costs, one or more, were taken."""
+        """Return the noise at this load, from the costs measured meanwhile; at least one."""
         running = sum(cost.ran_ns for cost in costs) / sum(cost.lasted_ns for cost in costs)
         return cls(load, os.cpu_count() or 1, min(running, 1.0), median(cost.spread for cost in costs))
 
     @property
     def busy(self) -> bool:
-        """True when costs are not those of the machine alone."""
+        """True if other programs disturbed the costs."""
         loaded = self.load is not None and self.load > LOADED * self.cores
         return loaded or self.running < INTERRUPTED or self.spread > SCATTERED
 

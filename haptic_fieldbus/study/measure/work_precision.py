@@ -1,8 +1,8 @@
 """Error against cost: problem × method × step size.
 
 A point is one run over the problem's horizon with one step size. Its errors are those of the force against the exact
-force. Its cost is that of the step in the form that the loop runs, which is the same arithmetic for any step size: the
-methods of a problem are timed in turn, once. A run that overflows has no error, but is kept as a point.
+force. Its cost is that of the step as the loop runs it. The arithmetic is the same for any step size, so the methods of
+a problem are timed in turn, once. A run that overflows has no error, but is kept as a point.
 """
 
 import math
@@ -54,7 +54,7 @@ def oscillator(square: float, damping: float = 0.0) -> StateSpace:
 
 
 def _largest(radius: Callable[[float], float]) -> float:
-    """Return the largest step between 1e-3 and 1e3 that does not grow; 0 when the smallest does, ∞ when none does."""
+    """Return the largest stable step between 1e-3 and 1e3; 0 if the smallest step grows, ∞ if no step grows."""
     low, high = 1e-3, LARGEST
     if radius(low) > 1.0 + EXCESS:
         return 0.0
@@ -122,7 +122,7 @@ class Set:
     peak: float
     """Largest exact force [N]."""
     cost: Cost
-    """Cost of a step; those of one problem were timed in turn."""
+    """Cost of a step; the methods of one problem were timed in turn."""
 
     @property
     def order(self) -> float | None:
@@ -161,7 +161,7 @@ def errors(
 
 
 def measured_order(points: Sequence[Point], peak: float) -> float | None:
-    """Return the slope of log rms error over log period between the two smallest steps with more than rounding.
+    """Return the slope of log rms error over log period between the two smallest steps with an error above rounding.
 
     None when fewer than two steps have an error above rounding. The largest step comes first in `points`.
     """

@@ -1,4 +1,4 @@
-"""Oracles of the cases, written independently of all that they judge: they import numpy, `math` and each other alone.
+"""Oracles of the cases, independent of the judged code: they import only numpy, `math` and each other.
 
-For more digits than a float has they use `decimal`. No formula here is taken from the package, and no number.
+For more digits than a float has they use `decimal`. No formula and no number here comes from the package.
 """

@@ -128,7 +128,7 @@ class Pressed:
         return False
 
     def dies(self, start: float) -> bool:
-        """Return whether a swing from rest at a place dies; one that grows by half, or falls by half, goes on so."""
+        """Return whether an oscillation from rest at a position decays; growth or decay by half decides."""
         x, v, peak, side = start, 0.0, 0.0, 1.0
         while True:
             x, v = self.moved(x, v)
@@ -143,7 +143,7 @@ class Pressed:
 
 
 def relay_speed(device: Pressed, samples: float) -> float:
-    """Return the largest speed of a symmetric cycle over the edge of a count, of so many samples a half [m/s].
+    """Return the largest speed [m/s] of a symmetric cycle over the edge of a count, with so many samples in a half.
 
     The force is ±K·D/2. The speed goes from −v to +v within a half: v·(1 + e) = K·D/(2·b)·(1 − e), e = e^(−b·n·T/m).
     """
@@ -194,7 +194,7 @@ def schur_cohn_limit(device: Massive, period: float, delay: float) -> float:
 
 
 def largest(stable: Callable[[Number], bool], first: Number, factor: Number, share: Number) -> Number:
-    """Return the largest stable value, within a share of itself; 0 when even `first` is not stable.
+    """Return the largest stable value, within a relative tolerance; 0 if even `first` is unstable.
 
     The search multiplies `first` by `factor` up to the first value that is not stable, and then bisects.
     """
@@ -210,9 +210,9 @@ def largest(stable: Callable[[Number], bool], first: Number, factor: Number, sha
 def polynomials(device: Massive, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:
     """Return two polynomials P and Q of the characteristic equation P + K·Q = 0, highest power first.
 
-    P = (z − 1)(z − e)·z^(n+1) and Q = (z − e)(b_x + a_x·z) + l·(b_v + a_v·z). A force moves the device by (a_x, a_v)
-    in the period in which it begins to act, and by (b_x, b_v) in the next one; l is the distance per speed in a period.
-    `delay` is in periods.
+    P = (z − 1)(z − e)·z^(n+1) and Q = (z − e)(b_x + a_x·z) + l·(b_v + a_v·z). A force moves the device by (a_x, a_v) in
+    the period in which it begins to act, and by (b_x, b_v) in the next one; l is the distance in a period per unit of
+    speed. `delay` is in periods.
     """
     m, b, span = Decimal(device.mass), Decimal(device.damping), Decimal(period)
     whole, tau = math.floor(delay + 1e-9), m / b
@@ -251,7 +251,7 @@ def _all_inside(polynomial: list[Decimal]) -> bool:
 def growth_of_turn(
     body: LinearBody, turn: float, shots: Sequence[Shot], stiffness: float, damping: float, period: float
 ) -> float:
-    """Return the growth over a turn [s]; the damper divides each way by `period` [s]."""
+    """Return the growth over a turn of instants [s]; the damper divides each way by `period` [s]."""
     return growth(map_of_turn([body], turn, shots, spring_damper_law(stiffness, damping, period), memory=1))
 
 

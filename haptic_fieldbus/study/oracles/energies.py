@@ -1,10 +1,10 @@
-"""Energy that sampled forces give to hands, by brute force over the motions that hands may make.
+"""Energy that sampled forces give to hands, by brute force over the possible motions of hands.
 
 A motion of the angle θ a period, v(t + T) = e^{jθ}·v(t), is cut into cells of constant speed. Its positions at the
 samples are sums of these speeds, the commands follow from the positions, each motor's force from its commands, cell by
-cell. The work of all forces is then a quadratic form of the speeds. Its largest eigenvalue, against the energy b·∫v²
-that the devices take, is the share of their damping that the worst motion of this angle needs; the largest over all
-angles decides. Cells are equal but for a border at the instants at which commands change.
+cell. The work of all forces is then a quadratic form of the speeds. Its largest eigenvalue, relative to the energy
+b·∫v² that the devices absorb, is the share of their damping that the worst motion of this angle needs. The largest
+share over all angles decides. Cells have equal lengths, except for a border at the instants at which commands change.
 """
 
 import math
@@ -26,7 +26,7 @@ def triangle(deep: int) -> list[int]:
 
 
 def held_work(deep: int, delay: float, most: int | None = None) -> float:
-    """Return the work of the force on the handle, each force acting `delay` periods after its sample, for a period.
+    """Return the work of the force on the handle; each force acts for one period, `delay` periods after its sample.
 
     A delay of −1 pairs each force with the way before its sample. `most` is the depth at which the force is cut.
     """

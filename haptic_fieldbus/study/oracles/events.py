@@ -1,10 +1,10 @@
 """Linear loops from event to event: at each instant a position is measured or a force begins to act.
 
 Between two events a device moves under a constant command, by the exponential of its matrix. The state is carried as
-rows, each a linear function of the state at the beginning, so that one run of a turn, which is one period or a pattern
-of several, gives its matrix. Eigenvalues tell whether motions grow (Floquet).
+rows, each a linear function of the state at the beginning. So one run of a turn (a period, or a pattern of several
+periods) gives its matrix, and the eigenvalues show whether motions grow (Floquet).
 
-Instants are whole picoseconds, so that two that are meant to be the same are the same.
+Instants are whole picoseconds, so that equal instants compare equal.
 """
 
 import math
@@ -54,19 +54,19 @@ Law = Callable[[Sequence[Array], Sequence[Array]], tuple[Sequence[Array], Sequen
 """Function from positions and memory to forces and memory; a force and a position for each device."""
 PICOSECOND = 1e-12
 TURNS = range(-25, 26)
-"""Turns around the one that is run, whose measurements or forces may fall into it."""
+"""Number of turns before and after the computed one whose measurements or forces may fall into it."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearBody:
-    """Device ξ̇ = A ξ + B u with a command u, whose first state is the position that is measured."""
+    """Device ξ̇ = A ξ + B u with a command u; its first state is the measured position."""
 
     a: Array
     b: Array
 
     @lru_cache(maxsize=256)  # noqa: B019  # a handful of bodies, each as long as its case
     def over(self, span: int) -> tuple[Array, Array]:
-        """Return what the states, and what the command, become after a span [ps]."""
+        """Return the effect of the states, and that of the command, after a span [ps]."""
         order = len(self.a)
         system = np.zeros((order + 1, order + 1))
         system[:order, :order], system[:order, order] = self.a, self.b
@@ -97,13 +97,13 @@ def motor_with_load(motor: LinearBody, mass: float, load: float, stiffness: floa
 
 @dataclass(frozen=True)
 class Shot:
-    """One sample of a turn: when it is measured and from when its forces act [s]; both may lie in other turns."""
+    """One sample of a turn: the instants of its measurement and of its forces [s]; both may lie in other turns."""
 
     measured: float
     acts: tuple[float, ...]
     """One instant for each device."""
     received: bool = True
-    """False: the sample is lost, and the forces of the one before are given again."""
+    """False: the sample is lost, and the forces of the previous sample are sent again."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def map_of_turn(bodies: Sequence[LinearBody], turn: float, shots: Sequence[Shot]
 
 
 def growth(matrix: Array, freely: int = 0) -> float:
-    """Return the largest modulus of the eigenvalues, without `freely` that are closest to 1: handles left anywhere."""
+    """Return the largest modulus of the eigenvalues, without `freely` ones closest to 1 (handles without rest)."""
     modes = np.linalg.eigvals(matrix)
     modes = modes[np.argsort(np.abs(modes - 1.0))][freely:]
     return float(np.abs(modes).max())
@@ -156,7 +156,7 @@ def _whole(time: float) -> int:
 
 
 def _events(whole: int, shots: Sequence[Shot]) -> list[_Instant]:
-    """Return all events from 0 until before the end of the turn, in their order; a sample before what it computes."""
+    """Return all events of the turn from 0 on, in order; a sample comes before the forces computed from it."""
     found = []
     for turn in TURNS:
         for shot in shots:
@@ -166,7 +166,7 @@ def _events(whole: int, shots: Sequence[Shot]) -> list[_Instant]:
 
 
 def _waiting(whole: int, shots: Sequence[Shot], device: int) -> int:
-    """Return how many forces are measured before 0 and act from 0 on or later."""
+    """Return the number of forces with a measurement before 0 that act at 0 or later."""
     pairs = [
         (_whole(shot.measured) + turn * whole, _whole(shot.acts[device]) + turn * whole)
         for turn in TURNS

@@ -1,7 +1,7 @@
 """Mass on a spring, q̈ = ω²·(x − q), by the methods of textbooks, in floats or in fifty decimal digits.
 
-Cases of the report go over these methods. One that is added to the package needs no rule here: its step in
-`tests/numerics/textbook.py` is compared with it.
+Cases of the report cover these methods. A method added to the package needs no rule here; it is compared with its step
+in `tests/numerics/textbook.py`.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Section on one scene over both protocols: felt error against what a period costs."""
+"""Section on one scene over both protocols: felt error against the cost of a period."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -39,16 +39,16 @@ BUSES = {
 }
 """Name → bus and profile; both profiles are of the same drive."""
 SCENE, HAND, DURATION, FADE_IN = "damped_wall", "tap", 0.9, 0.1
-"""Scene, hand, and times of a run [s]; the first tap is over the wall's surface soon after the fade-in."""
+"""Scene, hand, and times of a run [s]; the first tap crosses the wall's surface soon after the fade-in."""
 SETTINGS = {"wall.stiffness": 60.0, "wall.damping": 1.0, "wall.position": 0.005}
-"""A wall that is soft enough for all of the buses [N/m], [N·s/m], [m]."""
+"""A wall soft enough for all of the buses [N/m], [N·s/m], [m]."""
 FEW_ESTIMATORS = (DEFAULT_ESTIMATOR,)
 ESTIMATORS = tuple(
     dict.fromkeys((DEFAULT_ESTIMATOR, "backward-difference", "least-squares", "kalman-velocity", "foaw-best-fit"))
 )
 """One of each family, and the default."""
 FEW_RATES, RATES = (1, 4), (1, 2, 4)
-"""Divisors of the rate that a bus has by itself."""
+"""Divisors of the default rate of a bus."""
 REPEATS = 10
 """Timed repeats; each is a swing of the handle."""
 
@@ -65,19 +65,19 @@ class BusPoint:
     bus_s: float
     """Time on the bus in a period [s]."""
     computing_s: float
-    """Time in this computer in a period [s]."""
+    """Computing time in a period [s]."""
     felt_error: float | None
     reason: str = ""
-    """Why there is no error; empty when there is one."""
+    """Reason why there is no error; empty if there is one."""
 
     @property
     def period_cost(self) -> float:
-        """Time of a period on the bus and in this computer [s]."""
+        """Time of a period on the bus plus its computing time [s]."""
         return self.bus_s + self.computing_s
 
     @property
     def computing_share(self) -> float:
-        """Time in this computer for a second of contact [s]."""
+        """Computing time for a second of contact [s]."""
         return self.computing_s * self.rate_hz
 
 
@@ -180,7 +180,7 @@ def draw(points: Sequence[BusPoint]) -> Figure:
 
 
 def _curves(panel: Axes, points: Sequence[BusPoint], places: Sequence[float]) -> None:
-    """Draw a curve over the rates for each bus and estimator; runs that were refused stand at the top."""
+    """Draw a curve over the rates for each bus and estimator; refused runs are drawn at the top."""
     curves: dict[tuple[str, str], list[tuple[float, BusPoint]]] = {}
     for place, point in zip(places, points, strict=True):
         curves.setdefault((point.bus, point.estimator), []).append((place, point))
@@ -210,7 +210,7 @@ def buses_table(points: Sequence[BusPoint]) -> str:
 
 
 def _finding(best: Sequence[BusPoint]) -> Iterator[str]:
-    """Yield what the best run of each bus says: computing is nothing beside the line."""
+    """Yield the finding from the best run of each bus: the computing time is small against the time on the bus."""
     told = [point for point in best if point.felt_error is not None]
     errors = ", ".join(f"{percent(point.felt_error or 0.0)} on {point.bus}" for point in told)
     if told:

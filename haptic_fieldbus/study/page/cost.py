@@ -46,12 +46,12 @@ def lines(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
 
 
 def names(plan: Plan) -> list[str]:
-    """Return the parts that the plan does without; an estimator goes with its velocity."""
+    """Return the parts that the plan leaves out; the estimator is omitted with its velocity."""
     return list(dict.fromkeys(left.what for left in plan.left_out))
 
 
 def reasons(plans: Mapping[str, Plan]) -> str:
-    """Return a folded table of everything that each scene leaves out, with the reasons and the modules it imports."""
+    """Return a folded table of the parts that each scene leaves out, with reasons, and of its imported modules."""
     rows = [
         [scene, "; ".join(f"{left.what}: {left.why}" for left in plan.left_out) or "nothing",
          ", ".join(module.removeprefix("haptic_fieldbus.") for module in plan.modules), f"{_octets(plan)}"]
@@ -68,7 +68,7 @@ def scenes_part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
 
 
 def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
-    """Return what is done with parts that are left out, and the times of the cheapest and the dearest scene."""
+    """Return a sentence on omitted parts, and the times of the cheapest and the most expensive scene."""
     least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
     return (
         f"Unused parts are not imported, mapped, decoded or stepped: a period of <code>{least}</code> takes "

@@ -35,7 +35,7 @@ class Context:
     """Rows of `report.json` by their key; sections add to them, and all share the same dictionary."""
 
     costs: list[Cost] = field(default_factory=list)
-    """All costs that were taken, from which it shows how quiet the machine was; shared by all sections too."""
+    """All measured costs, from which the noise of the machine is computed; also shared by all sections."""
 
     def is_chosen(self, name: str) -> bool:
         """Return whether a problem or case is to be measured."""
@@ -200,7 +200,7 @@ def plain_text(text: str) -> str:
 
 
 def page(title: str, lead: str, sections: Sequence[Section], assumed: str = "", warning: str = "") -> str:
-    """Return the whole page: cards with the answers on the first screen, what else was found, and all sections.
+    """Return the whole page: cards with the answers on the first screen, the other findings, and all sections.
 
     `lead`, `assumed` and `warning` are HTML.
     """

@@ -186,7 +186,7 @@ def draw(impedances: Sequence[Impedance]) -> Figure:
 
 
 def impedance_table(impedances: Sequence[Impedance]) -> str:
-    """Return a table of errors, and of the frequencies at which an error is felt or the real part is negative."""
+    """Return a table of errors, and of the lowest frequencies with a perceptible error or a negative real part."""
     places = (1.0, 10.0, 100.0)
 
     def row(curve: Impedance) -> list[Entry]:

@@ -30,9 +30,9 @@ from haptic_fieldbus.study.page.html import Context, Section, paragraph, picture
 
 AXES = (SceneAxis("handle", Workspace.LINEAR),)
 START_FORCE = 6.0
-"""Force at which the handle is let go [N]."""
+"""Force on the handle when it is released [N]."""
 FADED_IN = 0.6
-"""Time from which on turns are measured [s]."""
+"""Start of the measurement of turns [s]."""
 FELT = Wall("handle", 600.0, 0.02)
 """Wall of the tap."""
 
@@ -44,11 +44,11 @@ class Decay:
     share: float
     controlled: bool
     growth: float
-    """Size of a turn over that of the turn before, on average."""
+    """Mean ratio of the size of a turn to that of the turn before."""
     peak: float | None = None
     """Largest force of the controller [N]."""
     energy: float | None = None
-    """Energy that it took [J]."""
+    """Energy absorbed by the controller [J]."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def felt(tools: Tools, duration: float) -> list[WallTap]:
 
 
 def limit_share(found: Iterable[Decay], *, controlled: bool) -> tuple[float, float] | None:
-    """Return the neighbouring shares of which oscillations decay at the first and grow at the second; None: nowhere."""
+    """Return two neighbouring shares: oscillations decay at the first and grow at the second. None: no such pair."""
     rows = [each for each in found if each.controlled == controlled]
     for below, above in pairwise(rows):
         if below.growth <= 1.0 < above.growth:
@@ -112,7 +112,7 @@ def _felt(scene: Scene, result: Result) -> WallTap:
 
 
 def _endless(tools: Tools) -> Rig:
-    """Return the shipped bench with an endless way: a hand that taps carries the handle off it after some contacts."""
+    """Return the shipped bench without end of travel: a tapping hand drifts beyond the travel after some contacts."""
     rig = tools.plan("wall").rig
     axes = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
     return replace(rig, axis=axes)
@@ -138,7 +138,7 @@ def _growth(result: Result, position: float) -> float:
 
 
 QUICK, FULL = (0.5, 0.95, 1.05, 3.0), (0.25, 0.5, 0.75, 0.95, 1.05, 1.3, 1.6, 2.0, 2.5, 3.0)
-"""Shares of the stability limit; both reports have those between which a finding lies, and tell the same."""
+"""Shares of the stability limit; both reports contain the shares around a finding, so both give the same finding."""
 DURATION, TAPPED = 2.0, 4.0
 """Length of each run, and of the tap [s of virtual time]."""
 NAMES = {False: "observer alone", True: "controller"}
@@ -206,7 +206,7 @@ def _felt_table(taps: Sequence[WallTap]) -> str:
 
 
 def _scaled(factor: float, value: float | None) -> float | None:
-    """Return a multiple of a value; None where it is not known."""
+    """Return a multiple of a value; None if the value is unknown."""
     return None if value is None else factor * value
 
 
@@ -223,7 +223,7 @@ def _finding(found: Sequence[Decay], taps: Sequence[WallTap]) -> str:
 
 
 def limit_texts(found: Sequence[Decay]) -> tuple[str, str]:
-    """Return where a handle begins to swing further and further, without and with the controller, in words."""
+    """Return the shares at which oscillations begin to grow, without and with the controller, in words."""
     return _limit_text(found, controlled=False), _limit_text(found, controlled=True)
 
 

@@ -85,8 +85,8 @@ up to a point and then lowers it. Passive is much stricter than stable, because 
 def region_section(context: Context) -> Section:
     """Measure three regions and the friction planes, and return their section.
 
-    The regions are that of the bench, a part of it near the bench's own damping, and that with one more period of
-    delay.
+    The regions: the whole region of the bench, its part near the bench's own damping, and the region with one more
+    period of delay.
     """
     points, periods = QUICK if context.quick else FULL
     bench = context.bench

@@ -41,7 +41,7 @@ FAMILIES = {
 }
 """Rows of the figure by the module of a case; a module that is not here has a row by its own name."""
 WORST, FURTHEST, EXACT = 0.1, 1e10, 1e12
-"""Margins at both ends of the frame, and the place of what is exact, or judged by yes or no."""
+"""Margins at both ends of the frame, and the place of cases that are exact, or judged by yes or no."""
 TOLD = """Each mark is one case. Its margin is the permitted deviation divided by the found deviation: a case left
 of 1 fails. Cases without a number, such as a refusal in exact words, and cases without deviation are at the right.
 The label beside each row is its closest case."""
@@ -55,7 +55,7 @@ def family_of(case: Case) -> str:
 
 
 def margin_of(result: CaseResult) -> float:
-    """Return what is permitted over what was found; ∞ for what is exact, 0 for a case that fails otherwise."""
+    """Return the permitted over the found deviation; ∞ for an exact case, 0 for a case that fails otherwise."""
     if not result.passed and (result.used is None or result.used <= 1.0):
         return 0.0
     return 1.0 / result.used if result.used else math.inf
@@ -83,7 +83,7 @@ def draw(cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> Figure:
 
 
 def _name_closest(panel: Axes, rows: Sequence[str], cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> None:
-    """Name the closest case of each row beside it, with its margin; or all that failed in it."""
+    """Name the case closest to its tolerance in each row, with its margin; or all failed cases of the row."""
     ordered = closest(found)
     for place, row in enumerate(rows):
         names = [name for name in ordered if family_of(cases[name]) == row]
@@ -95,13 +95,13 @@ def _name_closest(panel: Axes, rows: Sequence[str], cases: Mapping[str, Case], f
 
 
 def closest(found: Mapping[str, CaseResult]) -> list[str]:
-    """Return the cases that have a margin, the closest first."""
+    """Return the cases with a margin, the smallest margin first."""
     known = [name for name, result in found.items() if not math.isinf(margin_of(result))]
     return sorted(known, key=lambda name: margin_of(found[name]))
 
 
 def _frame(panel: Axes, rows: Sequence[str]) -> None:
-    """Scale the axes, shade where cases fail, and set what is exact apart."""
+    """Scale the axes, shade the range of failures, and separate the exact cases."""
     panel.set_xscale("log")
     panel.set_xlim(WORST, 10.0 * EXACT)
     panel.axvspan(WORST, 1.0, color="#fbeee6", linewidth=0, zorder=0)
@@ -153,7 +153,7 @@ def stability_section(context: Context) -> Section:
 
 
 def _finding(results: Mapping[str, CaseResult]) -> str:
-    """Return how many cases behave as theory says, which failed, and which come closest to it."""
+    """Return a sentence: number of cases that agree with theory, failed cases, and cases with the smallest margin."""
     failed = [f"<code>{name}</code>" for name, result in results.items() if not result.passed]
     told = f"; failed: {', '.join(failed)}" if failed else ""
     close = [name for name in closest(results) if results[name].passed][:1]

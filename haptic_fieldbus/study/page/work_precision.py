@@ -72,7 +72,7 @@ def curve(runs: Set) -> Curve:
 
 
 def median_curve(curves: Sequence[Curve]) -> Curve:
-    """Return the median of costs and errors over problems, step size by step size; a failed run is the worst."""
+    """Return the median of costs and errors over problems, for each step size; a failed run counts as the worst."""
     return [(float(np.median([cost for cost, _ in runs])), float(np.median([error for _, error in runs])))
             for runs in zip(*curves, strict=True)]  # fmt: skip
 
@@ -110,13 +110,13 @@ def _method(panel: Axes, method: str, curves: Sequence[Curve]) -> None:
 
 
 def _line(panel: Axes, points: Curve, **looks: object) -> None:
-    """Draw the runs that did not fail; what is below the frame is drawn at its edge."""
+    """Draw the runs that did not fail; points below the frame are drawn at its edge."""
     good = [(cost, max(error, LOWEST)) for cost, error in points if error <= FAILED]
     panel.loglog([cost for cost, _ in good], [error for _, error in good], **looks)
 
 
 def _frame(panel: Axes) -> None:
-    """Scale the axes; mark what a hand cannot tell, and where runs count as failed."""
+    """Scale the axes; mark imperceptible errors and the zone of failures."""
     panel.set_ylim(LOWEST, TOP)
     panel.axhspan(FAILED, TOP, color="#fbeee6", linewidth=0, zorder=0)
     panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)), zorder=1)
@@ -134,7 +134,7 @@ def _legend(drawn: Figure, methods: Sequence[str]) -> None:
 
 
 def problems_finding(sets_of_problems: Sequence[Sequence[Set]]) -> str:
-    """Return how the best and the simplest method err and compare in cost near 1 kHz; empty without all problems."""
+    """Return a sentence on error and cost of the best and the simplest method near 1 kHz; empty unless all were run."""
     known = [{runs.method: runs for runs in sets} for sets in sets_of_problems if sets[0].problem in problems()]
     loops = [runs for sets in sets_of_problems if sets[0].problem == "sprung-mass-in-hand" for runs in sets]
     if not known or not loops:
