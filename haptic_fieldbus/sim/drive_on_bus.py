@@ -25,4 +25,4 @@ class DriveOnBus:
     False: it is switched on now, and the boot-up message follows.
     """
     led: bool = False
-    """Whether a hand moves the handle while the drive is off."""
+    """True: a hand moves the handle while the drive is off."""

@@ -2,8 +2,8 @@
 
 Theory: the force consists of pieces, each a ramp or a constant (f' = g, g' = 0) or a sine (g' = −ω²·f). So hand and
 handle are a linear system between the instants at which a piece begins. The hand's clock starts at each *operation
-enabled*; while the drive is off the hand holds the handle and exerts no force, or another one moves the handle
-(`LEADER`). Force is positive towards positive positions of the workspace.
+enabled*; while the drive is off, the hand holds the handle without force, or another hand moves the handle (`LEADER`).
+Force is positive towards positive positions of the workspace.
 
 On a linear mechanism, hand and handle move in metres. On a rotary one the hand holds a lever of 0.05 m, so that 1 N is
 0.05 N·m: mass, damper and spring act through the same lever.
@@ -47,7 +47,8 @@ class Hand:
         return replace(self, release=at if self.release is None else min(self.release, at))
 
     def hitting(self, at: float, force: float, duration: float) -> "Hand":
-        """Return the same hand with a blow of `force` [N] more for `duration` [s]; a sine carries it on its way."""
+        """Return the same hand with an additional blow of `force` [N] for `duration` [s]; during a sine, the sine
+        carries it."""
         end = at + duration
         before = tuple(piece for piece in self.pieces if piece.start < at)
         during = tuple(replace(piece, force=piece.force + force) for piece in self.pieces if at < piece.start < end)
@@ -66,7 +67,7 @@ class Hand:
         return Piece(time, force, piece.slope * cosine - piece.force * omega * sine)
 
     def after(self, delay: float) -> "Hand":
-        """Return the same hand with all its times later by `delay` [s]."""
+        """Return the same hand with all times shifted by `delay` [s]."""
         pieces = tuple(replace(piece, start=piece.start + delay) for piece in self.pieces)
         return replace(self, pieces=pieces, release=None if self.release is None else self.release + delay)
 
@@ -90,7 +91,7 @@ _PULSES = tuple(
 )
 _SINE = 2 * math.pi
 _STROKE, _ARM = 0.06, 1000.0
-"""Stroke [m] and mass [kg] of a leading hand; the mass is so large that no handle deflects it."""
+"""Stroke [m] and mass [kg] of a leading hand; the large mass keeps the handle from deflecting it."""
 
 
 def _leading(name: str, frequency: float) -> Hand:
@@ -112,7 +113,7 @@ HANDS: dict[str, Hand | None] = {
 
 
 _STEADY = 1e5
-"""Mass of a hand that friction does not set in motion while it rests, either [kg]."""
+"""Mass of a resting hand, large enough that friction does not move it [kg]."""
 
 
 def _to_and_fro(takes: float) -> Hand:
@@ -127,9 +128,9 @@ def _to_and_fro(takes: float) -> Hand:
 LEADER = _to_and_fro(2.0)
 """Hand that moves the handle of a drive that is off, where a person would.
 
-The values that are watched change, and the direction of an axis can be shown; the stroke is long enough for five axes
-one after the other. It begins anew, with a rest, when the master begins or ends an exchange, so the handle rests while
-the drive is enabled.
+So `watch` shows changing values, and the direction of an axis can be shown; the stroke is long enough for five axes one
+after the other. The motion begins again with a rest when the master begins or ends an exchange, so the handle rests
+while the drive is enabled.
 """
 LEADING_NS = 8_000_000_000
 """Time after which that hand repeats itself."""

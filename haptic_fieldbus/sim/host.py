@@ -1,4 +1,4 @@
-"""The clock of a computer that is late, stands still, or whose clock steps, over a virtual time that goes on.
+"""The clock of a computer with faults (late, paused, stepped clock), on top of the true virtual time.
 
 The simulated worlds live in the true time, `truth`; the loop and the master see this clock. Without a fault both are
 the same.
@@ -12,10 +12,10 @@ from haptic_fieldbus.sim.faults import ClockStep, HostFault, HostLate, HostPause
 
 
 class HostClock:
-    """The clock of the host; faults act on what it does next."""
+    """The clock of the host; faults act on its next waits and periods."""
 
     def __init__(self, truth: Clock, lateness: Iterator[int] | None = None) -> None:
-        """`lateness` gives the time [ns] by which each wait ends late; None: none does."""
+        """`lateness` gives the lateness of each wait [ns]; None: no wait is late."""
         self.truth = truth
         self._lateness = repeat(0) if lateness is None else lateness
         self.name = truth.name
@@ -37,7 +37,7 @@ class HostClock:
         self.truth.compute(duration_ns + (self._slow.pop(0) if self._slow else 0))
 
     def happen(self, fault: HostFault) -> None:
-        """Let a fault happen now, once: several buses may each tell of it."""
+        """Apply a fault now, once, even if several buses report it."""
         if any(fault is each for each in self._happened):
             return
         self._happened.append(fault)

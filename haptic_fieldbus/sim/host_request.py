@@ -83,7 +83,7 @@ class HostRequest:
     """Drives to host and the bus to host them on.
 
     `drives` are written `PROFILE` or `PROFILE@NODE`; the first without a node-ID gets `node`, the others the next free
-    ones. None at all: the one that is assumed on such a bus.
+    ones. No drives: the default drive of such a bus.
     """
 
     drives: Sequence[str]
@@ -98,7 +98,7 @@ class HostRequest:
 def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
     """Return the bus of a request and the slots to put on it.
 
-    Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
+    Raises one UsageError with all errors of the request, or ProfileError or EdsError for a bad profile file.
     """
     faults = [
         f'fault "{fault.kind}" is a fault of the bus or of the host, which `simulate` does not simulate'
@@ -136,7 +136,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
 
 
 class HostFunction(Protocol):
-    """A function that hosts drives on a bus until `stopped()` is True, and returns how many frames it could not send.
+    """A function that hosts drives on a bus until `stopped()` is True, and returns the number of unsent frames.
 
     `opened` is called with the bus once it is open, `ready` for each drive, and `tell` with sentences for people.
     """
@@ -166,7 +166,7 @@ def _hosting(bus: BusName) -> ModuleType:
 
 
 def _strange(bus: BusName, faults: Iterable[Fault]) -> list[str]:
-    """Return a sentence for each fault that no drive on this bus can have."""
+    """Return a sentence for each fault that is impossible for drives on this bus."""
     kinds: frozenset[str] = _hosting(bus).KINDS
     return [
         f'drives on {bus.section.protocol} do not support the fault "{fault.kind}"; remove it'
@@ -216,9 +216,9 @@ def joined_bus(text: str | None) -> BusName:
 
 
 def numbered(texts: Sequence[str], first: int, nodes: range) -> list[NamedDrive]:
-    """Return every drive with its number: the one it is written with, else the next free one from `first` on.
+    """Return every drive with its number: the stated number, otherwise the next free one from `first` on.
 
-    `nodes` are the numbers that the protocol has. Raises UsageError for a number that is used twice or out of range,
+    `nodes` are the valid numbers of the protocol. Raises UsageError for a number that is used twice or out of range,
     and when none is left.
     """
     asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]

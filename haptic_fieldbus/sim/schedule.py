@@ -1,8 +1,8 @@
 """The schedule of the faults of a bench: each happens once, `at` seconds after *operation enabled*.
 
-A drive may be enabled more than once, as for the proof of its guard and then for the run. So the time counts anew from
-each *operation enabled*, and as long as nothing has happened yet it stops counting when the drive is freed. Once a
-fault has happened, the others keep their times: what comes after a drive was freed by a fault belongs to it.
+A drive may be enabled more than once, for example for the watchdog test and then for the run. So the time counts anew
+from each *operation enabled*. Until the first fault has happened, it stops counting when the drive is freed. After
+that, the other faults keep their times, even if a fault frees the drive.
 """
 
 import gc
@@ -40,7 +40,7 @@ class TimerQueue:
         self.due_ns = self._waiting[0][0]
 
     def run(self, t_ns: int) -> None:
-        """Call all actions that are due, those included that are planned meanwhile."""
+        """Call all due actions, also those planned meanwhile."""
         while self.due_ns <= t_ns:
             _, _, action = heapq.heappop(self._waiting)
             self.due_ns = self._waiting[0][0] if self._waiting else NEVER_NS
@@ -59,7 +59,7 @@ NAP_NS = 100_000_000
 def frozen() -> Iterator[None]:
     """Keep what exists now out of garbage collection inside the block, so that a collection has little to do.
 
-    Where the program around it had frozen something, all stays frozen: what is whose cannot be told apart.
+    If the surrounding program had frozen objects, all stay frozen, because theirs cannot be told apart.
     """
     theirs = gc.get_freeze_count()
     gc.collect()
@@ -83,7 +83,7 @@ class _Waiting:
     cancelled: bool = False
 
     def concerns(self, fault: TimedFault, node: int) -> bool:
-        """Return whether this is the same fault, of the same drive unless it is one of the bus or of the host."""
+        """Return whether this is the same fault; of the same drive, unless it is a fault of the bus or of the host."""
         return self.fault is fault and (self.node == node or isinstance(fault, LineFault | ConnectionReset | HostFault))
 
 
@@ -98,7 +98,7 @@ class FaultSchedule:
     def begin(
         self, faults: Iterable[TimedFault], node: int, action: Callable[[TimedFault], Callable[[int], None]], t_ns: int
     ) -> None:
-        """Plan the faults of a drive that is in *operation enabled* from now on; `action` returns what each one does.
+        """Plan the faults of a drive that is in *operation enabled* from now on; `action` returns their effects.
 
         Faults that have happened, or wait for another drive, are left out.
         """

@@ -16,7 +16,7 @@ class Simulation(Protocol):
 
     @property
     def kinds(self) -> frozenset[str]:
-        """Kinds of faults that its buses and drives may have; by default those that need no bus and no link."""
+        """Kinds of faults that its buses and drives may have; by default the kinds that need neither bus nor link."""
         return kinds_of(HostFault) | kinds_of(HandFault)
 
     def simulate(

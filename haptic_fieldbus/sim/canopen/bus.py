@@ -1,7 +1,7 @@
 """The simulated wire as a python-can interface, `haptic_sim`.
 
-The channel names the drives as profile @ node-ID, `maxon_epos4@5,generic_cia402@6`, on the shipped bench. Buses opened
-with the same channel in one process share the wire. With the default clock, time follows the wall clock, for programs
+The channel names the drives as profile @ node-ID, `maxon_epos4@5,generic_cia402@6`, on the shipped bench. Programs that
+open the same channel in one process share the wire. With the default clock, time follows the wall clock, for programs
 with threads of their own. With a virtual clock, or on a `world` that has one, time advances only while the program
 receives (see `pace`).
 """
@@ -28,7 +28,7 @@ from haptic_fieldbus.sim.host_request import drives_of, slot_of
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
-"""Least number of latest frames and motion segments that a channel's world keeps; a program may run for days."""
+"""Least number of latest frames and motion segments that a channel's world keeps; programs may run for days."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class SimulatedBus(can.BusABC):
         receive_own_messages: bool = False,
         **kwargs: object,
     ) -> None:
-        """Attach to the wire of `world`, or without one to the wire of the drives that `channel` names.
+        """Attach to the wire of `world`; without a world, to the wire of the drives that `channel` names.
 
         `profiles` is a folder of own profiles, which the channel may name (see `load_profile`).
         Raises can.CanInitializationError when these drives cannot be simulated, or when the channel is open with
@@ -111,7 +111,7 @@ class SimulatedBus(can.BusABC):
 
         With a virtual clock this call advances the time. It overrides python-can's `recv`, which measures the wall
         clock between attempts. Raises can.CanOperationError when the bus is shut down meanwhile; with a virtual clock
-        and without a time-out also when no frame can come, or none came within 60 s.
+        and no time-out also when no frame can come, or when none came within 60 s.
         """
         filters = self._filters
         accept = None if filters is None else lambda received: self._matches_filters(self._message(received))
@@ -157,7 +157,7 @@ def publish(channel: str, world: World) -> Iterator[None]:
 
 
 class EmbeddedSection(CanSection):
-    """A simulated bus in real time, which a run treats as a real one: it asks, proves the guards and waits."""
+    """A simulated bus in real time. A run treats it as a real one: it asks, tests the watchdogs and waits."""
 
     @property
     def simulated(self) -> bool:
@@ -172,10 +172,10 @@ class EmbeddedSection(CanSection):
 def embedded_bus(
     slots: Sequence[DriveOnBus], seed: int = DEFAULT_SEED, bitrate: int = DEFAULT_BIT_RATE
 ) -> Iterator[CanSection]:
-    """Host drives inside this program, by the wall clock, and yield the bus that its other parts open.
+    """Host drives inside this program, by the wall clock, and yield the bus for its other parts.
 
-    The drives need no thread: what falls due happens at its own instant as soon as anything looks, so a guard is on
-    time even when nothing looks for long.
+    The drives need no thread: each access runs all due events, each at its own instant. So a watchdog fires on time
+    even without access for a long time.
     """
     world = World(MonotonicClock(), bitrate, seed, _LONGEST)
     for slot in slots:
@@ -189,8 +189,8 @@ def embedded_bus(
 def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:
     """Return the world of a channel, made on the first call.
 
-    Raises can.CanInitializationError when it cannot be made, or exists with another clock or bit rate. What `make` of a
-    later caller would make differently is ignored.
+    Raises can.CanInitializationError when it cannot be made, or exists with another clock or bit rate. The `make` of a
+    later caller is ignored.
     """
     with _CHANNELS_LOCK:
         shared = _CHANNELS.get(channel)

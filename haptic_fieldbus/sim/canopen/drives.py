@@ -30,7 +30,7 @@ from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 
 class Line(Protocol):
-    """The bus and the master's side of it, where faults take effect that are none of a drive."""
+    """The bus and the master's side of it, for faults that are not faults of a drive."""
 
     def bus_off(self, t_ns: int, until_ns: int) -> None: ...
 
@@ -120,7 +120,7 @@ KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 class SimulatedDrives(DriveBench):
     """The slaves by node-ID; all times are those of one clock [ns].
 
-    `line` is the simulated bus; None for a real one, whose faults cannot be let happen.
+    `line` is the simulated bus; None for a real bus, on which no faults can be simulated.
     """
 
     def __init__(self, line: Line | None, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
@@ -194,7 +194,7 @@ class SimulatedDrives(DriveBench):
         self.find_due()
 
     def _action(self, slave: Slave, fault: TimedFault) -> Action:
-        """Return what a fault does, to its drive or to the line."""
+        """Return the action of a fault on its drive or on the line."""
         if isinstance(fault, LineFault | HostFault) and self._line is not None:
             return partial(inject_line, fault, self._line, self.plan)
         if not isinstance(fault, DriveFaultKind):

@@ -19,15 +19,15 @@ from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mapp
 
 _READ_ONLY = (Access.RO, Access.CONST)
 _APPLICATION = 0x6000
-"""From this index on a read-only value is one that the drive measures."""
+"""First index from which the drive measures its read-only values."""
 
 
 def differences(
     dictionary: Dictionary, eds: Eds, node: int, concerns: Callable[[int], bool]
 ) -> dict[str, SimulatedObject]:
-    """Return what the file has otherwise than the dictionary of the node-ID `node`, of the objects that it `concerns`.
+    """Return the differences of the file from the dictionary of node-ID `node`, for objects that `concerns` selects.
 
-    An object that the file lacks altogether has a key without sub-index.
+    The key of an object that is not in the file at all has no sub-index.
     """
     found: dict[str, SimulatedObject] = {}
     implemented = {(entry.index, entry.subindex): entry for entry in dictionary if concerns(entry.index)}
@@ -47,7 +47,7 @@ def differences(
 
 
 def _whole(other: EdsEntry) -> SimulatedObject:
-    """Return all that a file says of an entry."""
+    """Return all properties of an entry in the file."""
     type, value = data_type(other), _given(other)
     low, high = (_number(other.low), _number(other.high)) if type is not None else (None, None)
     if low is not None and high is not None and low >= high:
@@ -63,7 +63,7 @@ def _whole(other: EdsEntry) -> SimulatedObject:
 
 
 def _change(entry: Entry, other: EdsEntry, node: int) -> SimulatedObject:
-    """Return what a file says otherwise of an entry of the same type."""
+    """Return the properties that differ in the file, for an entry of the same type."""
     access = cast(AccessType, other.access)
     ways = WAYS[access] if other.mappable else Mappable.NO
     same_access = ACCESS[access] is entry.access or (ACCESS[access] in _READ_ONLY and entry.access in _READ_ONLY)
@@ -81,7 +81,7 @@ def _change(entry: Entry, other: EdsEntry, node: int) -> SimulatedObject:
 
 
 def _compared(entry: Entry, other: EdsEntry) -> bool:
-    """Return whether the file says something of the power-on value that the simulated drive may take over."""
+    """Return whether the file gives a power-on value that the simulated drive may take over."""
     if entry.type is None or _given(other) is None or entry.index in BENCH_VALUES:
         return False
     measured = entry.access in _READ_ONLY and entry.index >= _APPLICATION and entry.subindex == 0
@@ -105,17 +105,17 @@ def _as_number(value: int | str | None, node: int) -> int | None:
 
 _NODE = 5
 _STANDARD = (range(0x1000, 0x1F00), range(0x6000, 0x6800))
-"""Objects of CiA 301, and of CiA 402-2 for one axis: those that programs for any drive read; not the programs of
-CiA 302."""
+"""Objects of CiA 301, and of CiA 402-2 for one axis, which programs for any drive read; without the objects of CiA
+302."""
 
 
 def proof_of(profile: CanopenProfile, eds: Eds) -> Comparison:
-    """Return what the file shows of the profile, and of its simulated drive where the profile describes that."""
+    """Return the comparison of the file with the profile, and with its simulated drive if the profile describes it."""
     return compare(profile, eds, tuple(_simulated(profile, eds)) if profile.simulation.objects else ())
 
 
 def _simulated(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    """Yield each object that the simulated drive has otherwise than the file."""
+    """Yield each object of the simulated drive that differs from the file."""
     named = {written.object for written in profile.setup.writes}
     named |= {shown.object for shown in profile.commissioning.shown} | {profile.torque.target.object}
 

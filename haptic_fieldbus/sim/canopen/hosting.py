@@ -2,12 +2,12 @@
 
 Theory: the real bus replaces the simulated wire, so bit times are not simulated; the drives are the same. The thread
 waits for a frame until the next timer of a drive falls due. Each timer is served with the instant at which it was due,
-not the instant of waking up, and a frame with the instant at which it arrived, where that is known. So the lateness of
-the host does not accumulate, and the shafts move as if there were none. Frames that the drives send at one instant go
-out in the order of their priority, as on a wire.
+not the instant of waking up, and a frame with the instant of its arrival, if that is known. So the lateness of the host
+does not accumulate and does not change the motion of the shafts. Frames that the drives send at one instant go out in
+the order of their priority, as on a wire.
 
-A step must not be late for its own reasons, so all that steps need is built before a drive is *ready*: no matrix
-exponential is computed and no module imported afterwards, and what exists then is kept out of garbage collection.
+A step must not cause lateness itself, so everything for it is built before a drive is *ready*: afterwards no matrix
+exponential is computed and no module imported, and existing objects are kept out of garbage collection.
 """
 
 import time
@@ -47,7 +47,7 @@ from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 
 REOPENED_EVERY_NS = 1_000_000_000
 RETRIED_EVERY_NS = 20_000_000
-"""Pause after a failure to receive, which comes at once and would keep a processor busy."""
+"""Pause after a failed receive, because an immediate retry would keep a processor busy."""
 
 _ROOM = 100
 """Frames that the drives may send at once; a block of an SDO has up to 127 segments."""
@@ -57,13 +57,13 @@ STAMPED = ("udp_multicast",)
 """Interfaces besides SocketCAN whose time stamps are those of the kernel, by the wall clock of this computer."""
 
 Tell = Callable[[str], None]
-"""Tell the person a sentence."""
+"""Function that shows a sentence to the user."""
 
 
 class HostPort:
     """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences.
 
-    `echoes`: it gives back what is sent on it, without a mark. `stamped`: its frames have time stamps of the kernel.
+    `echoes`: it returns sent frames without a mark. `stamped`: its frames have time stamps of the kernel.
     """
 
     def __init__(
@@ -82,14 +82,14 @@ class HostPort:
         self._clock = clock
         self._echoes = echoes
         self._focused: frozenset[int] | None = None
-        """CAN-IDs of the frames that concern the drives; None: not told yet."""
+        """CAN-IDs of the frames that concern the drives; None: not set yet."""
         self._use(can_bus)
         self._name = name
         self._tell = tell
         self._reopen = reopen
         self._stamped = stamped
         self._down_ns: int | None = None
-        """Since when nothing passes; None while the bus is up."""
+        """Time at which the bus went down; None while it is up."""
         self._opened_ns = clock.now_ns()
 
     def send(self, frame: Frame) -> None:
@@ -129,9 +129,9 @@ class HostPort:
         return Frame(can_id & CAN_ID_MASK, bytes(data), bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG))
 
     def focus(self, concerns: frozenset[tuple[int, bool]]) -> None:
-        """Let only these frames wake us, each an identifier and True for a remote one, where the kernel can do that.
+        """Set a kernel filter for these frames, if available; each is an identifier and True for a remote frame.
 
-        A bus full of frames for others costs a process nothing then.
+        Then frames for other nodes cost this process no time.
         """
         self._focused = frozenset(can_id | (REMOTE_FLAG if remote else 0) for can_id, remote in concerns)
         try:
@@ -172,7 +172,7 @@ class HostPort:
             self._tell(f"{self._name}: frames pass again after {seconds} s")
 
     def _failed(self, error: Exception) -> None:
-        """Tell that the bus is down, or open it anew when it has been failing for long."""
+        """Report that the bus is down, or reopen it after failures for a long time."""
         why = translate(error, self._name)
         if self._down_ns is None:
             self._down_ns = self._clock.now_ns()
@@ -212,8 +212,8 @@ def host(
     """Host drives until `stopped()` is True; return the number of frames that could not be sent.
 
     `opened` is called once the bus is open, `ready` for each drive once it has booted; `tell` gets a sentence when the
-    bus goes down or comes back.
-    Raises UsageError or BusError when the bus cannot be opened, and ValueError when two drives have the same node-ID.
+    bus goes down or returns. Raises UsageError or BusError when the bus cannot be opened, and ValueError when two
+    drives have the same node-ID.
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
@@ -257,13 +257,13 @@ class Host:
         self._clock = clock
         self._bitrate = bitrate
         self._served_ns = clock.now_ns()
-        """Up to here all has been served."""
+        """Time up to which all events have been served."""
         self._rack = SimulatedDrives(None, seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
-        """Handlers of the nodes when the bus was told last which frames concern them."""
+        """Handlers of the nodes at the last setting of the frame filter."""
 
     def add(self, slot: DriveOnBus) -> None:
-        """Build a drive, with all that its steps need, and power it on; raises ValueError when its node-ID is taken."""
+        """Build a drive with everything for its steps, and power it on; raises ValueError when its node-ID is taken."""
         slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
         self._routes.append(None)
         slave.node.commission(self._bitrate)

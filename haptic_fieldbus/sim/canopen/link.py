@@ -286,11 +286,11 @@ class Controller:
         self.off = False
         """True while bus-off: no frame is sent or received."""
         self.down = False
-        """True while the interface is down: to send and to receive fails."""
+        """True while the interface is down: sending and receiving fail."""
         self.closed = False
         """True once the program has left."""
         self.lost = 0
-        """Number of frames that came while there was no room; reported by an error message once there is room."""
+        """Number of frames that arrived while there was no room; an error message reports it once there is room."""
         self._told = 0
         self._room = room
         self._receive_own = receive_own
@@ -374,7 +374,7 @@ class Disturbances:
         self.active.append(_Active(fault, fault.count))
 
     def arriving(self, frame: Frame) -> Sequence[tuple[int, Frame]]:
-        """Return what arrives of a frame: (time by which it is later [ns], frame)."""
+        """Return the frames that arrive for a sent frame, as (additional delay [ns], frame)."""
         for active in self.active:
             if _concerns(active.fault, frame):
                 active.left -= 1

@@ -28,7 +28,7 @@ _PREDEFINED = range(1, 5)
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """Properties of a model: its PDOs, the object of its heartbeat consumers, when RPDOs act, how long a reset takes.
+    """Properties of a model: its PDOs, the object of its heartbeat consumers, the action time of RPDOs, its reset time.
 
     `consumer` is the index of the heartbeat consumer object, None when the model has none.
     """
@@ -124,14 +124,14 @@ UNKNOWN_OCTETS = 8
 BENCH_VALUES = frozenset((0x6075, 0x6076, 0x6081, 0x6083, 0x6084, 0x6085, 0x608F, 0x6090, 0x6091, 0x6092))
 """Rated current and torque, profile velocity, ramps and factors, which follow from the rig."""
 COMMUNICATION_PROFILE = range(0x1000, 0x2000)
-"""Objects whose types and limits stay those of CiA 301: one file limits 1016h to 65535, which names no node."""
+"""Objects whose types and limits stay those of CiA 301: one file limits 1016h to 65535, without room for a node-ID."""
 SHOWN_VALUES = frozenset((0x1000, 0x1008, 0x1009, 0x100A, 0x1018, 0x6502))
 """Read-only objects whose values are taken from the file; the drive computes its other read-only values itself."""
 MANDATORY = frozenset(((0x1000, 0), (0x1001, 0), (0x1018, 0), (0x1018, 1)))
 """Entries that every CANopen device has (CiA 301, 7.5.2), whether its file names them or not."""
 _PDO_RECORDS = range(0x1400, 0x1C00)
 _LEFT_OPEN = {0: 2, 1: INVALID, 2: 255}
-"""Values of a communication record by sub-index where the file gives none: no identifier, event-driven."""
+"""Default values of a communication record by sub-index, if the file gives none: no identifier, event-driven."""
 _DUMMIES = range(2, 8)
 _MAX_BITS = 64
 ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
@@ -181,8 +181,8 @@ def _beyond(described: EdsEntry) -> bool:
 def _understood(entry: Entry, described: EdsEntry) -> bool:
     """Return whether the drive can work with every value that the file allows for an entry.
 
-    Counter-example from a vendor's file: 60E1h as INTEGER16 with the default −1000, where CiA 402-2 has an UNSIGNED16.
-    Taken over as it is, it would reverse the limit. Such an object becomes storage, and the drive uses its own value.
+    Counter-example from a vendor's file: 60E1h as INTEGER16 with the default −1000; CiA 402-2 has an UNSIGNED16. This
+    value would reverse the limit. Such an object becomes storage, and the drive uses its own value.
     """
     type = data_type(described)
     if type is None or entry.type is None or type is entry.type:
@@ -193,7 +193,7 @@ def _understood(entry: Entry, described: EdsEntry) -> bool:
 
 
 def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
-    """Give an entry that the drive implements the properties that it has in the file."""
+    """Set the properties of an implemented entry to those in the file."""
     shown, measured = entry.access in (Access.RO, Access.CONST), entry.access is Access.RO
     entry.access, entry.mappable = ACCESS[described.access], _ways(described.access, described.mappable)
     if entry.index in BENCH_VALUES or (measured and entry.index not in SHOWN_VALUES):
@@ -208,7 +208,7 @@ def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
 
 
 def _limits(described: EdsEntry, type: DataType) -> tuple[int, int]:
-    """Return the limits of the file if they leave a range that contains the default, else those of the type."""
+    """Return the limits of the file if their range contains the default, otherwise the limits of the type."""
     low, high = type.limits
     asked = (
         described.low if isinstance(described.low, int) else low,
@@ -283,9 +283,9 @@ def _initial(described: EdsEntry, value: int | float | str | bytes | None, size:
 def _set_up_pdos(
     dictionary: Dictionary, implemented: Mapping[tuple[int, int], Entry], eds: Eds, node: int
 ) -> Iterator[str]:
-    """Give the PDOs their power-on values of the file; switch off each PDO that cannot work and yield a note on it.
+    """Set the PDOs to the power-on values of the file; switch off each PDO that cannot work and yield a note on it.
 
-    An entry of a PDO that the file lacks is out of reach, but the drive works with it all the same.
+    An entry of a PDO that the file lacks is not accessible, but the drive still uses it.
     """
     records: dict[int, dict[int, Entry]] = {}
     for (index, subindex), entry in implemented.items():
@@ -368,7 +368,7 @@ def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObj
 
 
 def _check_mappings(dictionary: Dictionary) -> None:
-    """Raise UsageError for a PDO that maps an object after power-on which the drive does not have."""
+    """Raise UsageError for a PDO that after power-on maps an object that the drive does not have."""
     for count in [entry for entry in dictionary if entry.subindex == 0 and entry.index in _MAPPINGS]:
         for subindex in range(1, count.default + 1):
             mapping = dictionary.value(count.index, subindex)
@@ -404,7 +404,7 @@ def _stored(index: int, subindex: int, described: SimulatedObject, node: int) ->
 
 
 def _change(entry: Entry, described: SimulatedObject, node: int) -> None:
-    """Give an entry that the drive implements what is described of it."""
+    """Apply the description of an object to an implemented entry."""
     if described.access is not None:
         entry.access = ACCESS[described.access]
     if described.mappable is not None or (described.access is not None and entry.mappable):

@@ -118,7 +118,7 @@ class Node:
         self._route()
 
     def slow_guards(self, factor: float | None) -> None:
-        """Let the watches on other nodes act `factor` times as late as they are set, None: never (a fault)."""
+        """Let the watches on other nodes act after `factor` times their set time, None: never (a fault)."""
         for watch in (*self.consumers.watches, self._guarding):
             watch.factor = factor
 

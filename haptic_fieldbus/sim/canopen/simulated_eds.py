@@ -29,7 +29,7 @@ _TYPES = {
 _STRINGS = (0x1008, 0x1009, 0x100A)
 _ARRAYS = (0x1003, 0x1010, 0x1011, 0x1016)
 _WRITABLE = {Mappable.RPDO: "rww", Mappable.TPDO: "rwr"}
-"""EDS access of an entry that can be read and written; "rw" when it is mappable in no direction or in both."""
+"""EDS access of an entry that can be read and written; "rw" if it is mappable in no direction or in both directions."""
 _MEASURED = range(0x6000, 0xA000)
 """Indices at which read-only values change by themselves, so that a default would be meaningless; except `_FIXED`."""
 _FIXED = (0x6075, 0x6076, 0x6502, 0x67FF)

@@ -180,16 +180,16 @@ def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
 
 
 def _velocity_unit(profile: CanopenProfile) -> str | None:
-    """Return the unit of 60A9h in a vendor's file; None when it names none that is known."""
+    """Return the unit of 60A9h in a vendor's file; None if the file names no known unit."""
     if not isinstance(profile, EdsProfile) or number_of(profile.eds, 0x60A9) is None:
         return None
     return velocity_unit(profile.eds)
 
 
 def _modes(profile: CanopenProfile) -> frozenset[int] | None:
-    """Return the modes of operation of the profile, else those of a vendor's file; None when there is neither.
+    """Return the modes of operation of the profile, otherwise of a vendor's file; None without either.
 
-    Where 6502h of the file says nothing, a mode is taken to be there when its target is.
+    If the file gives no value of 6502h, a mode exists if its target object exists.
     """
     if profile.simulation.modes is not None:
         return frozenset(profile.simulation.modes)
@@ -227,7 +227,7 @@ class Slave:
         """Notes on the parts of a vendor's file that this drive cannot take over."""
 
     def duplicate(self) -> None:
-        """Let a second node with the same node-ID join: whatever is sent from now on is sent twice."""
+        """Let a second node with the same node-ID join: every frame is sent twice from now on."""
         send = self._frames
 
         def twice(frame: Frame) -> None:

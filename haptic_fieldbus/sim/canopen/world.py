@@ -1,14 +1,14 @@
 """The simulated world: drives and programs on one wire, as a discrete-event simulation.
 
-Theory: an event is a frame that ends, a timer of a drive, a fault, or the start of a frame. Events of one instant
+Theory: an event is a frame that ends, a timer of a drive, a fault, or the start of a frame. Events at the same instant
 happen in this order, so every frame queued at an instant takes part in its arbitration. Plants are moved, exactly, when
 a drive reads them (see `plant`). The world is lazy: it runs when a program sends (up to the present) or receives (up to
 the next frame, or to the deadline, and the clock advances with it). Everything random is drawn from the seed (see
 `rack`), so in virtual time the same seed gives the same octets. `pace` describes how programs share the world in real
 time.
 
-A bench with several buses consists of several worlds with one clock. Only a program connects them, so each may catch up
-when it is called, and the program sees the same whatever the order.
+A bench with several buses consists of several worlds with one clock. Only a program connects them, so each world
+catches up when it is called, and the order does not matter to the program.
 """
 
 import errno
@@ -258,7 +258,7 @@ class World:
         self._stranger: Port | None = None
         """Port of another program whose frames are a fault."""
         self.host: HostClock | None = None
-        """Clock of the computer of the master, where its faults take effect; None: it has none."""
+        """Clock of the computer of the master, where its faults take effect; None: there is no such clock."""
         self.adapter_ns = 0
         """Time that the adapter of a program adds to each frame on its way in, and on its way out [ns]."""
         self.pace: Pace = pace_of(self)
@@ -381,7 +381,7 @@ class World:
 
     @property
     def next_ns(self) -> int:
-        """Return the time of the next event if no program sends before; NEVER_NS when there will be none."""
+        """Return the time of the next event, if no program sends before it; NEVER_NS if there is no further event."""
         return min(self._rack.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
 
     @property

@@ -1,14 +1,14 @@
 """A simulated CiA 402 drive: its automaton, and the actions of its power stage.
 
 Theory (CiA 402-2): in *operation enabled* the mode of operation determines the motion (see `operation`), in *quick stop
-active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link, which is a fault
-only where torque could be made, 605Ah to a quick stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown*
-and *disable operation* slow down first. If they do, the state stays *operation enabled* until the motor stands, without
-following commands, and *enable operation* cancels the stop. Every other state frees the shaft at once. A fault cannot
-be reset while its cause is there.
+active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link (a fault only if
+torque was possible), 605Ah to a quick stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown* and *disable
+operation* slow down first. If they do, the state stays *operation enabled* until the motor stands still. Commands are
+not followed meanwhile, and *enable operation* cancels the stop. Every other state frees the shaft at once. A fault
+cannot be reset while its cause is present.
 
-Safe torque off is no event of the standard's automaton. Here torque ends at once, as by *disable voltage*; *switch on
-disabled* is not left until safe torque off is closed; bit 3 of 60FDh (*interlock*) shows it. With `sto_error` in the
+Safe torque off is not an event of the standard's automaton. Here torque ends at once, as by *disable voltage*; *switch
+on disabled* is not left until safe torque off is closed; bit 3 of 60FDh (*interlock*) shows it. With `sto_error` in the
 settings it is a fault while torque is made, as in some drives.
 
 The drive is independent of its bus: a link writes and reads the dictionary, calls the drive at times [ns], and is
@@ -65,12 +65,12 @@ class SlowDown(Enum):
 
 
 def way_of(code: int) -> SlowDown:
-    """Return the way of an option code from 1 to 8; the quick stops that stay in their state have codes four higher."""
+    """Return the way of an option code from 1 to 8; codes from 5 on mean the same and stay in *quick stop active*."""
     return SlowDown((code - 1) % len(SlowDown) + 1)
 
 
 class Brake:
-    """One slowing down, which begins at `begin_ns` with this ramp; None: at once."""
+    """A stop that begins at `begin_ns` with this ramp; None: at once."""
 
     def __init__(self, stage: Stage, ramp: Entry | None, begin_ns: int) -> None:
         self._stage = stage
@@ -350,7 +350,7 @@ class Drive:
         )
         self._link = link
         self._sto_fault = False
-        """Whether safe torque off was a fault the last time that it was opened."""
+        """Whether the last opening of safe torque off was a fault."""
         self.power.has_fault = lambda: (self._sto_fault and self.power.locked) or link.persists()
         self._state = self.power.state
         self._controlword = self.objects.controlword
@@ -444,7 +444,7 @@ class Drive:
         self.act(self.plant.t_ns)
 
     def _command(self, word: int, t_ns: int) -> None:
-        """Handle a controlword that is new, or that must be handled again because state or options have changed."""
+        """Handle a new controlword, or handle it again because state or options have changed."""
         self._word = word
         power, row = self.power, self.objects.row
         power.stays_in_quick_stop = row(0x605A).value > _LAST_ENDING_QUICK_STOP
@@ -505,7 +505,7 @@ class Drive:
         self._show_status()
 
     def _start(self, t_ns: int, before: State) -> None:
-        """Start what counts from *operation enabled*, unless a quick stop was only interrupted."""
+        """Start the times that count from *operation enabled*, unless a quick stop was only interrupted."""
         # Bring the plant to this instant, at which the modes start from its speed and angle.
         self.servo.advance(t_ns)
         if before is not State.QUICK_STOP_ACTIVE:

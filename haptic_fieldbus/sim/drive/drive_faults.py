@@ -1,4 +1,4 @@
-"""Faults that a drive has on any bus: encoder, current loop, safe torque off; those of the hand; and their schedule."""
+"""Faults of a drive on any bus (encoder, current loop, safe torque off), faults of the hand, and their schedule."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -15,7 +15,7 @@ from haptic_fieldbus.sim.schedule import Action, FaultSchedule, Plan, TimedFault
 
 
 def faulty_hand(hand: Hand | None, these: Iterable[faults.Fault]) -> Hand | None:
-    """Return the hand that lets go and hits as these faults say; a hand that is not there does neither."""
+    """Return the hand with the releases and hits of these faults; None stays None."""
     if hand is None:
         return None
     for fault in these:
@@ -28,7 +28,7 @@ def faulty_hand(hand: Hand | None, these: Iterable[faults.Fault]) -> Hand | None
 
 
 def inject_drive(fault: faults.DriveFaultKind, drive: Drive, plan: Plan, t_ns: int) -> None:
-    """Apply a fault that happens at `t_ns`; raises ValueError for one that is a fault of the link."""
+    """Apply a fault that happens at `t_ns`; raises ValueError for a fault of the link."""
     if isinstance(fault, faults.SafeTorqueOff):
         drive.sto(True, t_ns)
         if fault.duration is not None:
@@ -85,9 +85,9 @@ class DriveBench:
         install: Callable[[faults.LastingFault], None],
         action: Callable[[TimedFault], Action],
     ) -> None:
-        """Install the faults of a drive that exist from power-on, and let the others count from *operation enabled*.
+        """Install the faults of a drive that exist from power-on, and schedule the others from *operation enabled* on.
 
-        The faults `of_line` concern a drive whatever node they name; `action` returns what a fault does.
+        The faults `of_line` concern every drive, regardless of their node; `action` returns the effect of a fault.
         """
         drive.plant.recorder.longest = self._longest
         timed: list[TimedFault] = []

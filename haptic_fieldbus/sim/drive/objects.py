@@ -1,8 +1,8 @@
 """The application objects of a simulated drive: CiA 402-2, and the objects that its profile names.
 
-An object for which the profile gives another index or type has that index or type. Objects that the drive lacks are not
-in the dictionary: 6007h, 605Eh, 6076h and 6077h where the profile names none, objects of modes that it lacks, objects
-that its settings leave out. The drive still works with their power-on values.
+If the profile gives an object another index or type, it has that index or type. Objects that the drive lacks are not in
+the dictionary: 6007h, 605Eh, 6076h and 6077h if the profile does not name them, objects of missing modes, objects that
+its settings leave out. The drive still works with their power-on values.
 """
 
 from collections.abc import Callable, Iterable
@@ -60,7 +60,7 @@ class Defaults:
     lever: float = 0.0
     """Torque of the motor for a force of 1 N at a handle that goes straight [N·m]; 0 for another handle."""
     full_scale: float = 0.0
-    """Torque that 32767 stands for in drives that count in shares of it [N·m]; 0: unknown."""
+    """Full-scale torque, which the value 32767 means in drives with this unit [N·m]; 0: unknown."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def _factors(defaults: Defaults) -> tuple[Row, ...]:
 PERMILLE = 1e-3
 _WORD = 0x1_0000
 _FULL_SCALE = 32760
-"""Value of 16 bits that stands for the peak current of the power stage, in drives that count in it."""
+"""Value of 16 bits for the peak current of the power stage, in drives with this unit."""
 
 TORQUE_DEMAND = 0x6074
 DEVICE_TYPE = 0x0002_0192
@@ -181,9 +181,10 @@ DEVICE_TYPE = 0x0002_0192
 
 NO_MODE = 0
 NO_ACTION, FAULT = 0, 1
-"""6007h of a drive without it: no reaction to a lost link, or a fault where its profile says that it reacts."""
+"""Value of 6007h in a drive without it: no reaction to a lost link, or a fault if its profile states a reaction."""
 DISABLE, SLOW_DOWN = 0, 2
-"""605Eh of a drive without it: free at once where its profile says that it reacts, else the quick stop ramp."""
+"""Value of 605Eh in a drive without it: free at once if its profile states a reaction, otherwise the quick stop
+ramp."""
 # CiA 402-2, 6502h: the bit of a mode is its number minus one; manufacturer-specific modes are negative and have bits 16
 # on.
 _FIRST_MANUFACTURER_BIT = 16
@@ -191,7 +192,7 @@ _FIRST_MANUFACTURER_BIT = 16
 
 @dataclass(frozen=True)
 class Objects:
-    """The entries that the drive itself works with, whether they are in the dictionary or not."""
+    """The entries that the drive itself uses, in the dictionary or not."""
 
     error_code: Entry
     controlword: Entry
@@ -216,7 +217,7 @@ class Objects:
     demand_unit: float
     """One step of the torque demand [N·m]."""
     mode_bits: int
-    """Bits of the controlword without which the drive's own torque mode gives no torque; 0: none."""
+    """Bits of the controlword that the drive's own torque mode requires for torque; 0: none."""
     table: dict[tuple[int, int], Entry]
     """The entries of the table, by index and sub-index."""
     step: Callable[[str], float]

@@ -3,10 +3,10 @@
 Theory (CiA 402-2, 8.2): bits 0, 1, 2, 3 and 7 of the controlword form a command. A command or an event makes a numbered
 transition where the table has one from the present state; otherwise it has no effect. Transitions 0 and 1 follow by
 themselves at power-on, 13 from any state on a fault, 14 when the fault reaction is complete, 12 also when a quick stop
-is complete. A fault reset makes 15 only when no cause of the fault is present any more; it asks for a new rising edge
-then. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. A transition that an option
-code defers until the motor stands (5 by 605Ch, 8 by 605Bh) is held, and made by `complete`. While the power stage is
-locked (safe torque off), *switch on disabled* is not left. Only `_make` changes the state.
+is complete. A fault reset makes 15 only when no cause of the fault is present any more; otherwise a later reset needs a
+new rising edge. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. An option code may defer
+a transition until the motor stands still (5 by 605Ch, 8 by 605Bh). It is held, and `complete` makes it. While the power
+stage is locked (safe torque off), *switch on disabled* is not left. Only `_make` changes the state.
 """
 
 from collections.abc import Callable, Container
@@ -129,9 +129,9 @@ class PowerAutomaton:
         self.has_fault: Callable[[], bool] = lambda: False
         """Whether a cause of a fault is present, so that transition 15 is not made."""
         self.deferred: Container[int] = ()
-        """Numbers of the transitions that a controlword only announces; `complete` makes them."""
+        """Numbers of the transitions that a controlword only starts; `complete` makes them."""
         self.held: Transition | None = None
-        """The announced transition; None when there is none."""
+        """The started transition that waits for `complete`; None without one."""
         self._controlword = 0
 
     def start(self) -> tuple[int, ...]:
@@ -142,7 +142,7 @@ class PowerAutomaton:
         return self.event(Cause.SELF_TEST_PASSED) + self.event(Cause.INITIALISED)
 
     def controlword(self, value: int) -> tuple[int, ...]:
-        """Handle a controlword; it cancels a transition that an earlier one announced, or announces it again."""
+        """Handle a controlword; it cancels or repeats a held transition of an earlier controlword."""
         self.held = None
         # A fault is reset by the rising edge of bit 7.
         reset = value & ~self._controlword & FAULT_RESET_BIT

@@ -3,7 +3,7 @@
 Theory: a target that arrives takes effect at the next control tick and is held until the next one. Ticks are multiples
 of the control period counted from the end of the last SYNC (from power-on before the first one); a SYNC is itself a
 tick. Ticks may also run free: then they are counted from power-on by the drive's own clock, and the encoder is read at
-them. What is read may be older by the latency of the encoder. The encoder counts floor(N·θ/2π + phase + 1/2) in 32
+them. The position may be older by the latency of the encoder. The encoder counts floor(N·θ/2π + phase + 1/2) in 32
 bits; `phase` is the position of its zero within a count.
 """
 
@@ -27,7 +27,7 @@ class FirmwareTimes:
     phase: float = 0.0
     """Free: the first tick after power-on, as a share of the period."""
     drift: float = 0.0
-    """Free: by how much the drive's clock is slow, as a share."""
+    """Free: relative error of the drive's clock, positive when it is slow."""
     latency_ns: int = 0
     """Age of the position when it is read."""
 
@@ -48,12 +48,12 @@ class Servo:
         self._tick_ns = timing.control_period_ns * (1.0 + timing.drift)
         self._latency_ns = timing.latency_ns
         self._late = self._free or self._latency_ns > 0
-        """Whether the angle that the drive has is one of before."""
+        """Whether the drive's angle is older than the present time."""
         self._grid_ns = plant.t_ns + (round(timing.phase * self._tick_ns) if self._free else 0)
         self._pending_ns = NEVER_NS
         self._pending = 0.0
         self.encoder_factor = 1.0
-        """Counts for a motion, as a share of what they should be; negative: backwards."""
+        """Ratio of actual to correct counts of a motion; negative: backwards."""
         self.torque_sign = 1.0
         """−1.0: the motor turns the other way for the same current."""
         self._sound = True
@@ -117,16 +117,16 @@ class Servo:
         self.encoder_factor *= factor
 
     def impair(self, largest: float, sign: float = 1.0) -> None:
-        """Let the current loop reach no more than `largest` [N·m], and the motor turn by `sign` of what it should.
+        """Limit the torque of the current loop to `largest` [N·m], and multiply the torque of the motor by `sign`.
 
-        What is broken already stays broken: a second fault mends nothing of the first.
+        Earlier faults persist: a second fault does not undo the first.
         """
         self._largest, self.torque_sign = min(self._largest, largest), min(self.torque_sign, sign)
         self._sound = False
         self.plant.set_target(self._made(self._target))
 
     def _made(self, torque: float) -> float:
-        """Return the torque target that the motor really gets."""
+        """Return the effective torque target of the motor."""
         return self.torque_sign * max(-self._largest, min(self._largest, torque))
 
     def counts(self) -> int:
@@ -139,14 +139,14 @@ class Servo:
         return self._shown
 
     def _angle(self) -> float:
-        """Return the shaft angle that a drive which reads it late has at the plant's present time [rad]."""
+        """Return the drive's shaft angle at the plant's present time, with its late reading [rad]."""
         read_ns = self.plant.t_ns
         if self._free:
             read_ns = self._grid_ns + round(math.floor((read_ns - self._grid_ns) / self._tick_ns) * self._tick_ns)
         return self.plant.recorder.angle_at(read_ns - self._latency_ns)
 
     def fine_counts(self) -> float:
-        """Return the counts before rounding and wrapping; whole where the shaft is in the middle of a count."""
+        """Return the counts before rounding and wrapping; a whole number in the middle of a count."""
         if self.plant.t_ns < self.stuck_until_ns:
             return float(self._shown)
         return self.plant.state[0] * self._counts_per_radian + self._round - 0.5 + self._offset

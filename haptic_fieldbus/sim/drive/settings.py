@@ -39,7 +39,7 @@ _RESET_NS = (20_000_000, 30_000_000)
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """Properties that are neither in the profile nor in the rig; a world draws the random ones from its seed."""
+    """Properties of a drive that neither profile nor rig states; a world draws the random ones from its seed."""
 
     serial: int = 1
     encoder_phase: float = 0.0
@@ -69,9 +69,9 @@ class DriveSettings:
     tick_phase: float = 0.0
     """First control tick after power-on, as a share of the control period; for ticks that run free."""
     tick_drift: float = 0.0
-    """By how much the drive's clock is slow, as a share; for ticks that run free."""
+    """Relative error of the drive's clock, positive when it is slow; for ticks that run free."""
     full_scale: float | None = None
-    """Torque that 32767 stands for in drives that count in shares of it [N·m]; None: it counts in none."""
+    """Full-scale torque, which the value 32767 means in drives with this unit [N·m]; None: no such unit."""
     led: bool = False
     """Whether a hand moves the handle while the drive is off (`LEADER`)."""
     velocity_unit: str | None = None
@@ -144,7 +144,7 @@ def _plant(axis: RigAxis, shaft: Shaft, held: Grip | None, settings: DriveSettin
 
 
 def build_timing(profile: Cia402Profile, settings: DriveSettings) -> FirmwareTimes:
-    """Return the times of the drive's firmware; what the profile leaves open is locked to SYNC and without latency."""
+    """Return the times of the drive's firmware; without a statement of the profile: locked to SYNC, no latency."""
     timing = profile.timing
     return FirmwareTimes(
         round(timing.control_period * 1e9),
@@ -178,8 +178,8 @@ def _velocity_unit(profile: Cia402Profile, settings: DriveSettings) -> str:
 def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettings) -> Defaults:
     """Return the power-on values that follow from the bench.
 
-    The ramps are the acceleration of the inertia alone by half of rated torque; the profile velocity is the speed that
-    they reach in `_RAMP`.
+    The ramps are the acceleration of the inertia alone with half of rated torque. The profile velocity is the speed
+    after `_RAMP`.
     """
     inertia, _, rated = known_mechanics(axis)
     current, peak, constant = _known_currents(axis, settings)
@@ -206,7 +206,7 @@ def steps_of_position(unit: str, axis: RigAxis) -> float:
 
 
 def _whole(value: float) -> int:
-    """Return a value rounded into the UNSIGNED32 values whose double is one as well, at least 1."""
+    """Return a value rounded to an UNSIGNED32 from 1 up, so small that its double is an UNSIGNED32 too."""
     return max(1, min(0x7FFF_FFFF, round(value)))
 
 

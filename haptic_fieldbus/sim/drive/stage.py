@@ -5,7 +5,7 @@ rated torque, so a current limit [‰] is a torque limit [‰].
 
 Speed: a PI controller on the true speed at the control ticks, with feed-forward of inertia and damping. With gain J·a
 and integral gain J·a²/4 the shaft J·ω' = τ has a double pole at −a/2. a is a quarter of 1/(tick + lag of the torque
-loop), so hold and lag cost little of that damping, for any rig. The integral does not wind up while torque is limited.
+loop), so hold and lag reduce this damping little, for any rig. The integral does not wind up while torque is limited.
 
 Position: a P controller of gain a/8 around it, with poles at −0.12·a and (−0.44 ± 0.25j)·a. A constant load leaves no
 error. The standard prescribes none of this (60F6h, 60F9h and 60FBh are manufacturer-specific).
@@ -26,7 +26,7 @@ _HIGHEST_PERMILLE = 32767
 """Largest value of 6074h, an INTEGER16."""
 _RPM = 2 * math.pi / 60
 NO_RAMP = 1e12
-"""Acceleration that stands for a ramp of 0, no limit [rad/s²]."""
+"""Acceleration for a ramp of 0, which means no limit [rad/s²]."""
 
 
 @dataclass(frozen=True)

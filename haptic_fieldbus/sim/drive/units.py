@@ -2,8 +2,8 @@
 
 Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h, 60A8h, 60A9h). Position [position units] = counts · feed constant /
 (encoder resolution · gear ratio). A velocity unit is one position unit a second, or the drive's own unit whatever the
-factors. A drive that has 60A8h or 60A9h counts in the units that these name: where 60A8h is an angle, the feed constant
-is the number of its units in a revolution; 60A9h is of the motor. An acceleration unit is a position unit per second
+factors. A drive with 60A8h or 60A9h uses the units that these objects name. If 60A8h is an angle, the feed constant is
+the number of its units in a revolution; 60A9h refers to the motor. An acceleration unit is a position unit per second
 squared. Bit 7 of the polarity reverses positions, bit 6 velocities. In a drive without feed constant, positions are
 counts at the driving shaft: the feed constant is its encoder resolution.
 """
@@ -15,9 +15,9 @@ from fractions import Fraction
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dictionary, Entry
 
 WRAP, HALF = 1 << 32, 1 << 31
-"""Of a position, which turns over."""
+"""Range and half range of a position, which wraps."""
 _LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
-"""Of what is bounded: a velocity, an error."""
+"""Limits of bounded values: velocity, error."""
 _POSITION_POLARITY, _VELOCITY_POLARITY = 0x80, 0x40
 
 _RESOLUTION, _GEAR, _FEED = 0x608F, 0x6091, 0x6092
@@ -29,13 +29,13 @@ _SECONDS = {0x03: 1, 0x47: 60}
 
 
 def revolutions_of(code: int) -> Fraction | None:
-    """Return the unit of a position [rev] that a value of 60A8h names; None for counts, and for no known unit."""
+    """Return the position unit of a value of 60A8h [rev]; None for counts and for unknown units."""
     numerator = _REVOLUTIONS.get(code >> 16 & 0xFF)
     return None if numerator is None or code & 0xFFFF else numerator * _power_of_ten(code)
 
 
 def velocity_of(code: int, counts_per_radian: float) -> float | None:
-    """Return the unit of a velocity [rad/s of the motor] that a value of 60A9h names; None for no known unit."""
+    """Return the velocity unit of a value of 60A9h [rad/s of the motor]; None for an unknown unit."""
     numerator, seconds = code >> 16 & 0xFF, _SECONDS.get(code >> 8 & 0xFF)
     if seconds is None or code & 0xFF:
         return None
@@ -87,7 +87,7 @@ class Units:
         self.update()
 
     def follow(self) -> None:
-        """Take over 60A8h and 60A9h from now on, of a dictionary that has them; they refuse unknown units then."""
+        """Use 60A8h and 60A9h from now on, if the dictionary has them; they then refuse unknown units."""
         known: dict[int, Callable[[int], bool]] = {
             _POSITION_UNIT: lambda code: code == _COUNTS << 16 or revolutions_of(code) is not None,
             _VELOCITY_UNIT: lambda code: velocity_of(code, self.counts_per_radian) is not None,

@@ -1,8 +1,8 @@
 """Faults of a simulated bench, as data: the kinds of `[[fault]]` in a TOML file.
 
-`at` [s] counts from *operation enabled*, anew when a drive is enabled again before anything has happened; faults
-without it exist from power-on. `node` is the node-ID of the drive, None every drive of the bus; `bus` is a bus of the
-rig, None every bus. `duration` [s] None is for ever.
+`at` [s] counts from *operation enabled*, and counts anew if a drive is enabled again before any fault has happened;
+faults without `at` exist from power-on. `node` is the node-ID of the drive, None every drive of the bus; `bus` is a bus
+of the rig, None every bus. `duration` [s] None is for ever.
 """
 
 from haptic_fieldbus.sim.faults.file import Fault as Fault

@@ -1,7 +1,7 @@
-"""Faults drawn from a seed: `random@7` gives the same kinds at the same times whenever it is asked for.
+"""Faults drawn from a seed: `random@7` always gives the same kinds at the same times.
 
-Each kind has a recipe, which draws its values from ranges in which it may be felt. The values are rounded, so that the
-text of a drawn fault is short and reads back as the same fault.
+Each kind has a recipe, which draws its values from ranges in which the fault has an effect. The values are rounded, so
+that the text of a drawn fault is short and reads back as the same fault.
 """
 
 import math
@@ -16,16 +16,16 @@ RANDOM = "random@"
 MOST = 4
 """Most faults that are drawn at once; one is the most frequent."""
 _END, _AT_THE_END = 0.04, 0.15
-"""[s] before the end that count as the very end, and the share of faults that happen then at the least."""
+"""Time before the end that counts as the very end [s], and the least share of faults in this time."""
 _WEIGHTS = (6, 3, 2, 1)
 _LARGEST_SEED = 2**64 - 1
 _LENGTHS = {0x000: 2, 0x080: 0, 0x201: 4, 0x701: 1, 0x77F: 1}
-"""Lengths with which some identifiers mean something; others 8."""
+"""Frame lengths of identifiers with a meaning; 8 for all others."""
 _TELLING = (0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF)
-"""Octets that mean something to many services."""
+"""Octets with a meaning in many services."""
 
 Recipe = Callable[[Random, float], "faults.Fault"]
-"""Draws one fault that happens at a time [s]."""
+"""Function that draws one fault for a time [s]."""
 
 
 def _frames(random: Random) -> "faults.FrameGroup":
@@ -37,7 +37,7 @@ def _duration(random: Random) -> float | None:
 
 
 def _flicker(random: Random) -> float | None:
-    """A contact that opens for good, or bounces."""
+    """Return the duration of an open contact, either lasting or short (bounce)."""
     return random.choice((None, round(10 ** random.uniform(-4.0, -0.5), 4)))
 
 
@@ -156,13 +156,13 @@ def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> 
 
 
 def _time(random: Random, duration: float) -> float:
-    """Some time of a run, and the very end of it more often than another time: there the order of things changes."""
+    """Return a random time of a run; the very end has a higher share, because the order of events changes there."""
     first = max(0.0, duration - _END) if random.random() < _AT_THE_END else 0.0
     return round(random.uniform(first, duration), 4)
 
 
 def seed_of(text: str) -> int | None:
-    """Return the seed of `random@SEED`; None for a text that names a file. Raises UsageError for no such seed."""
+    """Return the seed of `random@SEED`; None for a text that names a file. Raises UsageError for an invalid seed."""
     if not text.startswith(RANDOM):
         return None
     digits = text.removeprefix(RANDOM)

@@ -212,7 +212,7 @@ class AnswerTruncated(AtInstant):
 
 @dataclass(frozen=True)
 class AnswerWrongUnit(AtInstant):
-    """Answers come under the unit id `to`."""
+    """Answers carry the unit id `to`."""
 
     kind: Literal["answer_wrong_unit"]
     to: Annotated[int, Ge(1), Le(247)]
@@ -258,7 +258,7 @@ AnswerDisturbance = (
 )
 """Kinds that concern the next answers of a drive."""
 LineDisturbance = AnswerDisturbance | ConnectionReset
-"""Kinds that disturb a line or what comes on it."""
+"""Kinds that disturb a line or its frames."""
 AnswerFault = LineDisturbance | ForeignSetPoints
 """Kinds of a Modbus line, its masters and its drives' answers."""
 

@@ -27,9 +27,9 @@ class Body(ABC):
         self.recorder = Recorder(recorded)
         self._agenda: deque[tuple[int, Piece | None]] = deque()
         self._hand: Grip | None = None
-        """The hand that has let go, or waits until the drive is enabled; None while there is none."""
+        """The hand that has released the handle, or waits for *operation enabled*; None without such a hand."""
         self._leader: Grip | None = None
-        """The hand that moves the handle of a drive that is off; None: nobody does."""
+        """The hand that moves the handle while the drive is off; None: no hand."""
 
     @property
     def position(self) -> float:
@@ -54,7 +54,7 @@ class Body(ABC):
             self._continue((*self.state[:TARGET], torque, *self.state[TARGET + 1 :]))
 
     def start_hand(self) -> None:
-        """Start the hand's clock now, at its beginning; a hand that has let go, or has waited, takes hold again."""
+        """Start the hand's clock now, at 0; a hand that has released the handle, or has waited, grips it again."""
         self._agenda.clear()
         if self._hand is not None and self._grip is not self._hand:
             # At the place of the handle, and as fast as it.
@@ -71,10 +71,10 @@ class Body(ABC):
             self.advance(self.t_ns)
 
     def rest_hand(self) -> None:
-        """Let the hand come to a halt until it is started again: it still holds the handle, without a force of its own.
+        """Stop the hand until it is started again: it still holds the handle, without a force of its own.
 
-        Its mass may be that of a hand that nothing deflects, which would go on by itself. Where another hand leads
-        while the drive is off, that one takes the handle and begins anew.
+        The mass of a leading hand is so large that it would continue to move by itself. If another hand leads while the
+        drive is off, it takes the handle and starts again.
         """
         self._agenda.clear()
         if self._leader is not None:
@@ -94,16 +94,16 @@ class Body(ABC):
 
     @property
     def led(self) -> bool:
-        """Return whether a hand moves the handle because the drive is off."""
+        """Return whether the leading hand moves the handle, as it does while the drive is off."""
         return self._leader is not None and self._grip is self._leader
 
     def _holder(self, grip: Grip | None) -> int:
-        """Return who holds the handle: 0 nobody, 1 the hand, 2 the one that leads while the drive is off."""
+        """Return the holder of the handle: 0 no hand, 1 the hand, 2 the hand that leads while the drive is off."""
         return 0 if grip is None else 2 if grip is self._leader else 1
 
     @abstractmethod
     def prepare(self) -> None:
-        """Build now what later steps need, for a body that is read at instants which do not repeat."""
+        """Prepare later steps now, for a body that is read at non-repeating intervals."""
 
     def advance(self, t_ns: int) -> None:
         """Move to `t_ns`, which must not be before the body's own time."""
@@ -119,7 +119,7 @@ class Body(ABC):
         self._move(t_ns)
 
     def _leave_out(self, cycles: int) -> None:
-        """Leave out cycles of the hand that leads, because nothing has looked for long: they are all alike."""
+        """Skip equal cycles of the leading hand after a long time without access."""
         skipped_ns = cycles * LEADING_NS
         self.t_ns += skipped_ns
         self._agenda = deque((at_ns + skipped_ns, piece) for at_ns, piece in self._agenda)

@@ -1,10 +1,10 @@
 """A shaft with more than a rigid load: coupling, backlash, weight, cogging, Stribeck friction.
 
-Theory: the motion is a chain of legs. The law does not change on a leg: the shaft slips in one direction or sticks, the
-coupling is on one flank or open. The linear part is followed exactly, the nonlinear torques within `leg.TOLERANCE`; the
-length of a leg is halved until they are. A leg ends at its length, or earlier where a reversal, a breakaway, or a flank
-that meets or parts is found on it; a new target or force of the hand cuts it short. Reading the shaft does not change
-its motion, because each reading follows the leg from its start.
+Theory: the motion is a chain of legs. The equations do not change on a leg: the shaft slips in one direction or sticks,
+the coupling is on one flank or open. The linear part is followed exactly, the nonlinear torques within `leg.TOLERANCE`;
+the length of a leg is halved until they are. A leg ends at its length, or earlier at a reversal, a breakaway, or a
+flank that meets or parts; a new target or force of the hand cuts it short. Reading the shaft does not change its
+motion, because each reading follows the leg from its start.
 
 A reversal could be missed only in an oscillation faster than the ten nodes of a leg can show, and legs are short enough
 for all frequencies of the linear part. All quantities are at the motor shaft, SI; `t_ns` is the plant's own time.
@@ -181,7 +181,7 @@ class Torques:
         """Return the torques on each of `rows` [N·m] at m instants, shape (len(rows), m).
 
         `angle`, `speed` and `handle` have shape (m,); `handle` is the angle of the load at the motor shaft. `direction`
-        is that in which the shaft slips, 0 while it sticks.
+        is the slip direction of the shaft, 0 while it sticks.
         """
         torques = np.zeros((len(self.rows), len(angle)))
         parts, lever = self._load.mechanics, self._load.lever
@@ -335,13 +335,13 @@ class Leg:
 
 _LONGEST_NS = 1 << 22
 _HALVINGS = 18
-"""Halvings of the shortest leg, 16 ns, which is used whatever its error."""
+"""Halvings of the shortest leg, 16 ns, which is used regardless of its error."""
 _UNBOUNDED_NS = 1 << 40
-"""Length of a leg that nothing ends."""
+"""Length of a leg without an end."""
 _PHASE = 6.0
 """Largest phase of the fastest oscillation on one leg [rad]."""
 _MAX_EVENTS = 100
-"""Events in succession within `_LONGEST_NS` after which one leg is followed without looking for more."""
+"""Number of successive events within `_LONGEST_NS` after which one leg is followed without a search for events."""
 # A shaft at exactly its limit must not switch between sticking and slipping by rounding.
 _BREAKAWAY = 1.0 + 1e-12
 _SPEED, _PULL, _TWIST, _SPRING = range(4)
@@ -363,7 +363,8 @@ class LoadedPlant(Body):
         super().__init__(t_ns, state, ORDER + TERMS * len(self._torques.rows))
         self._flank = 0 if load.half_play else 1
         self._parting = 0
-        """Flank of an open coupling that still overlaps, because it parts faster than its spring follows; else 0."""
+        """Flank of an open coupling that still overlaps, because it parts faster than its spring follows; otherwise
+        0."""
         self._direction = 1
         self._halvings = 0
         self._event: LegWatch | None = None
@@ -371,7 +372,7 @@ class LoadedPlant(Body):
         self._hold(grip)
 
     def prepare(self) -> None:
-        """Do nothing: which legs are needed shows only on the way."""
+        """Do nothing: the required legs are not known in advance."""
 
     def _hold(self, grip: Grip | None) -> None:
         self._grip = grip
@@ -481,7 +482,7 @@ class LoadedPlant(Body):
         return watches
 
     def _may_change(self, now_ns: float) -> bool:
-        """Return whether events are looked for: not after too many of them in too short a time."""
+        """Return whether to search for events: False after too many events in a short time."""
         while self._events and self._events[0] < now_ns - _LONGEST_NS:
             self._events.pop(0)
         return len(self._events) < _MAX_EVENTS

@@ -49,9 +49,9 @@ class Flow:
     """One mode of motion, ż = A z, with `a` of shape (n, n) in 1/s."""
 
     def __init__(self, a: Matrix, rate: float = 0.0) -> None:
-        """Prepare the motion; `rate` [1/s] is that of changes that the eigenvalues of `a` do not show.
+        """Prepare the motion; `rate` [1/s] covers changes that the eigenvalues of `a` do not show.
 
-        Raises UsageError for a motion that is faster than the series takes.
+        Raises UsageError for a motion that is too fast for the series.
         """
         self.a = a * 1e-9
         fastest = max(float(np.abs(np.linalg.eigvals(self.a)).max()), rate * 1e-9)
@@ -116,10 +116,10 @@ class Flow:
         return states
 
     def first_negative(self, z: Matrix, span_ns: float, form: Matrix, offset: float) -> float | None:
-        """Return the time [ns] at which form·z + offset first becomes negative; None when it does not within the span.
+        """Return the time [ns] at which form·z + offset first becomes negative; None if it stays above within the span.
 
-        The value must not be negative at the start; `z` and `form` have shape (n,). A change of sign is found, and so
-        is a dip between two positive ends, from the signs of the rate there. If the rate changes sign twice within the
+        The value must not be negative at the start; `z` and `form` have shape (n,). It finds a change of sign, and a
+        dip between two positive ends by the signs of the rate at the ends. If the rate changes sign twice within the
         span, a dip may be missed.
         """
         return self._search(z, self.advance(z, span_ns), span_ns, form, offset)
@@ -230,10 +230,10 @@ class Motion:
         """Tables of 1, 2, 4 … ns once the motion is prepared."""
 
     def prepare(self, usual_ns: int) -> None:
-        """Build what any step needs, for spans that do not repeat: from now on no exponential is computed.
+        """Prepare steps of any length, so that no exponential is computed from now on.
 
-        A step is then made of those over powers of two, which costs a few of them and is as exact; one of `usual_ns` is
-        made at once.
+        A step then consists of a few steps over powers of two, with the same accuracy; a step of `usual_ns` is built at
+        once.
         """
         self._tables[usual_ns] = self._table(usual_ns)
         self._powers = tuple(self._table(1 << power) for power in range(LONGEST_POWER))

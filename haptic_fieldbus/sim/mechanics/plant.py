@@ -3,9 +3,9 @@
 Theory: with a constant target the motion is linear while the shaft *slips* in one direction s (friction −fc·s) and
 while it *sticks*. The pull is the torque on the shaft at rest, friction apart. The shaft sticks when it comes to rest
 with |pull| ≤ fc. It slips again when the pull exceeds fc by one part in 1e12, so that rounding cannot make it switch
-back and forth. The instants of both are found inside a step: a change of sign always, a dip where the tangent at the
-start of the step allows one. With Coulomb friction a step lasts at most 1 ms, so only an oscillation above some 500 Hz
-could hide a reversal.
+back and forth. The instants of both are found inside a step: a change of sign always, a dip if the tangent at the start
+of the step allows one. With Coulomb friction a step lasts at most 1 ms, so only an oscillation above some 500 Hz could
+hide a reversal.
 
 All quantities are at the motor shaft, SI; `t_ns` is the plant's own time.
 """
@@ -47,7 +47,7 @@ class Plant(Body):
         self._threshold = shaft.coulomb * _BREAKAWAY
         self._longest_ns = MAX_STEP_NS if shaft.coulomb > 0 else NEVER_NS
         self._motions: dict[int, tuple[Motion, Motion]] = {}
-        """Slipping and sticking, by who holds the handle."""
+        """Slipping and sticking, by the holder of the handle."""
         self._hold(grip)
 
     def _hold(self, grip: Grip | None) -> None:
@@ -63,7 +63,7 @@ class Plant(Body):
         self._record(0.0)
 
     def prepare(self) -> None:
-        """Build the motions with each hand and without one, and what their steps need."""
+        """Build the motions with each hand and without one, and prepare their steps."""
         for grip in (self._grip, self._hand, None):
             for motion in self._motions_of(grip):
                 motion.prepare(MAX_STEP_NS)

@@ -1,4 +1,4 @@
-"""The true motion of a simulated shaft, stored as the few states from which all others follow exactly.
+"""The true motion of a simulated shaft, stored as a few states; all other states follow from them exactly.
 
 A segment starts where the law of the motion changes: a new target, a piece of the hand's force, a reversal, standstill.
 """
@@ -71,7 +71,7 @@ class Recorder:
         raise ValueError("no motion was recorded")
 
     def forget(self, before_ns: int) -> None:
-        """Drop segments and targets that are over before an instant [ns]; what is in force then stays."""
+        """Drop segments and targets that end before an instant [ns]; those in force at this instant stay."""
         columns = 2 + self.order
         begins_ns = np.array(self.segments, dtype=np.float64).reshape(-1, columns)[:, :2].sum(axis=1)
         first = max(0, int(np.searchsorted(begins_ns, before_ns, side="right")) - 1)

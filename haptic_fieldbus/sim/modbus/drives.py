@@ -22,7 +22,7 @@ from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 # Faults of answers on their way to the master: what arrives, and when.
 
 GARBAGE = (1, 40)
-"""Least and greatest number of random octets in the place of an answer."""
+"""Least and greatest number of random octets in place of an answer."""
 
 
 @dataclass
@@ -40,7 +40,7 @@ class AnswerDisturbances:
         self._serial = serial
         self._waiting: list[_Pending] = []
         self._held: list[bytes] = []
-        """Answers that come with the next request."""
+        """Answers held back until the next request."""
 
     def add(self, fault: faults.AnswerDisturbance, unit: int) -> None:
         """Disturb the next answers of a drive."""
@@ -62,7 +62,7 @@ class AnswerDisturbances:
         return held
 
     def arriving(self, fault: faults.AnswerDisturbance, octets: bytes) -> Iterator[tuple[int, bytes]]:
-        """Yield what arrives in the place of an answer: by how much later [ns], and its octets."""
+        """Yield the frames that arrive in place of an answer: additional delay [ns] and octets."""
         match fault:
             case faults.AnswerLost():
                 return
@@ -100,7 +100,7 @@ KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
 
 
 class FaultyLine(Protocol):
-    """The line and the master's side of it, where faults take effect that are none of a drive."""
+    """The line and the master's side of it, for faults that are not faults of a drive."""
 
     def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None: ...
 
@@ -114,7 +114,7 @@ class SimulatedUnits(DriveBench):
         super().__init__(seed, longest)
         self.units: dict[int, Unit] = {}
         self.now_ns = 0
-        """Up to where timers and actions have been served."""
+        """Time up to which timers and actions have been served."""
         self._timers: list[Operation | Watchdog] = []
         """Timers of the drives, each with a `due_ns` of its own."""
         self._line = line
@@ -158,7 +158,7 @@ class SimulatedUnits(DriveBench):
         self.plan_fault(fault, self._action(self.units[number], fault), t_ns)
 
     def _action(self, unit: Unit, fault: TimedFault) -> Action:
-        """Return what a fault does, to its drive or to the line."""
+        """Return the action of a fault on its drive or on the line."""
         if isinstance(fault, faults.HostFault):
             return lambda _t_ns: self._line.host_fault(fault)
         if isinstance(fault, faults.ForeignSetPoints):
@@ -170,7 +170,7 @@ class SimulatedUnits(DriveBench):
         return partial(inject_unit, fault, unit, self.agenda.plan)
 
     def _meddle(self, fault: faults.ForeignSetPoints, unit: Unit, number: int, t_ns: int) -> None:
-        """Let another master write its set-point for the so-manieth time, and plan the next one."""
+        """Let another master write one of its set-points, and plan the next write."""
         unit.write_as_stranger(fault.share, t_ns)
         if fault.count is None or number < fault.count:
             self.agenda.plan(t_ns + round(fault.interval * 1e9), partial(self._meddle, fault, unit, number + 1))
@@ -182,7 +182,7 @@ def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:
 
 
 def _install(fault: faults.LastingFault, unit: Unit) -> None:
-    """Apply a fault that exists from power-on; raises ValueError for one that this drive cannot have."""
+    """Apply a fault that exists from power-on; raises ValueError for a fault that this drive cannot have."""
     match fault:
         case faults.MissingNode():
             unit.silent_until_ns = NEVER_NS

@@ -1,9 +1,9 @@
 """Simulated drives behind a Modbus server, in real time and in one thread, for masters in other programs.
 
-Theory: the wires are real, or those of the operating system, so their times are not simulated, and neither is the time
-that a drive works on a request: it answers as soon as it can. The drives are the same as in virtual time. Each timer is
-served with the instant at which it was due, and a request with the instant at which it came, so the lateness of the
-host does not accumulate, and the shafts move as if there were none.
+Theory: the wires are real, or provided by the operating system, so their times are not simulated. Nor is the processing
+time of a drive: it answers as soon as it can. The drives are the same as in virtual time. Each timer is served with the
+instant at which it was due, and a request with the instant of its arrival. So the lateness of the host does not
+accumulate and does not change the motion of the shafts.
 """
 
 import asyncio
@@ -42,9 +42,9 @@ from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 SILENCE_NS = 20_000_000
-"""Silence after which octets on a serial line belong to no frame any more; longer than adapters hold octets back."""
+"""Silence on a serial line after which earlier octets are discarded; longer than adapters hold octets back."""
 _NOTHING = SimDevice(0, simdata=SimData(0, datatype=DataType.REGISTERS))
-"""Registers that a server must have; nobody reads them."""
+"""Registers that a server must have; they are never read."""
 
 
 class Connection(ServerRequestHandler):
@@ -62,7 +62,7 @@ class Connection(ServerRequestHandler):
             self.reset()
 
     def data_received(self, data: bytes) -> None:
-        """Carry out the requests in the octets that came, and answer them."""
+        """Execute the requests in the received octets, and answer them."""
         now_ns = self._clock.now_ns()
         if self._serial and now_ns > self._heard_ns + SILENCE_NS:
             self._octets = b""
@@ -82,7 +82,7 @@ class Connection(ServerRequestHandler):
                 self._say(later_ns, octets)
 
     def reset(self) -> None:
-        """End the connection; a serial line only forgets what it has heard."""
+        """End the connection; a serial line only discards its received octets."""
         self._octets = b""
         if not self._serial and isinstance(self.transport, asyncio.WriteTransport):
             self.transport.abort()
@@ -148,7 +148,7 @@ class Server:
         return self._clock.now_ns() < self._dead_until_ns
 
     async def _listen(self, listener: "_TcpServer | _SerialServer") -> object:
-        """Listen as `listener.listen` does, which keeps to itself why it cannot."""
+        """Listen as `listener.listen` does, but raise the reason of a failure, which it hides."""
         self._listener, listener.connected = listener, partial(self._connected, listener)
         found = await listener.call_create()
         transport = found[0] if isinstance(found, tuple) else found
@@ -171,7 +171,7 @@ class _SerialServer(ModbusSerialServer):
 
 
 PTY = "pty"
-"""Channel of a serial bus that is no device: a pair of pseudo-terminals is made, and the other end told."""
+"""Channel of a serial bus without a device: creates a pair of pseudo-terminals and reports the other end."""
 
 PSEUDO_TERMINALS = "/dev/pts/"
 WITHOUT_PARITY = (
@@ -191,9 +191,9 @@ def host(
 ) -> int:
     """Host drives until `stopped()` is True; return 0, since no answer is lost here.
 
-    `opened` is called with the bus once it is open, which then has the port or the device that masters join, and
-    `ready` for each drive. Raises BusError when the bus cannot be opened, and ValueError when two drives have the same
-    unit id. Raises PlanError for drives that are not made for such a line.
+    `opened` is called with the open bus, which has the port or the device for masters, and `ready` for each drive.
+    Raises BusError when the bus cannot be opened, and ValueError when two drives have the same unit id. Raises
+    PlanError for drives that are not made for such a line.
     """
     line_of(modbus_section(bus.section), [modbus_profile(slot.profile) for slot in slots])
     asyncio.run(_host(bus, slots, seed, ready, stopped, tell, opened))
@@ -237,7 +237,7 @@ async def _host(
 async def listen(
     server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[DriveOnBus]
 ) -> ModbusSection:
-    """Let the server listen on its own end; return the end that masters join, with all that is known now."""
+    """Let the server listen on its own end; return the end for masters, with the port or device now known."""
     if not own.serial:
         host, port = own.address
         port = await server.listen_tcp(host, port)
@@ -252,7 +252,7 @@ async def listen(
 
 @contextmanager
 def device(section: ModbusSection) -> Iterator[tuple[ModbusSection, ModbusSection]]:
-    """Yield the end of the line that the drives open, and the one that masters open."""
+    """Yield the end of the line for the drives, and the end for masters."""
     if not section.serial or section.channel != PTY:
         yield section, section
         return
@@ -262,7 +262,7 @@ def device(section: ModbusSection) -> Iterator[tuple[ModbusSection, ModbusSectio
 
 @contextmanager
 def _cable() -> Iterator[tuple[str, str]]:
-    """Yield the names of two pseudo-terminals: what is written to the one is read from the other."""
+    """Yield the names of two pseudo-terminals: octets written to one are read from the other."""
     from tty import setraw  # Windows has none; `port_errors` has refused it
 
     pairs = [os.openpty(), os.openpty()]
@@ -282,7 +282,7 @@ def _cable() -> Iterator[tuple[str, str]]:
 
 
 def _copy(source: int, target: int) -> None:
-    """Pass octets on; what the other end does not read is lost, as on a wire."""
+    """Pass octets on; octets that the other end does not read are lost, as on a wire."""
     octets = os.read(source, 4096)
     try:
         os.write(target, octets)

@@ -1,13 +1,12 @@
 """A Modbus line with its drives in virtual time, as the transport of a master.
 
-Theory. A request is under way for its characters (none on TCP) and half of the round trip. On RTU the drive knows its
-end by the silence after it. It works for its answer time, at the end of which it writes and reads its registers. Then
-the answer is under way, in the same way. On RTU a request that follows other octets without the silence between them is
-a part of these to the drives, and is not understood.
+Theory. A request is under way for its characters (none on TCP) and half of the round trip. On RTU the silence after a
+request marks its end. The drive works for its answer time, and writes and reads its registers at the end of this time.
+Then the answer is transmitted in the same way. On RTU, without the silence between them, the drives read other octets
+and a following request as one frame, and do not understand it.
 
-Time passes while the master waits for an answer, and whenever it waits for anything else. The drives follow when the
-line is touched, each event at its own instant. Everything random is drawn from the seed, so the same seed gives the
-same octets.
+Time passes while the master waits, for an answer or for anything else. Each access to the line runs the due events of
+the drives, each at its own instant. Everything random is drawn from the seed, so the same seed gives the same octets.
 """
 
 import errno
@@ -37,10 +36,10 @@ from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.simulation import Simulation
 
 _TOLERANCE_NS = 1_000
-"""By how much a silence may be shorter than it should be, for rounding."""
+"""Permitted shortfall of a silence, for rounding."""
 
 Tap = Callable[[int, bool, bytes], None]
-"""Callback for a frame: begin [ns], whether the master sent it, and the octets that arrive."""
+"""Callback for a frame: begin [ns], True if the master sent it, and the octets that arrive."""
 
 
 @dataclass
@@ -55,7 +54,7 @@ class _Coming:
         self.last_ns = self.first_ns + round(self.octet_ns * max(0, len(self.octets) - 1))
 
     def taken(self, now_ns: int) -> bytes:
-        """Take what has arrived."""
+        """Take the octets that have arrived."""
         if now_ns >= self.last_ns:
             arrived, self.octets = self.octets, b""
             return arrived
@@ -81,7 +80,7 @@ class SimulatedLine:
         serial: bool,
         echo: bool = False,
     ) -> None:
-        """`echo` gives the master back what it sends, as some adapters do."""
+        """With `echo` the master receives its own frames, as with some adapters."""
         self.name, self.serial = name, serial
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
         self._desk = RequestServer(self, seed, serial=serial)
@@ -90,7 +89,7 @@ class SimulatedLine:
         self._octet_ns = wire.octet * 1e9
         self._way_ns, self._silence_ns = round(0.5 * wire.round_trip * 1e9), round(wire.silence * 1e9)
         self._traffic: deque[tuple[int, int]] = deque()
-        """Begin and end [ns] of what was lately on the line, or will be."""
+        """Begin and end [ns] of recent and coming frames on the line."""
         self._dead_since_ns = self._dead_until_ns = 0
         self._broken = False
         self._taps: list[Tap] = []
@@ -116,7 +115,7 @@ class SimulatedLine:
     # The transport.
 
     def tune(self, baud: int, parity: Parity, stop_bits: int) -> None:
-        """A simulated line has the speed that its plan gives it."""
+        """Do nothing: the plan sets the speed of a simulated line."""
 
     def discard(self) -> bytes:
         """Drop all octets that wait, and return them; raises BusError when the line is dead."""
@@ -141,7 +140,7 @@ class SimulatedLine:
             self._rack.agenda.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
 
     def receive(self, deadline_ns: int) -> bytes:
-        """Return what has arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
+        """Return the octets that have arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
         self._check_alive()
         octets = self._taken()
         if octets:
@@ -157,14 +156,14 @@ class SimulatedLine:
         return self._taken()
 
     def reopen(self) -> None:
-        """Open a dead line anew; raises BusError while it cannot be."""
+        """Reopen a dead line; raises BusError while that is not possible."""
         if self._clock.now_ns() < self._dead_until_ns:
             raise self._error(errno.ENOENT if self.serial else errno.ECONNREFUSED)
         self._broken = False
         self._coming.clear()
 
     def close(self) -> None:
-        """Nothing is to be released."""
+        """Do nothing: there is nothing to release."""
 
     # The true motion.
 
@@ -209,7 +208,7 @@ class SimulatedLine:
 
     @property
     def _next_ns(self) -> int:
-        """Arrival of the last octet of what comes first."""
+        """Return the arrival of the last octet of the next frame."""
         return min([coming.last_ns for coming in self._coming], default=NEVER_NS)
 
     def _answer_ns(self, asked: ServerRequest) -> int:
@@ -217,20 +216,20 @@ class SimulatedLine:
         return 0 if unit is None else round(unit.profile.line.answer_time * 1e9)
 
     def _execute(self, asked: ServerRequest, t_ns: int) -> None:
-        """Carry a request out, and send its answer."""
+        """Execute a request, and send its answer."""
         for later_ns, octets in self._desk.answer(asked, t_ns):
             self._tell(t_ns + later_ns, False, octets)
             self._comes(t_ns + later_ns + self._way_ns, octets)
 
     def _comes(self, begin_ns: int, octets: bytes) -> None:
-        """Let octets come, the first of them one character after `begin_ns`."""
+        """Let octets arrive; the first one arrives one character after `begin_ns`."""
         if octets:
             self._coming.append(_Coming(begin_ns + round(self._octet_ns), self._octet_ns, octets))
             if self.serial:
                 self._traffic.append((begin_ns, begin_ns + round(self._octet_ns * len(octets))))
 
     def _is_glued(self, t_ns: int) -> bool:
-        """Return whether something is on the serial line at this time, or has ended within the silence before it."""
+        """Return whether a frame is on the serial line at this time, or ended less than the silence before."""
         if not self.serial:
             return False
         since_ns = t_ns - self._silence_ns + _TOLERANCE_NS
@@ -238,7 +237,7 @@ class SimulatedLine:
         return any(begin_ns <= t_ns for begin_ns, _ in self._traffic)
 
     def _taken(self) -> bytes:
-        """Take what has arrived by now."""
+        """Take the octets that have arrived by now."""
         if not self._coming:
             return b""
         now_ns = self._clock.now_ns()

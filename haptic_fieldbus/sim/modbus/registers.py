@@ -1,9 +1,9 @@
-"""The registers of a simulated drive: addresses of 16 bits each, and the values that they are parts of.
+"""The registers of a simulated drive: addresses of 16 bits each, and the values made of them.
 
 Theory (Modbus application protocol 1.1b3). A request names a first address and a count. It is carried out as a whole or
-not at all, so a value of two registers is never torn inside one request. A request with only one half of a value is
-refused: this drive leaves no master the choice to tear one. Registers of which nothing is known read as 0 where the
-profile says that they can be read, and cannot be written.
+not at all, so a value of two registers is never torn inside one request. A request with only half of a value is
+refused, so no master can tear a value. Unknown registers read as 0 if the profile says that they can be read; they
+cannot be written.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class Refusal(IntEnum):
 
 @dataclass(frozen=True)
 class RegisterCell:
-    """A value in one register or two; `writes` None: it can only be read."""
+    """A value in one register or two; `writes` None: read-only."""
 
     register: Register
     reads: Entry
@@ -63,7 +63,7 @@ class Registers:
         self._whole = lru_cache(maxsize=256)(self._found)
 
     def add(self, register: Register, reads: Entry, writes: Entry | None = None) -> None:
-        """Put a value behind its registers; a second one at the same address adds what can be written there."""
+        """Put a value behind its registers; a second value at the same address adds the write access."""
         self._whole.cache_clear()
         before = self._cells.get(register.address)
         if before is not None:
@@ -73,7 +73,7 @@ class Registers:
             self._owner[address] = register.address
 
     def both(self, register: Register, entry: Entry) -> None:
-        """Put an entry behind its registers, as it may be accessed."""
+        """Put an entry behind its registers, with its access rights."""
         self.add(register, entry, entry if entry.access is Access.RW else None)
 
     def __contains__(self, address: int) -> bool:

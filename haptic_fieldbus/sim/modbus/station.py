@@ -1,10 +1,10 @@
 """The drives' end of a line: octets of requests in, octets of answers out.
 
-pymodbus decodes every request but the usual ones, which would cost more than the drive, and frames every answer.
+pymodbus decodes unusual requests and frames every answer; for usual requests it would take longer than the drive.
 
 Theory (Modbus application protocol 1.1b3). A request is checked as a whole, function, counts and addresses, before any
-of it is carried out. Function 23 writes before it reads. A request to everybody (unit 0) is carried out by all and
-answered by none; one to a unit that is not there, or whose checksum is wrong, is answered by nobody.
+of it is carried out. Function 23 writes before it reads. All drives execute a broadcast request (unit 0), and none
+answers. A request to a missing unit, or with a wrong checksum, gets no answer.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,7 +37,7 @@ _TWO, _WRITE = Struct(">HH"), Struct(">HHB")
 
 
 class ServerRequest(NamedTuple):
-    """A whole request: (first address, count) of what is read, (first address, values) of what is written first."""
+    """A whole request: (first address, count) of the read, (first address, values) of the write, which comes first."""
 
     unit: int
     transaction: int
@@ -45,7 +45,7 @@ class ServerRequest(NamedTuple):
     reads: tuple[int, int] | None = None
     writes: tuple[int, tuple[int, ...]] | None = None
     valid: bool = True
-    """False: its function, or what it asks for, is none of Modbus."""
+    """False: the function or its arguments do not exist in Modbus."""
 
 
 class Station:
@@ -65,7 +65,7 @@ class Station:
         return used, asked or any_request(unit, transaction, body, self._decoder.decode(body))
 
     def carry_out(self, asked: ServerRequest, t_ns: int) -> bytes | None:
-        """Carry a request out at this time and return the PDU of its answer; None when nobody answers."""
+        """Execute a request at this time and return the PDU of its answer; None without an answer."""
         if asked.unit == EVERYBODY:
             for unit in self._units.values():
                 if unit.hears(t_ns):
@@ -90,9 +90,9 @@ def starts_no_frame(octets: bytes) -> bool:
 
 
 def usual_request(unit: int, transaction: int, body: bytes) -> ServerRequest | None:
-    """Return a request that reads or writes registers as it should; None for every other PDU.
+    """Return a valid request that reads or writes registers; None for every other PDU.
 
-    It is what pymodbus makes of it, without its objects, which cost more than the drive does.
+    The result is that of pymodbus, without its objects, which take longer than the drive.
     """
     function, size = body[0], len(body)
     if function in (READ_HOLDING, READ_INPUT) and size == 5:
@@ -106,7 +106,7 @@ def usual_request(unit: int, transaction: int, body: bytes) -> ServerRequest | N
 
 
 def any_request(unit: int, transaction: int, body: bytes, pdu: ModbusPDU | None) -> ServerRequest:
-    """Return a request as pymodbus has understood it; None: not at all."""
+    """Return a request as pymodbus decodes it; None if it cannot."""
     invalid = ServerRequest(unit, transaction, body[0] & 0x7F, valid=False)
     if pdu is None:
         return invalid
@@ -163,7 +163,7 @@ class RequestServer:
         self.disturbances = AnswerDisturbances(seed, serial=serial)
 
     def answer(self, asked: ServerRequest, t_ns: int) -> Iterator[tuple[int, bytes]]:
-        """Carry a request out; yield what arrives as its answer: by how much later [ns], and the octets."""
+        """Execute a request; yield the frames that arrive as its answer: additional delay [ns] and octets."""
         unit = self.rack.units.get(asked.unit)
         fault = self.disturbances.take(asked.unit) if unit is not None and unit.hears(t_ns) else None
         if isinstance(fault, faults.AnswerException):

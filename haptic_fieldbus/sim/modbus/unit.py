@@ -1,8 +1,7 @@
 """A simulated drive on a Modbus line: the drive together with its registers.
 
-Pure: it is read and written with times [ns]. An object of CiA 402 that the profile gives no register has none, and the
-drive works with its power-on value. A register of the profile's set-up that stands for no object of the simulated drive
-keeps what is written to it, and does nothing.
+Pure: it is read and written with times [ns]. An object of CiA 402 without a register in the profile keeps its power-on
+value. A register of the profile's set-up without an object in the simulated drive stores its value without effect.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,7 +48,7 @@ ABORT_OPTION, REACTION_OPTION = 0x6007, 0x605E
 
 @dataclass(frozen=True, kw_only=True)
 class InnerProfile(Cia402Profile):
-    """A drive whose watch on its master is that of its Modbus profile."""
+    """CiA 402 profile of the drive inside, with the watchdog of its Modbus profile."""
 
     watched: bool
 
@@ -86,7 +85,7 @@ def inner_profile(profile: ModbusProfile) -> InnerProfile:
 
 
 def written_registers(profile: ModbusProfile) -> tuple[WrittenRegister, ...]:
-    """Return the registers with a value of the profile: of its set-up, and of the choice of its reaction."""
+    """Return the registers that get a value of the profile: by its set-up and by its choice of the reaction."""
     return (*profile.setup, *(profile.watchdog.writes if profile.watchdog is not None else ()))
 
 
@@ -116,7 +115,7 @@ class Watchdog:
         self.time = time
         self.due_ns = NEVER_NS
         self.factor: float | None = 1.0
-        """How many times as late as it was set the watch acts; None: never."""
+        """Reaction time of the watchdog as a multiple of its set time; None: never."""
         self._unit_ns = UNITS[unit]
 
     def restart(self, t_ns: int) -> None:
@@ -141,11 +140,11 @@ class Watchdog:
 
 _WAY = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED)
 _WORDS = (0x00, 0x06, 0x07, 0x0F)
-"""Controlwords that lead to the states of the way, one after the other."""
+"""Controlwords for the states from off to enabled, one after the other."""
 _FAULT_RESET = 0x80
 """Controlword that clears a fault."""
 _BEHIND = {State.FAULT_REACTION_ACTIVE: State.FAULT, State.QUICK_STOP_ACTIVE: State.OPERATION_ENABLED}
-"""States that a table may lack, and those as which they are shown then."""
+"""States that a table may lack, and the states shown instead."""
 
 
 class PowerRegisters:
@@ -163,7 +162,7 @@ class PowerRegisters:
         self.command.changed = self._commanded
 
     def _row(self) -> PowerRow:
-        """Return the row that the drive shows: that of its state, else of the last one that it has passed."""
+        """Return the row that the drive shows: the row of its state, otherwise of the last state that it passed."""
         state = self._state()
         state = state if state in self._rows else _BEHIND.get(state, state)
         if state in self._rows:
@@ -187,7 +186,7 @@ class PowerRegisters:
 
 
 LOST_MASTER = 0x8130
-"""Error code of a drive that has lost its master, when its profile names none: life guard error (CiA 402-2)."""
+"""Error code of a drive that has lost its master, if its profile names no code: life guard error (CiA 402-2)."""
 _READING = (READ_HOLDING, READ_INPUT, READ_WRITE)
 _OBJECTS = (0x1000, 0xFFFF)
 
@@ -208,7 +207,7 @@ class Unit:
         self.number = number
         self.profile: ModbusProfile = modbus_profile(profile)
         self.silent_until_ns = 0
-        """Until this time the drive neither hears nor answers."""
+        """Until this time the drive neither receives nor answers."""
         self.causes: set[object] = set()
         """Causes of faults that last."""
         settings = replace(settings or DriveSettings(), full_scale=self.profile.torque.full_scale)
@@ -216,7 +215,7 @@ class Unit:
         self.registers = Registers(self.profile.line)
         self.identity: list[Entry] = []
         self._kept: list[Entry] = []
-        """Entries that stand for no object."""
+        """Entries without an object."""
         self._now_ns = t_ns
         self._lost_master = 0
         self._scale_position(axis)
@@ -274,7 +273,7 @@ class Unit:
         return None if self.registers.has(address, count) else Refusal.ADDRESS
 
     def read(self, function: int, address: int, count: int, t_ns: int) -> list[int] | Refusal:
-        """Return the values of registers at this time, or why not."""
+        """Return the values of registers at this time, or the reason of the refusal."""
         refusal = self.cannot_read(function, address, count)
         if refusal is not None:
             return refusal
@@ -283,7 +282,7 @@ class Unit:
         return self.registers.read(address, count)
 
     def write(self, address: int, values: Sequence[int], t_ns: int) -> Refusal | None:
-        """Write registers at this time, all of them; else return why not."""
+        """Write all these registers at this time, or return the reason of the refusal."""
         if not 1 <= len(values) <= self.profile.line.longest_write:
             return Refusal.VALUE
         self._now_ns = t_ns
@@ -295,7 +294,7 @@ class Unit:
         return None
 
     def write_as_stranger(self, share: float, t_ns: int) -> None:
-        """Take a target torque of another master, as a share of rated torque; it feeds the watch as ours does."""
+        """Take a target torque of another master, as a share of rated torque; it restarts the watchdog like ours."""
         objects, (low, high) = self.drive.objects, self.profile.torque.target.type.limits
         if self.hears(t_ns):
             self._now_ns = t_ns
@@ -311,14 +310,14 @@ class Unit:
     # Called by the drive.
 
     def error(self, code: int, t_ns: int) -> None:
-        """A drive on Modbus reports nothing unasked."""
+        """Do nothing: a drive on Modbus reports nothing unasked."""
 
     def persists(self) -> bool:
         """Return whether the cause of a fault is present."""
         return bool(self.causes)
 
     def clear_errors(self, t_ns: int) -> None:
-        """Nobody is to be told."""
+        """Do nothing: a drive on Modbus reports nothing unasked."""
 
     # Inside.
 
@@ -330,7 +329,7 @@ class Unit:
             self.watchdog.restart(t_ns)
 
     def _scale_position(self, axis: RigAxis) -> None:
-        """Let a revolution of the motor have the steps of the profile's unit."""
+        """Scale the position to the profile's unit per motor revolution."""
         position, table = self.profile.position, self.drive.objects.table
         if position is None or position.actual.unit in ("", COUNTS):
             return
@@ -391,7 +390,7 @@ class Unit:
             self._add_limit(torque.limit)
 
     def _add_limit(self, register: Register) -> None:
-        """Let the drive's own limit be that of 6072h, in whatever unit."""
+        """Connect the drive's torque limit register to 6072h, with its unit."""
         objects, most = self.drive.objects, self.drive.objects.row(0x6072)
         scale = objects.step(register.unit) / (1e-3 * objects.rated_torque)
         start = min(register.type.limits[1], round(most.default / scale))
@@ -422,7 +421,7 @@ class Unit:
                 self.registers.both(register, self._entry_of(register))
 
     def _entry_of(self, register: Register) -> Entry:
-        """Return the object that a register stands for, else an entry that keeps what is written."""
+        """Return the object of a register, otherwise an entry that stores the written value."""
         if register.object is not None and register.object in self.drive.dictionary:
             return self.drive.dictionary.find(register.object)
         return self._keep(register)

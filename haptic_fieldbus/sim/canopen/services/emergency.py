@@ -3,7 +3,7 @@
 Reference: CiA 301 4.2, 7.2.7 (EMCY), 7.5.2.2 (1001h), 7.5.2.4 (1003h), 7.5.2.18 (1015h). An error is active from
 `raise_error` to `clear`, which sends *error reset* with the errors that remain in the register. An error may have
 several causes, and lasts until all are gone; one of them is the *fault* of the drive, which its reset ends. Messages
-that follow within the inhibit time of another wait, up to `HISTORY` of them.
+within the inhibit time of an earlier message wait, up to `HISTORY` of them.
 """
 
 import struct
@@ -44,7 +44,7 @@ class Emergencies:
         self, dictionary: Dictionary, send: Callable[[bytes], None], alarms: Alarms, now: Callable[[], int]
     ) -> None:
         self.monitored = 0
-        """Number of active communication errors; while it is 0, receivers need not call `clear`."""
+        """Number of active communication errors; while it is 0, callers need not call `clear`."""
         self._send = send
         self._now = now
         self._active: list[int] = []
@@ -62,7 +62,7 @@ class Emergencies:
             entry.fetch = partial(self._past, number)
 
     def raise_error(self, code: int, cause: object = None) -> None:
-        """Activate an error; send a message unless the same code is active already, from whatever cause."""
+        """Activate an error; send a message unless the same code is already active for any cause."""
         self._causes.setdefault(code, set()).add(cause)
         if code not in self._active:
             self._active.append(code)
@@ -70,7 +70,7 @@ class Emergencies:
             self._report(code)
 
     def clear(self, code: int, cause: object = None) -> None:
-        """End the error as far as this cause goes; unknown codes and causes are ignored."""
+        """Remove this cause, and end the error if no cause is left; unknown codes and causes are ignored."""
         causes = self._causes.get(code)
         if causes is None:
             return
@@ -81,11 +81,11 @@ class Emergencies:
             self._report(0)
 
     def persists(self, cause: object) -> bool:
-        """Return whether an error of this cause has another one as well, which is still there."""
+        """Return whether an error with this cause also has another cause that is still present."""
         return any(cause in causes and len(causes) > 1 for causes in self._causes.values())
 
     def clear_all(self, cause: object) -> None:
-        """End all errors after a fault reset, except those of communication that have another cause than this."""
+        """End all errors after a fault reset, except communication errors with a cause other than this one."""
         for causes in self._causes.values():
             causes.discard(cause)
         remaining = [code for code in self._active if code in _MONITORING and self._causes[code]]
@@ -105,7 +105,7 @@ class Emergencies:
         self._show()
 
     def _outlives_reset(self, code: int) -> bool:
-        """Return whether an error is none of communication, or one that has put the drive into *fault*."""
+        """Return whether an error is not a communication error, or has put the drive into *fault*."""
         causes = self._causes[code]
         if code in _MONITORING and DRIVE in causes:
             # What was monitored is monitored anew after the reset.

@@ -65,7 +65,7 @@ class Watch:
     def __init__(self, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]) -> None:
         self.lost = False
         self.factor: float | None = 1.0
-        """How much later than it is set the watch acts; None: never (a fault)."""
+        """Reaction time of the watch as a multiple of its set time; None: no reaction (a fault)."""
         self._lost = lost
         self._back = back
         self._alarm = alarms.new(self._rings)

@@ -3,7 +3,7 @@
 At a SYNC the measured entries are latched and the synchronous TPDOs are made of them; then the synchronous RPDOs
 received since the last SYNC act (CiA 301, 7.2.5). Synchronous RPDOs that come later than the synchronous window (1007h)
 after SYNC are dropped. Event-driven TPDOs are checked every `event_period_ns`. The work of each period is fixed when a
-parameter changes: an RPDO gets the receiver that its parameters need, and no more.
+parameter changes: an RPDO gets only the receiver that its parameters need.
 """
 
 import math
@@ -329,7 +329,7 @@ class ProcessData:
         return measured
 
     def _loser(self, receive: Handler) -> Handler:
-        """Return a receiver that drops the frames which are to be lost."""
+        """Return a receiver that drops the frames to be lost."""
 
         def lose(data: bytes, t_ns: int) -> None:
             if self._lost_rpdos:

@@ -1,10 +1,10 @@
 """The SDO server: it decides which transfer a request begins, continues or ends.
 
-Theory (CiA 301, 7.2.4.3): the client starts a download or an upload, expedited or segmented or in blocks
-. There is one transfer at a time; a new initiate replaces the old one, and either side may abort. A request
-that fits no transfer is answered with *command specifier not valid*. A transfer whose client is silent for `TIMEOUT_NS`
-is aborted with *SDO protocol timed out*. This protects the next client: inside a block any octet may be data, so
-without it the initiate of that client would be taken for a segment.
+Theory (CiA 301, 7.2.4.3): the client starts a download or an upload, expedited or segmented or in blocks . There is one
+transfer at a time; a new initiate replaces the old one, and either side may abort. A request that fits no transfer is
+answered with *command specifier not valid*. A transfer whose client is silent for `TIMEOUT_NS` is aborted with *SDO
+protocol timed out*. This protects the next client: inside a block any octet may be data, so without the time-out the
+initiate of the next client would be read as a segment.
 """
 
 from abc import ABC, abstractmethod
@@ -176,7 +176,7 @@ class BlockDownload(Transfer):
         self._block_size = block_size
         self._received = 0
         self._held = b""
-        """Last segment in order, held back because the end gives the number of its octets that count."""
+        """Last segment in order, held back until the end request gives its number of valid octets."""
         self._complete = False
 
     def begin(self) -> bytes:
@@ -299,7 +299,7 @@ _DOWNLOAD, _UPLOAD, _ABORT_SPECIFIER, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 1, 2, 4, 
 class SdoServer:
     """The server of one node: it takes requests and returns responses.
 
-    `refuse` maps (index, sub-index) to an abort code for accesses that are refused whatever the dictionary allows.
+    `refuse` maps (index, sub-index) to the abort code of accesses that are refused regardless of the dictionary.
     """
 
     def __init__(self, dictionary: Dictionary) -> None:

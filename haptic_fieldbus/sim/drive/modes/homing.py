@@ -3,8 +3,8 @@
 Theory (CiA 402-2, homing mode). A rising edge of bit 4 starts homing; these methods finish at once. The zero position
 is the home position plus the home offset 607Ch, so the position actual value here becomes −607Ch, to the nearest count
 (some drives show +607Ch). Bits 13, 12, 10: 001 not started or interrupted, 011 completed. Method 37 does not need
-*operation enabled*; outside that state the bits, which belong to it, do not show the homing. The speeds 6099h are not
-used. While enabled, the mode holds the motor at rest by the speed loop.
+*operation enabled*; outside that state its bits do not show the homing. The speeds 6099h are not used. While enabled,
+the mode holds the motor at rest by the speed loop.
 """
 
 from haptic_fieldbus.sim.drive.modes.mode import BIT_12, INTERNAL_LIMIT, NEW_SET_POINT, TARGET_REACHED, Mode

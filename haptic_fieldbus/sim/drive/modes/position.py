@@ -2,10 +2,10 @@
 
 Theory (CiA 402-2). Profile position: a rising edge of bit 4 hands over a set-point: 607Ah with 6081h, 6083h and 6084h;
 with bit 6, relative to the previous target (60F2h = 0). Bit 12 of the statusword, *set-point acknowledge*, answers it.
-With bit 5 the set-point replaces the positioning under way at once; otherwise it is executed after that is complete.
-One set-point can wait. Bit 12 falls when bit 4 has fallen and no set-point waits. While one waits, a further edge is a
-set-point only with bit 5. Bit 10 is set when |target − actual| has been within 6067h for 6068h. Bit 9, *change on
-set-point*, is optional and ignored.
+With bit 5 the set-point replaces the present positioning at once; otherwise it is executed after the present
+positioning. One set-point can wait. Bit 12 falls when bit 4 has fallen and no set-point waits. While one waits, a
+further edge is a set-point only with bit 5. Bit 10 is set when |target − actual| has been within 6067h for 6068h. Bit
+9, *change on set-point*, is optional and ignored.
 
 Cyclic: every new target (607Ah + 60B0h) is reached linearly within the interpolation time 60C2h, so the demand lags by
 that time; 60B1h and 60B2h feed speed and torque forward. Without 60B1h a speed v causes a following error v/k, with the
@@ -126,7 +126,7 @@ class ProfilePosition(Mode):
         self.act(t_ns)
 
     def leave(self) -> None:
-        """Discard the set-point under way and the waiting one, as the mode or *operation enabled* is left."""
+        """Discard the present and the waiting set-point on leaving the mode or *operation enabled*."""
         self._active = self._waiting = self._target = None
         self._edge = False
         self.status = 0
