@@ -1,4 +1,4 @@
-"""Assessment of one axis of a simulated run, part by part: the error of its force, and its traces."""
+"""Assessment of one axis of a simulated run, part by part: force error and traces."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 # around the first considerable force are all kept, for a closer look.
 
 WHOLE = 30_000
-"""Largest number of periods of a run whose traces are kept as they are."""
+"""Largest number of periods of a run without thinning of its traces."""
 BINS = 10_000
 """Bins to which the traces of a longer run are thinned."""
 CONSIDERABLE = 0.05
-"""Share of the greatest force from which a force is considerable."""
+"""Smallest considerable force, as a share of the greatest force."""
 VIRTUAL = "virtual "
 BEFORE, AFTER = 20, 400
 """Periods around the first considerable force in which all points are kept."""
@@ -50,7 +50,7 @@ class Traces:
         self._samples: list[tuple[Times, Array]] = []
         self._greatest = 0.0
         self._began = 0.0
-        """Force at which the closer look begins; 0 while there is none."""
+        """Force at which all points begin to be kept; 0 before."""
 
     def add(self, points: ErrorPoints, times_ns: Times, samples: Array) -> None:
         """Add a part of the run: its points, and the decoded positions at the instants `times_ns`."""
@@ -67,7 +67,7 @@ class Traces:
         self._samples.append((times_ns[seen], samples[seen]))
 
     def _near(self, points: ErrorPoints) -> tuple[int, int]:
-        """Return the instants [ns] around the first considerable force of the run; (0, 0) when it is elsewhere."""
+        """Return the instants [ns] around the first considerable force of the run; (0, 0) if it is not in this part."""
         force = np.abs(points.ideal)
         self._greatest = max(self._greatest, float(force.max(initial=0.0)))
         considerable = np.flatnonzero((force > 0.0) & (force >= CONSIDERABLE * self._greatest))
@@ -100,9 +100,10 @@ class Traces:
 
 
 def extremes(lines: Sequence[Array], times_ns: Times, size: int, near_ns: tuple[int, int]) -> NDArray[np.int64]:
-    """Return the indices of both ends, of the least and the greatest value of each line in each bin, and of all near.
+    """Return the indices of both ends, of the extremes of each line in each bin, and of all near points.
 
-    `lines` and `times_ns` have the shape `(n,)`; a bin has `size` points; near is all between the instants `near_ns`.
+    `lines` and `times_ns` have the shape `(n,)`; a bin has `size` points; near points lie between the instants
+    `near_ns`.
     """
     whole = len(times_ns) // size * size
     starts = np.arange(0, whole, size)
@@ -117,12 +118,12 @@ def extremes(lines: Sequence[Array], times_ns: Times, size: int, near_ns: tuple[
 
 
 WAY_POINTS = 4
-"""Points per period at which the true position is looked at for its extremes, which lie between samples."""
+"""Points per period for the extremes of the true position, which may lie between samples."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """Data of a run, from which its result is made."""
+    """Data of a run for its result."""
 
     plan: Plan
     bus: str
@@ -137,7 +138,7 @@ class Run:
     periods: int
     """Number of periods that the run is to last."""
     hand: str
-    """Name of the simulated hand; empty where a person or nobody moves the handle."""
+    """Name of the simulated hand; empty without a simulated hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,13 +147,13 @@ class Part:
 
     columns: Mapping[str, Array]
     overlap: int
-    """Periods at the begin that the part before had too."""
+    """Number of periods at the beginning that the previous part contained too."""
     skipped: int
-    """Periods of the run before the first row here."""
+    """Number of periods of the run before the first row of this part."""
     began_ns: int
     """Instant of the first period of the run."""
     firsts: list[int]
-    """First periods after the changes so far, counted from the begin of the run."""
+    """First periods after the changes so far, counted from the beginning of the run."""
     last: bool
     """Whether the run ends with this part."""
 

@@ -1,7 +1,7 @@
 """Contribution of a coupling to the torque error of one of its axes.
 
 A coupling's force follows both axes. The ideal force is that of the true motion of both; in the stages of the error
-split, each source of error is made real on both axes at once.
+split, each source of error is added on both axes at once.
 """
 
 from collections.abc import Mapping
@@ -42,8 +42,8 @@ class Tie:
     def ideal(self, own: Feedback, nodes_ns: Times, step: float, carried: PartState) -> Array:
         """Return the ideal force on this axis at the nodes [N or N·m], `(n_nodes,)`.
 
-        `own` is the true motion of this axis at `nodes_ns`; `step` is their distance [s], with which a memory of the
-        coupling advances.
+        `own` is the true motion of this axis at `nodes_ns`. `step` is the distance of the nodes [s]; the memory of a
+        coupling advances by it.
         """
         motion, _ = true_motion(nodes_ns, self.trajectory, self.conversion)
         other = with_time(motion, nodes_ns, self.recording)
@@ -81,7 +81,7 @@ class Tie:
         return ("coupling", *self.span.key, purpose)
 
     def _in_periods(self, purpose: str, own: Feedback, other: Feedback, period: float, carried: PartState) -> Array:
-        """Return the force in each new period, by a law that goes on from part to part, `(n_periods,)`."""
+        """Return the force in each new period, by a law that keeps its memory from part to part, `(n_periods,)`."""
         rows = new_rows(self.span, self.recording.overlap)
         law = carried.law(self._key(purpose), lambda: self.span.element.begin(period))
         forces = np.zeros(len(self.recording.times_ns))

@@ -1,6 +1,6 @@
-"""The forces of one element along a part of a run: the ideal one, and those on imperfect feedback.
+"""The forces of one element along a part of a run: the ideal force, and the forces with imperfect feedback.
 
-`way` is the true motion from the instant at which the element begins or goes on, then at each node; `truth` and each
+`way` is the true motion at the instant at which the element begins or continues, then at each node. `truth` and each
 part of `real` are the inputs at the samples.
 """
 
@@ -41,20 +41,20 @@ class Handover(Generic[Kind]):
 
 @dataclass(frozen=True, eq=False)
 class Span(Generic[Kind]):
-    """Periods in which an element acts, as far as they are recorded in a part of a run.
+    """Recorded periods of a part of a run in which an element acts.
 
     Indices count from the first row of the part.
     """
 
     element: Kind
     key: tuple[int, int]
-    """Its place among the elements, and how many stood there before: the same in each part of a run."""
+    """Index of the element, and number of elements at this index before it; the same in each part of a run."""
     first: int
     """Negative for an element that began in an earlier part."""
     last: int
-    """Index after the last period; past the end of the part for an element that acts on."""
+    """Index after the last period; past the end of the part for an element that continues."""
     share: Array
-    """Factor 0 to 1 on its force in each recorded period, `(n_periods,)`; straight lines in between."""
+    """Factor 0 to 1 on its force in each recorded period, `(n_periods,)`; linear in between."""
 
     @property
     def before(self) -> int:
@@ -83,11 +83,10 @@ def spans(
     """Return a span for each element that acted, in the order in which they began.
 
     `times_ns` are the latch instants of the recorded periods, `(n_periods,)`. An element that is equal before and after
-    an exchange keeps its span. Elements that came into force before the first recorded period are taken to act fully
-    from that period on.
+    an exchange keeps its span. Elements that began before the first recorded period act fully from that period on.
 
     For a part of a run, `skipped` counts the periods before it, and `firsts` are the first periods after the exchanges,
-    counted from the begin of the run.
+    counted from the beginning of the run.
     """
     firsts = first_periods([each.after_ns for each in exchanges], times_ns) if firsts is None else firsts
     periods = np.arange(skipped, skipped + len(times_ns))
@@ -116,29 +115,29 @@ Key = tuple[Hashable, ...]
 
 @dataclass
 class PartState:
-    """Laws with their memory, virtual states, and the forces of the part before."""
+    """Laws with their memory, virtual states, and the forces of the previous part."""
 
     laws: dict[Key, Any] = field(default_factory=dict)
     exact: dict[Key, Array] = field(default_factory=dict)
     """Ideal virtual states at the last node, each `(order,)`."""
     to_error: dict[Key, "ResponseToError"] = field(default_factory=dict)
     stages: dict[str, Array] = field(default_factory=dict)
-    """Force of each stage in all periods of the part before."""
+    """Force of each stage in all periods of the previous part."""
 
     def law(self, key: Key, begin: Callable[[], Any]) -> Any:
-        """Return the law of a key; it begins when it is asked for first."""
+        """Return the law of a key; it starts at the first call."""
         if key not in self.laws:
             self.laws[key] = begin()
         return self.laws[key]
 
     def tail(self, name: str, overlap: int) -> Array | float:
-        """Return the force of a stage in the last periods of the part before, `(overlap,)`; 0 if it was not there."""
+        """Return the force of a stage in the last periods of the previous part, `(overlap,)`; 0 for a new stage."""
         before = self.stages.get(name)
         return 0.0 if before is None else before[len(before) - overlap :]
 
 
 def begins(span: Span[Kind], overlap: int) -> bool:
-    """Return whether the element begins to act in the part that the span is of."""
+    """Return whether the element begins to act in the part of this span."""
     return span.first >= overlap
 
 
@@ -150,7 +149,7 @@ def new_rows(span: Span[Kind], overlap: int) -> slice:
 def new_nodes(span: Span[Kind], overlap: int, nodes_ns: Times, times_ns: Times) -> slice:
     """Return the slice of nodes after the period in which the span's ramp begins, up to its last period.
 
-    Of a span that goes on, it begins after the first node, which the part before had too.
+    For a continued span, it starts after the first node, which the previous part contained too.
     """
     begin_ns = times_ns[span.before] if begins(span, overlap) else nodes_ns[0]
     first, last = nodes_ns.searchsorted([begin_ns, times_ns[span.rows.stop - 1]], side="right")
@@ -158,10 +157,10 @@ def new_nodes(span: Span[Kind], overlap: int, nodes_ns: Times, times_ns: Times) 
 
 
 POINTS_PER_PERIOD = 16 / 1.001
-"""Points per period at which the error is taken.
+"""Points per period at which the error is computed.
 
-Slightly off 16, so that the points drift through all phases of the period in the course of a run; with a whole number,
-the same 16 phases would be taken in every period.
+Slightly off 16, so that the points drift through all phases of the period during a run; a whole number would use the
+same 16 phases in every period.
 """
 
 Inputs = Mapping[Signal, Array]
@@ -190,7 +189,7 @@ def exact_forces(
 ) -> ElementForces:
     """Return the forces of a linear element with virtual states, exact between the nodes.
 
-    Its answer to imperfect inputs is the exact one plus that to their error alone.
+    The force on imperfect inputs is the exact force plus the response to the input error alone.
     """
     from haptic_fieldbus.assessing.virtual_states import ResponseToError, exact_response
 
@@ -207,9 +206,9 @@ def exact_forces(
 def stepped_forces(
     span: Span[Element], overlap: int, way: Inputs, real: Mapping[str, Inputs], carried: PartState, period: float
 ) -> ElementForces:
-    """Return the forces of an element whose law is called in turn.
+    """Return the forces of an element by calls of its law, instant by instant.
 
-    A memory is stepped from node to node, 16 times finer than in the loop, in place of continuous time.
+    A memory is stepped from node to node, 16 times finer than in the loop, as a substitute for continuous time.
     """
     element = span.element
     law = carried.law((*span.key, "ideal"), partial(law_of, element, period / POINTS_PER_PERIOD))

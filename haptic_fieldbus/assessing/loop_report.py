@@ -1,4 +1,4 @@
-"""Notes that the loop takes during a run: counts, instants, and four times of each period."""
+"""Record of the loop during a run: counts, instants, and four times of each period."""
 
 import struct
 from array import array
@@ -57,11 +57,12 @@ class Record:
         return values
 
     def since(self, first: int) -> NDArray[np.float64]:
-        """Return a copy of the rows from number `first` on, counted from the first push; the oldest may be gone."""
+        """Return a copy of the rows from number `first` on, counted from the first push; overwritten rows are
+        missing."""
         return self._table()[self._held(first)]
 
     def _held(self, first: int) -> NDArray[np.int64]:
-        """Return the places of the rows from number `first` on, as far as they are held."""
+        """Return the ring positions of the rows from number `first` on, as far as they are held."""
         return np.arange(max(first, self.pushed - self.capacity), self.pushed) % self.capacity
 
     def _table(self) -> NDArray[np.float64]:
@@ -71,7 +72,7 @@ class Record:
 SAMPLES = ("period_ns", "age_ns", "compute_ns", "lateness_ns")
 
 LATE_SHARE = 0.1
-"""Share of the period by which a period may begin late before it counts as late."""
+"""Lateness from which a period counts as late, as a share of the period."""
 
 
 @dataclass
@@ -99,7 +100,7 @@ class LoopReport:
     """By axis, the share of its bus that frames of other devices took."""
     changes: "list[RampingChange]" = field(default_factory=list)
     unmade: "tuple[Change, ...]" = ()
-    """Changes that were due and never began."""
+    """Due changes that never began."""
     # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
     """One row of `SAMPLES` for each period in operation enabled; of a very long run, for the last ones."""

@@ -63,7 +63,7 @@ class Passivity:
 
 
 def passivities(plan: Plan, cycle: Cycle, cycles: int) -> Iterator[Passivity]:
-    """Yield what each ledger has seen in `cycles` periods of operation enabled."""
+    """Yield the results of each ledger after `cycles` periods of operation enabled."""
     for ledger in cycle.ledgers:
         tally, controller = ledger.tally, None
         if plan.scene.controlled:
@@ -77,7 +77,7 @@ def passivities(plan: Plan, cycle: Cycle, cycles: int) -> Iterator[Passivity]:
 
 
 def forgiven_text(found: Passivity) -> str | None:
-    """Return what was forgiven in a sentence; None below the limit of the energy of its own."""
+    """Return a sentence on the forgiven energy; None if it is below the limit of generated energy."""
     if found.forgiven <= found.limit:
         return None
     reasons = sorted(reason for reason in found.booked if reason not in (CHANGE, PULSES))
@@ -89,7 +89,7 @@ def forgiven_text(found: Passivity) -> str | None:
 
 
 def cost_text(found: Passivity) -> str | None:
-    """Return what the controller cost in a sentence; None without one."""
+    """Return a sentence on the cost of the controller; None without a controller."""
     cost = found.controller
     if cost is None:
         return None

@@ -1,4 +1,4 @@
-"""Data from which a simulated run is judged: the loop's recording, and the true motion of the shaft."""
+"""Data for the assessment of a simulated run: the loop's recording, and the true motion of the shaft."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class TrueMotion(Protocol):
         """Return position [rad], velocity [rad/s] and motor torque after the torque loop [N·m], each `(n_times,)`."""
 
     def targets(self) -> tuple[Times, Array]:
-        """Return when the drive took over each target torque [ns], and its value [N·m], each `(n_targets,)`."""
+        """Return the instants at which the drive took over targets [ns], and the targets [N·m], each `(n_targets,)`."""
 
 
 class Truth(Protocol):
@@ -36,10 +36,10 @@ class Truth(Protocol):
         """Return the true motion of a drive's shaft up to the present."""
 
     def so_far(self, node: int) -> TrueMotion:
-        """Return the true motion up to the last instant that the simulation needed, without moving anything."""
+        """Return the true motion up to the last simulated instant, without advancing the simulation."""
 
     def forget(self, before_ns: int) -> None:
-        """Drop the motion before an instant [ns]; it is needed no more."""
+        """Drop the motion before an instant [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +58,11 @@ class Recording:
     command: Array
     """Commanded force after limits, fading and rounding to the drive's torque step [N or N·m]."""
     velocity: Array | None = None
-    """Velocity, estimated or read from the drive [m/s or rad/s]; None when the plan contains none."""
+    """Velocity, estimated or read from the drive [m/s or rad/s]; None without a velocity in the plan."""
     tachometer: bool = False
     """True when the drive offers velocity only, and the position was integrated from it."""
     overlap: int = 0
-    """Number of periods at the begin that the part before this one has too; 0 for the first part or a whole run."""
+    """Number of periods at the beginning that the previous part contains too; 0 for the first part or a whole run."""
     began_ns: int | None = None
     """Instant of the first period of the run; None: that of this recording."""
 
@@ -94,7 +94,7 @@ def with_time(motion: Mapping[Signal, Array], times_ns: Times, recording: Record
 
 
 def made_real(recording: Recording, sampled: Mapping[Signal, Array]) -> dict[str, dict[Signal, Array]]:
-    """Return the feedback of each stage, in the order in which sources of error are made real.
+    """Return the feedback of each stage, in the order in which sources of error are added.
 
     A key is the source that the stage adds; its value maps signals to arrays `(n_periods,)`. The first stage has the
     true motion `sampled` at the latch instants, the last stage has the feedback as the loop used it.
@@ -112,7 +112,7 @@ def made_real(recording: Recording, sampled: Mapping[Signal, Array]) -> dict[str
 def columns_of(needs: Sequence[Signal], feedback: Mapping[Signal, Array]) -> list[list[float]]:
     """Return one list of plain numbers for each signal in `needs`, in that order; elapsed time as int.
 
-    Plain numbers, because the laws are those of the loop: they take Python floats, never arrays.
+    The laws are those of the loop, which take Python floats, never arrays.
     """
     return [
         (feedback[signal].astype(np.int64) if signal is Signal.ELAPSED_NS else feedback[signal]).tolist()
@@ -129,10 +129,10 @@ def target_in_force(trajectory: TrueMotion, times_ns: Times) -> Array:
 
 
 class CommandDelay:
-    """Finds for each command of a run, part by part, the instant from which on it acts.
+    """Finds the instant from which each command of a run acts, part by part.
 
-    A target carries no mark of the period that computed it, so each is assigned by its value. The delay from sample to
-    target is taken as the same whole number of periods for the whole run: the number with which most targets so far
+    A target does not show the period that computed it, so it is assigned by its value. The delay from sample to target
+    is assumed to be the same whole number of periods during the whole run: the number with which most targets so far
     equal their command.
     """
 
@@ -144,8 +144,8 @@ class CommandDelay:
     def acting(self, recording: Recording, trajectory: TrueMotion, ratio: float) -> tuple[Times, NDArray[np.int64]]:
         """Return instants [ns] and indices of periods, both `(n_acting,)`: each command acts from its instant on.
 
-        A period whose own target was not found still acted when its value was in force at that time (a drive takes over
-        nothing where the value stays the same); otherwise its command was lost and is left out.
+        A period without a target of its own still acted if its value was in force at that time (a drive takes over
+        nothing if the value stays the same). Otherwise its command was lost and is left out.
 
         Raises ValueError when no target of the run has equalled a recorded command.
         """

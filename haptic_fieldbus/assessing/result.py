@@ -45,7 +45,7 @@ class Right:
 
 
 def refused_texts(rights: Iterable[Right]) -> Iterator[str]:
-    """Yield a line of the rights that this computer refused, and what to do about it."""
+    """Yield a line on the rights that this computer refused, and the advice."""
     refused = [right for right in rights if not right.granted]
     if refused:
         yield f"this computer refused {', '.join(f'{right.wished} (got {right.got})' for right in refused)}"
@@ -128,7 +128,7 @@ FIGURES = (
     "scene", "drive", "bus", "rate", "clock", "cycles", "missed_cycles", "duration", "bus_load", "torque_error",
     "energy_generated", "travel", "verdict", "trips", "stopped", "changes", "warnings",
 )  # fmt: skip
-"""Fields that `repr` of a `Result` shows; large ones, such as plan and traces, are left out."""
+"""Fields in the `repr` of a `Result`; large ones, such as plan and traces, are left out."""
 WIDEST = 120
 """Longest line of that text [characters]."""
 
@@ -188,7 +188,7 @@ class TorqueError:
     contact: float | None = None
     """Largest rms(error) / rms(ideal) in moving contact of the axes that the hand holds; None without any."""
     contact_s: float = 0.0
-    """Time of moving contact that `contact` is from [s]."""
+    """Time of moving contact for `contact` [s]."""
 
     def to_json(self) -> Json:
         return {**vars(self), "by_source": dict(self.by_source)}
@@ -322,7 +322,7 @@ class Result:
 
 
 def result_rows(result: Result) -> Iterator[OutputRow]:
-    """Yield all that is told of a run, in the order of its text; figures that are not known have no text."""
+    """Yield all rows on a run, in the order of its text; unknown figures have no text."""
     plan, timing, error, stability = result.plan, result.timing, result.torque_error, result.stability
     proofs = filter(None, ["; ".join(map(str, result.proofs))])
     yield OutputRow("watchdog", proofs, "guards", [proof.to_json() for proof in result.proofs], cut=True)
@@ -367,7 +367,7 @@ ORDER = (
     "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
     "guards", "host", "deadlines", "limit",
 )  # fmt: skip
-"""Order of the keys of the object, which is not that of the text; new keys follow."""
+"""Order of the keys of the object, other than the order of the text; new keys come last."""
 
 
 # A result in words.
@@ -388,7 +388,7 @@ def result_text(result: Result) -> str:
 
 
 def _periods_texts(result: Result) -> Iterator[str]:
-    """Yield load of the bus and speed of the simulation, and how punctual the periods were; nothing without any."""
+    """Yield load of the bus, speed of the simulation, and lateness of the periods; nothing without periods."""
     if not result.cycles:
         return
     speed = ""
@@ -403,7 +403,7 @@ def _periods_texts(result: Result) -> Iterator[str]:
 
 
 def travel_text(travel: Travel) -> str:
-    """Return how far a handle went, in steps that a hand could tell from the whole, and how deep into what."""
+    """Return the travel of a handle, rounded to perceptible steps, and its depth in each element."""
     most = max(abs(travel.lowest), abs(travel.highest))
     decimals = DIGITS - 1 - math.floor(math.log10(most)) if most else 0
     lowest, highest = (length(round(end, decimals), travel.workspace) for end in (travel.lowest, travel.highest))
@@ -412,7 +412,7 @@ def travel_text(travel: Travel) -> str:
 
 
 def _depth_text(travel: Travel) -> str:
-    """Return how deep a handle went into each element; empty when it touched none."""
+    """Return the depth of a handle in each element; empty if it touched none."""
     deep = ", ".join(_depths(travel))
     return f"{travel.axis} {deep}" if deep else ""
 
@@ -433,7 +433,7 @@ def change_text(time: float, settings: Mapping[str, object]) -> str:
 
 
 def periods_text(result: Result) -> str:
-    """Return the number of periods, and how many were missed or began late."""
+    """Return the number of periods, and the numbers of missed and late ones."""
     missed, timing = result.missed_cycles or 0, result.timing
     words = f"{result.cycles or 0} periods, {missed or 'none'} missed"
     if timing is None or timing.lateness_us is None or not timing.late:
@@ -448,7 +448,7 @@ def _percentiles_text(times: Percentiles) -> str:
 
 
 def load_text(result: Result) -> str:
-    """Return the load of the bus, and the part of other devices where it is considerable; empty when unknown."""
+    """Return the load of the bus, and a considerable share of other devices; empty if unknown."""
     if result.bus_load is None:
         return ""
     others = result.bus_load - (result.plan.bus_load if result.plan is not None else result.bus_load)
@@ -463,7 +463,7 @@ def error_sizes(error: TorqueError) -> str:
 
 
 def _contact_text(error: TorqueError) -> str:
-    """Return the time that the verdict is about; empty without moving contact."""
+    """Return the time of moving contact behind the verdict; empty without any."""
     return f"; {error.contact_s:.2g} s of moving contact" if error.contact_s else ""
 
 
@@ -475,7 +475,7 @@ def _sources_text(error: TorqueError) -> str:
 
 
 def energy_text(energy: float | None) -> str:
-    """Return the work that the error did on the hand [J]: more or less than the ideal; empty when unknown or 0."""
+    """Return the work of the error on the hand [J], added or removed; empty if unknown or 0."""
     if not energy:
         return ""
     return f"the loop {'added' if energy > 0.0 else 'absorbed'} {in_unit(abs(energy), 'J')}"
@@ -487,7 +487,7 @@ def length(value: float, workspace: Workspace) -> str:
 
 
 def finite(value: dict[str, Json]) -> dict[str, Json]:
-    """Return a copy with None in place of infinities and NaN, for which JSON has no text."""
+    """Return a copy with None in place of infinities and NaN, which JSON does not have."""
     return {key: _finite(member) for key, member in value.items()}
 
 
@@ -502,7 +502,7 @@ def _finite(value: Json) -> Json:
 def known_before(
     plan: Plan, bus: str, report: "LoopReport | None" = None, trip: safety.Trip | None = None, message: str = ""
 ) -> Result:
-    """Return the figures known of a run that has not begun (no report), or that ended early by a trip or an error.
+    """Return the known figures of a run that has not begun (no report), or ended early by a trip or an error.
 
     `bus` is the name of the bus, or those of all buses.
     """

@@ -3,13 +3,13 @@
 People cannot tell two forces apart that differ by less than about 8 % (Jones, "Matching forces: constant errors and
 differential thresholds", Perception 18, 1989, doi:10.1068/p180681).
 
-Delay is an error like any other while the handle is in contact: a spring that comes late is felt as another stiffness,
-softer within the spring and harder across its surface (Pressman et al., "Perception of delayed stiffness", Int. J.
-Robotics Research 26, 2007; Nisky, Mussa-Ivaldi & Karniel, "A regression and boundary-crossing-based model for the
-perception of delayed stiffness", IEEE Trans. Haptics 1, 2008). Its energy is part of the sentence. Where force comes
-from an event alone, as from a crossing, people notice a delay from about 5.5 ms on ("Vibration feedback latency affects
+Delay is an error like any other while the handle is in contact: a delayed spring is felt as another stiffness, softer
+within the spring and harder across its surface (Pressman et al., "Perception of delayed stiffness", Int. J. Robotics
+Research 26, 2007; Nisky, Mussa-Ivaldi & Karniel, "A regression and boundary-crossing-based model for the perception of
+delayed stiffness", IEEE Trans. Haptics 1, 2008). The sentence tells the energy that it adds. If force comes
+from an event alone, such as a crossing, people notice a delay from about 5.5 ms on ("Vibration feedback latency affects
 material perception during rod tapping interactions", IEEE Trans. Haptics 10(2), 2017, 288,
-doi:10.1109/TOH.2016.2628900): until then the error counts that is left beside the delay.
+doi:10.1109/TOH.2016.2628900): below this delay, only the error without the delay counts.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ from haptic_fieldbus.planning.limits import FELT_SHARE
 LONGEST = LINE_WIDTH - KEY_WIDTH
 """Longest verdict [characters]: it is one line of a run."""
 EVENT_DELAY = 0.0055
-"""Delay of an event from which a hand notices it [s]."""
+"""Smallest perceptible delay of an event [s]."""
 AVERAGED = 0.05
 """Length of the moving average that separates motion (slower) from ripple (faster) [s]."""
 LAST = 0.5
 """Length of the end of the run in which ripple is measured [s]."""
 RARE = 1e-3
-"""Share of periods below which a limit of the force counts as rare; then no figure is told."""
+"""Share of periods below which a limit of the force counts as rare; a rare limit is reported without a figure."""
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def ripple(force: Array, rate: float) -> float | None:
     """Return the rms of the fast part of the force over its mean, in the last `LAST` seconds of the run.
 
     `force` has the shape `(n_periods,)`, `rate` is in Hz. None when the run is too short, or without contact in some
-    period of that time. It has no meaning for a scene whose force moves by itself, such as a wave.
+    period of that time. It has no meaning for a scene with a force that changes by itself, such as a wave.
     """
     last = force[-round(LAST * rate) :]
     window = max(1, round(AVERAGED * rate))
@@ -55,11 +55,11 @@ class FeltError:
     """Felt error of one axis: shares of the rms of the ideal force, over the time in moving contact."""
 
     contact: float | None
-    """Of the error; None when the handle rested all the time that it was in contact."""
+    """Share of the error; None if the handle was at rest during all contact."""
     shape: float
-    """Of what is left of the error when the ideal is delayed as the loop is."""
+    """Share of the remaining error when the ideal has the delay of the loop."""
     late: float
-    """That delay [s]."""
+    """Delay of the loop in `shape` [s]."""
     seconds: float
     """Time in moving contact [s]."""
     energy: float = 0.0
@@ -108,11 +108,11 @@ def run_verdict(
 
 
 def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bool = False) -> str:
-    """Return the verdict on a run on real drives, of which only what the loop and the drives tell is known.
+    """Return the verdict on a run on real drives, from the values of loop and drives alone.
 
     `cut` is the share of the periods in which the force of the scene was cut, by limit or cap, of the worst axis;
-    `behind` is rms(torque actual − target) / rms(target) of the worst axis whose drive tells its torque, None when none
-    does. `rehearsed` says that the drives are simulated, in real time.
+    `behind` is rms(torque actual − target) / rms(target) of the worst axis, among drives that send their torque; None
+    without such a drive. `rehearsed`: the drives are simulated, in real time.
     """
     head = "Rehearsed on a simulated drive" if rehearsed else "Real drive, error unknown"
     limited = f"limited in {percent(cut)} of periods" if cut >= RARE else "rarely limited"
@@ -123,7 +123,7 @@ def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bo
 
 
 def _felt(effort: str, felt: FeltError, contact: float) -> tuple[str, str]:
-    """Return the error of a run with contact, and from where on people notice it."""
+    """Return the error of a run with contact, and the threshold of perception."""
     share, noticed = f"{effort} error {percent(contact)}", f" (people notice from {percent(FELT_SHARE)})"
     if contact < FELT_SHARE:
         return f"Feels right: {share}", noticed

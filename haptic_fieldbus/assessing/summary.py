@@ -1,7 +1,7 @@
 """Assessment of a run: timing, error, energy, traces, warnings, and a verdict of one sentence.
 
-A simulated run is assessed part by part while it goes on, so that an hour needs no more memory than a minute. In
-virtual time nothing waits for it. A run on real drives has no known error, and its assessment waits for its end.
+A simulated run is assessed part by part during the run, so an hour needs no more memory than a minute. In virtual time
+this causes no delay. A run on real drives has no known error. It is assessed after its end.
 """
 
 import math
@@ -32,11 +32,11 @@ from haptic_fieldbus.signals import Signal
 PART = 15_000
 """Periods that are assessed at once."""
 BEHIND = 500
-"""Periods that stay for the next part, so that the last one is not too short, and simulated drives have gone past."""
+"""Periods that stay for the next part, so that the last part is not too short and simulated drives are ahead."""
 OVERLAP = 64
-"""Periods of the part before that are read again; no command waits longer for its drive."""
+"""Periods of the previous part that are read again; no command takes longer to reach its drive."""
 WORTH_TELLING = 0.01
-"""Smallest share of periods with a cut force that is told."""
+"""Smallest reported share of periods with a cut force."""
 ROWS_NEEDED = PART + 4 * BEHIND
 """Rows that the record of a simulated run must hold."""
 
@@ -56,7 +56,7 @@ class Assessment:
         self._travels = Travels(run.plan.axes, run.report)
 
     def advance(self) -> None:
-        """Assess all whole parts of the run so far; to be called between two periods, at least once in `BEHIND`."""
+        """Assess all whole parts of the run so far; call it between two periods, at least once in `BEHIND` periods."""
         if not self._axes:
             self._follow_decoded()
         elif self._run.record.pushed - (self._taken or 0) > PART + BEHIND:
@@ -65,14 +65,14 @@ class Assessment:
                 self._take(PART)
 
     def finish(self, elapsed: float) -> Result:
-        """Return the result of a run that went to its end, after `elapsed` [s] of wall-clock time."""
+        """Return the result of a complete run after `elapsed` [s] of wall-clock time."""
         self._begun()
         if self._axes and self._taken is not None and self._taken < self._run.record.pushed:
             self._take(self._run.record.pushed - self._taken)
         return self.with_travel(summarise(self._run, self._axes, elapsed))
 
     def with_travel(self, result: Result) -> Result:
-        """Return the result of a run, one that tripped included, with how far each handle went."""
+        """Return the result of a run with the travel of each handle, also after a trip."""
         self._begun()
         if not self._axes:
             self._follow_decoded()
@@ -82,14 +82,14 @@ class Assessment:
         return replace(result, travel=travel, warnings=(*result.warnings, *self._travels.faults))
 
     def _begun(self) -> None:
-        """Find the first row in operation enabled, once there is one."""
+        """Find the first row in operation enabled, if there is one yet."""
         record, begin_ns = self._run.record, self._run.report.enabled_at_ns
         if self._taken is None and begin_ns is not None:
             self._began_ns = begin_ns
             self._taken = self._begin = record.pushed - int((record.column("t_ns") >= begin_ns).sum())
 
     def _follow_decoded(self) -> None:
-        """Follow the positions that real drives sent; it is little work, because the next period waits for it."""
+        """Follow the positions of real drives; this must be little work, because the next period waits for it."""
         self._begun()
         record, first = self._run.record, self._taken
         if first is not None and first < record.pushed:
@@ -104,7 +104,7 @@ class Assessment:
             self._travels.add(axis.axis.name, *axis.true_way(part))
 
     def _part(self, periods: int) -> Part:
-        """Return the next `periods`, with some that the part before had too; there must be one at least."""
+        """Return the next `periods`, at least one, with the overlap of the previous part."""
         taken = self._taken or 0
         overlap = min(OVERLAP, taken - self._begin)
         first = taken - overlap
@@ -114,7 +114,7 @@ class Assessment:
         return Part(columns, overlap, first - self._begin, self._began_ns, self._firsts, last=last)
 
     def _take(self, periods: int) -> None:
-        """Assess the next `periods`, and let the simulation forget what lies before them."""
+        """Assess the next `periods`, and let the simulation drop the motion before them."""
         part = self._part(periods)
         self._follow(part)
         exchanges = [applied.after_ns for applied in self._run.report.changes]
@@ -128,7 +128,7 @@ class Assessment:
 
 
 def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Result:
-    """Return the result of a run that went to its end, from the assessments of its axes, none on real drives."""
+    """Return the result of a complete run from the assessments of its axes; on real drives there are none."""
     plan = run.plan
     known = [found for each in assessed if (found := each.figures) is not None]
     # Only an axis that the hand holds can be felt, so the verdict is about those.
@@ -180,14 +180,14 @@ def _rendered(run: Run) -> str:
 
 
 def _cut(run: Run, axis: str) -> float:
-    """Return the share of the periods in which limit or cap cut the force, or the scene stood beside its place."""
+    """Return the share of the periods in which limit or cap cut the force, or a gap shifted the scene."""
     permission = run.cycle.axes[axis].permission
     periods = permission.clipped + permission.gaps.shifted
     return min(1.0, periods / max(1, run.report.cycles))
 
 
 def _behind(run: Run, axis: AxisPlan) -> float | None:
-    """Return rms(torque actual − target) / rms(target); None where the drive does not tell, or nothing was asked."""
+    """Return rms(torque actual − target) / rms(target); None without torque actual, or if all targets were 0."""
     if not any(mapped.signal is Signal.TORQUE_ACTUAL for mapped in axis.incoming):
         return None
     told = _enabled(run, f"{axis.name}.{Signal.TORQUE_ACTUAL.value}") * axis.shown_unit
@@ -197,7 +197,7 @@ def _behind(run: Run, axis: AxisPlan) -> float | None:
 
 
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
-    """Yield a sentence for each limit that was exceeded before the run, or at work during it."""
+    """Yield a sentence for each limit that was exceeded before the run, or acted during it."""
     applied = (change.change.plan for change in report.changes)
     yield from dict.fromkeys(text for each in (plan, *applied) for text in above_limit(each))
     for axis in plan.axes:
@@ -289,7 +289,7 @@ def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
 
 
 def _enabled(run: Run, column: str) -> Array:
-    """Return a column from operation enabled on, as far as the record holds it; empty when that was not reached."""
+    """Return a column since operation enabled, as far as the record holds it; empty if that state was not reached."""
     values, begin_ns = run.record.column(column), run.report.enabled_at_ns
     return values[run.record.column("t_ns") >= begin_ns] if begin_ns is not None else values[:0]
 

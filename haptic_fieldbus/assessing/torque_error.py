@@ -1,10 +1,10 @@
 """Torque error of a simulated run, split by source.
 
-The error e(t) is the motor torque after the torque loop, through the mechanism, minus the *ideal* torque: that of the
-scene in continuous time on the true, unquantised trajectory. Sources of error are made real one after another: ideal →
-sampling and delay → encoder → estimator → integrator → limits → torque step → torque loop. The error of a source is
-the difference of two neighbouring stages, so the sources sum to e. The share of a source is ⟨e_i, e⟩/⟨e, e⟩. The shares
-sum to 1; a share is negative where a source compensates another one.
+The error e(t) is the motor torque after the torque loop, through the mechanism, minus the *ideal* torque: the torque of
+the scene in continuous time on the true, unquantised trajectory. Sources of error are added one after another: ideal →
+sampling and delay → encoder → estimator → integrator → limits → torque step → torque loop. The error of a source is the
+difference of two neighbouring stages, so the sources sum to e. The share of a source is ⟨e_i, e⟩/⟨e, e⟩. The shares sum
+to 1; a share is negative where a source compensates another one.
 
 1. sampling and delay: the ideal at the sample t_k, held while the command computed from t_k acts
 2. encoder: the same with the decoded position; the velocity is still the true one at t_k
@@ -15,14 +15,14 @@ sum to 1; a share is negative where a source compensates another one.
 6. torque step: the target torque that the drive followed, rounded to its steps, and limited by the drive itself
 7. torque loop: the motor torque
 
-Where elements changed while the loop ran, the ideal and the rendered torque go from the old elements to the new ones
-along the same ramp. New virtual states begin with the ramp, at rest at the handle's position.
+If elements changed during the run, the ideal and the rendered torque go from the old elements to the new ones along the
+same ramp. New virtual states begin with the ramp, at rest at the handle's position.
 
 A coupling's force follows both its axes (`ties`).
 
-A long run is split part by part, so that it needs no more memory than a short one: laws, virtual states and delays go
-on from one part to the next, and the figures are those of the whole run. The last periods of a part are read again with
-the next one, because their commands still act there.
+A long run is split part by part, so that it needs no more memory than a short one: laws, virtual states and delays
+continue from one part to the next, and the figures cover the whole run. The last periods of a part are read again with
+the next part, because their commands still act there.
 """
 
 import math
@@ -75,11 +75,11 @@ if TYPE_CHECKING:
 # torque loop rounds each edge off by its lag, which is no distortion either.
 
 LONGEST_LAG = 512
-"""Points that a lag may reach back."""
+"""Longest lag [points]."""
 
 
 class Lateness:
-    """The delays of a loop with a `period`, a `transport` delay and a `lag` of the torque behind it [s]."""
+    """The possible delays of a loop with a `period`, a `transport` delay and a `lag` of the torque [s]."""
 
     def __init__(self, period: float, transport: float, lag: float) -> None:
         parts = round(POINTS_PER_PERIOD)
@@ -91,7 +91,7 @@ class Lateness:
         self._weights: Array = weights / weights.sum()
 
     def ideals(self, times_ns: Times, nodes_ns: Times, ideal: Array) -> list[Array]:
-        """Return the `ideal` of the nodes as it is with each delay at these times, each `(n_times,)`."""
+        """Return the `ideal` at these times for each delay, each `(n_times,)`, from its values at the nodes."""
         behind = np.convolve(ideal, self._weights)[: len(ideal)]
         return [np.interp(times_ns - 1e9 * delay, nodes_ns, behind) for delay in self.delays]
 
@@ -106,9 +106,9 @@ class Lateness:
 LIMITS = "limits"
 """Source of error: effort, slew, fade-in and cap."""
 MOVING = 0.05
-"""Share of the fastest speed of the run from which the handle counts as moving."""
+"""Speed from which the handle counts as moving, as a share of the fastest speed of the run."""
 _SLOWEST, _FASTEST = 1e-9, 1e6
-"""Speeds beyond which bins are not told apart [m/s or rad/s]."""
+"""Lowest and highest speed of the bins [m/s or rad/s]."""
 _BIN = math.log(1.01)
 _BINS = round(math.log(_FASTEST / _SLOWEST) / _BIN) + 2
 
@@ -133,9 +133,9 @@ class ErrorFigures:
     error_rms_contact: float
     """Rms of the error there."""
     shape_rms_contact: float
-    """Rms there of the error against the ideal of `late` before: what delay alone leaves over."""
+    """Rms there of the error against the ideal delayed by `late`: the error that delay does not explain."""
     late: float
-    """Delay that explains most of the error, of those that the loop can have [s]."""
+    """Possible delay of the loop that explains most of the error [s]."""
     replay_difference: float
     """Largest difference between the recorded force and the force computed anew from the recorded feedback.
 
@@ -175,7 +175,7 @@ class ErrorSums:
         self.touched = np.column_stack(new) + (self.touched if self.touched.size else 0.0)
 
     def figures(self, unit: str, delays: Sequence[float]) -> ErrorFigures:
-        """Return the figures of all points so far, of which there must be one; `delays` are those of the shapes [s]."""
+        """Return the figures of all points so far, at least one; `delays` are those of the shapes [s]."""
         # The bin of the threshold itself counts whole.
         moving = self.touched[int(_bin(np.array([MOVING * self.fastest]))[0]) :].sum(axis=0)
         ideal, wrong, *shapes = np.sqrt(moving[1:] / max(1.0, moving[0]))
@@ -238,8 +238,8 @@ class Splitter:
     """Splits the error of one axis, part by part, from `begin_ns` to the last sample, at `POINTS_PER_PERIOD`.
 
     `period` [s] and `method` (integrator of virtual states; None for the default) are those of the run. `begin_ns` is
-    the end of the fade-in. `step` is one step of the drive's torque [N or N·m], `late` the delay of the loop
-    without its hold, and the lag of the torque behind it [s].
+    the end of the fade-in. `step` is one step of the drive's torque [N or N·m]; `late` is the delay of the loop without
+    its hold, and the lag of its torque [s].
     """
 
     def __init__(
@@ -274,9 +274,9 @@ class Splitter:
         acted: Sequence[Span[Element]],
         ties: Sequence["Tie"] = (),
     ) -> ErrorPoints:
-        """Return the points of the next part of the run, from the end of the fade-in on.
+        """Return the points of the next part of the run, after the end of the fade-in.
 
-        `acted` are the spans of the elements that act in new periods of this part, `ties` the couplings with other
+        `acted` has the spans of the elements that act in new periods of this part, `ties` the couplings with other
         axes. Raises ValueError when the drive has taken over no recorded command.
         """
         overlap = recording.overlap
@@ -344,7 +344,7 @@ class Splitter:
         """Return the ideal force at the nodes, the force of each stage in each period, and the ideal virtual states.
 
         Shapes: `(n_nodes,)`; each stage `(n_periods,)`; each element's states `(n_nodes, order)`. `motion` is the true
-        motion at the nodes, `sampled` that at the samples.
+        motion at the nodes, `sampled` the true motion at the samples.
         """
         motion = with_time(motion, nodes_ns, recording)
         sampled = with_time(sampled, recording.times_ns, recording)
@@ -417,7 +417,7 @@ def split(
     exchanges: Sequence[Handover[Element]] = (),
     ties: Sequence["Tie"] = (),
 ) -> ErrorSplit:
-    """Return the error of a run that is recorded as a whole; the arguments are those of `Splitter`.
+    """Return the error of a completely recorded run; the arguments are those of `Splitter`.
 
     Raises ValueError when nothing was recorded after `begin_ns`, or when the drive took over no recorded command.
     """

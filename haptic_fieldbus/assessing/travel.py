@@ -1,4 +1,4 @@
-"""How far a handle went and how deep into what has a surface: extremes, kept while a run goes on."""
+"""Travel of a handle and its depth in elements with a surface: extremes, updated during a run."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,13 +36,13 @@ class Travel:
 
 
 class Reach:
-    """Lowest and highest position of an axis, apart for each set of elements that acted."""
+    """Lowest and highest position of an axis, for each set of elements that acted."""
 
     def __init__(self) -> None:
         self._ends: dict[int, tuple[float, float]] = {}
-        """By the number of changes before."""
+        """Extremes by the number of changes before."""
         self.faults: list[str] = []
-        """Sentences about elements that failed to tell a depth."""
+        """Sentences about elements that failed to compute a depth."""
 
     def add(self, times_ns: NDArray[np.int64], positions: NDArray[np.float64], changed_ns: Sequence[int]) -> None:
         """Add positions at instants [ns], both `(n,)`; `changed_ns` are the last instants before each change so far."""
@@ -53,7 +53,7 @@ class Reach:
             self._ends[changes] = min(lowest, float(here.min())), max(highest, float(here.max()))
 
     def travel(self, axis: str, workspace: Workspace, acted: Sequence[Iterable[Element]]) -> Travel | None:
-        """Return travel and depths; None without positions. `acted` has the elements by the number of changes."""
+        """Return travel and depths; None without positions. `acted` maps the number of changes to the elements."""
         if not self._ends:
             return None
         depth: dict[str, float] = {}
@@ -66,7 +66,7 @@ class Reach:
         return Travel(axis, lowest, highest, depth, workspace)
 
     def _depth(self, element: Element, position: float) -> float | None:
-        """Return the depth of the handle in an element; None where it has none, or fails to tell it."""
+        """Return the depth of the handle in an element; None if the element has no depth or fails to compute it."""
         depth_at = abilities(element).penetration
         try:
             return None if depth_at is None else depth_at(position)
@@ -77,7 +77,7 @@ class Reach:
 
 
 class Travels:
-    """The travel of all axes of a run, and the changes that its report tells of."""
+    """The travel of all axes of a run, and the changes of its report."""
 
     def __init__(self, axes: Sequence[AxisPlan], report: "LoopReport") -> None:
         self._axes, self._report = axes, report
@@ -89,11 +89,11 @@ class Travels:
 
     @property
     def faults(self) -> list[str]:
-        """Return sentences about elements that failed to tell a depth; known after `told`."""
+        """Return sentences about elements that failed to compute a depth; call it after `told`."""
         return [fault for reached in self._reached.values() for fault in reached.faults]
 
     def told(self) -> tuple[Travel, ...]:
-        """Return the travel of each axis of which any position is known."""
+        """Return the travel of each axis with a known position."""
         plans = [self._axes, *(applied.change.plan.axes for applied in self._report.changes)]
         told = [
             self._reached[axis.name].travel(axis.name, axis.workspace, [axes[place].elements for axes in plans])

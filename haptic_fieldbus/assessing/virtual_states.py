@@ -22,9 +22,9 @@ def exact_response(
 
 
 class ResponseToError:
-    """Force that a linear element adds for the difference of its inputs from the true ones, part by part.
+    """Force that a linear element adds for the error of its inputs, part by part.
 
-    The difference is taken as straight lines between samples (first-order hold) and begins at rest; `period` in s.
+    The error is a straight line between samples (first-order hold) and begins at rest; `period` in s.
     """
 
     def __init__(self, element: DynamicElement, period: float) -> None:
@@ -33,6 +33,6 @@ class ResponseToError:
         self._response = SequenceResponse(discrete, integrators.rest(space)[1])
 
     def __call__(self, real: Mapping[Signal, Array], true: Mapping[Signal, Array]) -> Array:
-        """Return the forces in the next periods, `(n_periods,)`, from real and true inputs there."""
+        """Return the forces in the next periods, `(n_periods,)`, from their real and true inputs."""
         error = np.stack([real[signal] - true[signal] for signal in (Signal.POSITION, Signal.VELOCITY)], axis=-1)
         return self._response(error)
