@@ -1,1 +1,1 @@
-"""A run: the loop, the session around it, changes while it goes."""
+"""A run: the loop, the session around it, and changes during the run."""

@@ -1,9 +1,9 @@
-"""Changes of a scene while it runs: scheduled, or requested by another thread, and made by the loop between periods.
+"""Changes of a scene during a run: scheduled, or requested by another thread; the loop makes them between periods.
 
-The caller does all that takes time: checks, stability, fresh laws of elements. The loop only begins changes that are
-ready; while none waits, it tests one attribute. Changes are made one after another, each when the ramp of the one
-before is over, and each was judged on top of those before. The running scene is therefore always a mix of two sets of
-elements, both of which were judged.
+The caller does everything that takes time: checks, stability, new laws of elements. The loop only begins changes that
+are ready; while none waits, it tests one attribute. Changes are made one after another, each after the ramp of the
+previous one, and each is judged together with the previous ones. The running scene is therefore always a mix of two
+judged sets of elements.
 """
 
 import math
@@ -35,7 +35,7 @@ class ReadyChange:
 
     change: Change
     begin: Callable[[], bool]
-    """Returns False, and begins nothing, while the change would throw the handle."""
+    """Returns False and begins nothing while the change would throw the handle."""
 
 
 class Changes:
@@ -79,10 +79,10 @@ class Changes:
     def request(self, settings: Mapping[str, Setting]) -> Change:
         """Check new values, pass them to the loop and return the change. Any thread may call it during the run.
 
-        The ramp to the new values begins with the next period, or when the ramp of the change before is over. It waits
-        while the new values would change the force at the handle by more than a quarter of the limit. Raises
-        SceneError, UsageError or PlanError for settings that `run` would refuse, UnstableSceneError included, and
-        UsageError when nothing runs or scheduled changes are still to come. The old values stay then.
+        The ramp to the new values begins with the next period, or after the ramp of the previous change. It waits while
+        the new values would change the force at the handle by more than a quarter of the limit. Raises SceneError,
+        UsageError or PlanError for settings that `run` would refuse, UnstableSceneError included, and UsageError if
+        nothing runs or scheduled changes are still to come. The old values then stay.
         """
         with self._lock:
             if self._running is None or self._last is None or self._cycle is None:
@@ -96,10 +96,10 @@ class Changes:
         return change
 
     def check(self, plan: Plan, duration: float, *, force: bool) -> tuple[Change, ...]:
-        """Compile and judge the scheduled changes, each on top of those before; returns them in the order of time.
+        """Compile and judge the scheduled changes, each together with the previous ones; return them in order of time.
 
-        To be called before anything moves. Raises UsageError for a ramp or a time out of range and for an object that
-        served another run, and otherwise the errors of `request`. UnstableSceneError is not raised if `force`.
+        Call it before anything moves. Raises UsageError for a ramp or a time out of range and for an object that served
+        another run, and otherwise the errors of `request`. UnstableSceneError is not raised if `force`.
         """
         if self._running is not None:
             raise UsageError("these changes belong to another run; make new ones")
@@ -133,15 +133,15 @@ class Changes:
         self._cycle = cycle  # last, because `request` takes it as the sign that all else is ready
 
     def close(self, duration: float) -> tuple[Change, ...]:
-        """Refuse further requests, and return the changes that were due within `duration` [s] and never began."""
+        """Refuse further requests, and return the changes that were due within `duration` [s] but never began."""
         self._cycle = None
         return tuple(ready.change for ready in self.waiting if ready.change.time < duration)
 
     def make(self, coming_ns: int, after_ns: int, period_ns: int) -> None:
-        """Begin the first waiting change if it is due, the ramp before it is over, and it would not throw the handle.
+        """Begin the first waiting change if it is due, the previous ramp is over, and it would not throw the handle.
 
-        The loop calls this between two periods while a change waits. `coming_ns` is the latch instant of the coming
-        period from operation enabled, `after_ns` that of the last period on the clock of the loop.
+        The loop calls this between two periods while a change waits. `coming_ns` is the latch instant of the next
+        period, counted from operation enabled. `after_ns` is that of the last period, on the clock of the loop.
         """
         change = self.waiting[0].change
         # Half a period of tolerance makes the change begin with the period nearest to its time.

@@ -1,9 +1,9 @@
 """The direction of an axis, shown by a person before the drive is enabled for the first time.
 
-With a reversed encoder *and* a reversed motor, torque and motion agree: no loop can tell it from a bench that is right,
-but a wall on the right is felt on the left. Only somebody who sees the handle knows. So at the first start of a rig on
-a real bus a person moves each handle to the positive side, while the drives are off. What was shown is kept in the rig
-file, `[axis.NAME.seen]`.
+With a reversed encoder *and* a reversed motor, torque and motion agree: no loop can tell this bench from a correct one,
+but a wall on the right is felt on the left. Only a person who sees the handle can tell. So at the first start of a rig
+on a real bus a person moves each handle to the positive side, while the drives are off. The rig file keeps the result
+in `[axis.NAME.seen]`.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,19 +23,19 @@ from haptic_fieldbus.running.loop import check_link, started
 from haptic_fieldbus.signals import LinkFlag, Signal, Workspace
 
 ENOUGH = {Workspace.LINEAR: 0.01, Workspace.ROTARY: 0.2}
-"""[m or rad]; a motion that nobody makes by accident."""
+"""Required motion [m or rad]; too large for an accidental one."""
 FEWEST_COUNTS = 3
 PATIENCE = 60.0
-"""[s] for which a person is waited for."""
+"""Longest time to wait for a person [s]."""
 SHOWN_EVERY = 0.1
-"""[s] between two lines about the position."""
+"""Time between two lines about the position [s]."""
 INT32, HALF_TURN = 0x1_0000_0000, 0x8000_0000
 
 Instruct = Callable[[str], None]
 
 
 def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | None, ending: EndSignals) -> list[str]:
-    """Let a person show the direction of each axis whose rig does not have it; return what is to be told of it.
+    """Let a person show the direction of each axis whose rig does not have it; return the sentences about it.
 
     The bus must be inspected; the drives stay off, and are stopped before the rig file is written, because a disk may
     take longer than a guard waits. Raises UsageError when nobody moves the handle, RigError when positions fall on the
@@ -58,7 +58,7 @@ def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | N
 
 
 def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instruct) -> None:
-    """Wait until the handle was moved far enough, and check to which side."""
+    """Wait until the handle was moved far enough, and check the direction."""
     unit = axis.workspace.length_unit
     enough = max(ENOUGH[axis.workspace], FEWEST_COUNTS * axis.resolution)
     every = max(1, round(SHOWN_EVERY * plan.rate))
@@ -86,7 +86,7 @@ def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instru
 
 
 def _kept(axis: AxisPlan, plan: Plan) -> Iterator[str]:
-    """Write into the rig file that the direction was shown; yield a sentence when it cannot be written."""
+    """Write the shown direction into the rig file; yield a sentence if it cannot be written."""
     values: dict[str, Value] = {} if axis.rig.seen.sign is None else {"sign": axis.rig.seen.sign}
     values |= {"direction": "confirmed", "date": datetime.now().astimezone().isoformat(timespec="seconds")}
     try:
@@ -107,7 +107,7 @@ class _WayExchange:
             image.output.pack_into(self._output, image.outputs[0], axis.power.off, 0)
 
     def ways(self, axis: AxisPlan) -> Iterator[float]:
-        """Yield how far the handle of an axis has moved since the first sample [m or rad], once a period."""
+        """Yield the travel of the handle of an axis since the first sample [m or rad], once a period."""
         image = self._plan.image.axes[self._plan.axes.index(axis)]
         signal = Signal.VELOCITY if axis.integrates else Signal.POSITION
         place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(signal)

@@ -1,11 +1,11 @@
 """Signals that end a run: Ctrl-C, SIGTERM (`kill`, a service manager) and SIGHUP (a terminal that is closed).
 
-While the drives are configured, a signal raises KeyboardInterrupt, since no torque is there to be taken away. From
-`hold` on signals are only noted: the loop sees the note between two periods. Nothing interrupts the way to zero
-torque, nor the making of the result, however often Ctrl-C is pressed. Once all drives have confirmed that they are off,
-`freed` sets a limit to this: a signal that comes `RESULT_TIME` later raises again and gives the result up.
+During the configuration of the drives, a signal raises KeyboardInterrupt, because there is no torque to switch off.
+From `hold` on signals are only noted: the loop sees the note between two periods. However often Ctrl-C is pressed, it
+interrupts neither the way to zero torque nor the computation of the result. Once all drives have confirmed that they
+are off, `freed` limits this: a signal more than `RESULT_TIME` later raises again and abandons the result.
 
-A block inside another one, as that of a run inside a command, shares the signals of the outer one.
+A nested block, such as a run inside a command, shares the signals of the outer one.
 """
 
 import signal
@@ -27,37 +27,37 @@ SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )  # Windows has no SIGHUP
 OURS_TO_TAKE = (signal.SIG_DFL, signal.default_int_handler)
-"""Handlers that nobody has chosen; others, as those of `nohup` or of a program around ours, stay."""
+"""Default handlers, which are replaced; others, such as those of `nohup` or of the calling program, stay."""
 EARLY = " before enabling: no torque was applied"
-"""When a run was stopped of which the drives were never enabled."""
+"""Time of the stop in a sentence, for a run without enabled drives."""
 AGAIN = 1.0
-"""Time after a KeyboardInterrupt in which further signals are only noted, since the way out has begun [s]."""
+"""Time after a KeyboardInterrupt in which further signals are only noted, because the run already ends [s]."""
 RESULT_TIME = 10.0
 """Time for which signals are held after the drives have confirmed that they are off [s]."""
 
 
 class EndSignals:
-    """Signals that have asked for the end; `now` is a clock [s]."""
+    """Signals that requested the end of a run; `now` is a clock [s]."""
 
     def __init__(self, now: Callable[[], float] = monotonic) -> None:
         self.signal: int | None = None
-        """Number of the first signal; None while there was none."""
+        """Number of the first signal; None before the first."""
         self.when = ""
-        """When the run was stopped, as the end of `sentence`."""
+        """Time of the stop in words, as the end of `sentence`."""
         self.last = False
-        """True when the process ends with the block: signals are ignored after it, so that they kill no interpreter."""
+        """True if the process ends with the block: signals are ignored after it, so that they kill no interpreter."""
         self._now = now
         self._raises_from = -inf
         """Time from which on signals raise [s]."""
 
     @property
     def leaving(self) -> bool:
-        """True when signals are held, and after the first signal: nothing may wait for a reader of the output."""
+        """True while signals are held, and after the first signal: no output may wait for its reader."""
         return self._raises_from > -inf
 
     @property
     def name(self) -> str:
-        """Name of the first signal; that of Ctrl-C for a KeyboardInterrupt of another origin."""
+        """Name of the first signal; the name of Ctrl-C for a KeyboardInterrupt of another origin."""
         return signal.Signals(self.signal or signal.SIGINT).name
 
     @property
@@ -66,7 +66,7 @@ class EndSignals:
         return f"stopped by {'you' if self.name == 'SIGINT' else self.name}{self.when}"
 
     def stopped(self, report: "LoopReport", duration: float) -> "Stopped | None":
-        """Return how a signal stopped a run of `duration` [s], which `sentence` tells then; None when none did."""
+        """Return the stop of a run of `duration` [s] by a signal, as `sentence` describes it; None without a signal."""
         self.when = " after the end of the run; its result is complete"
         if not report.interrupted:
             return None

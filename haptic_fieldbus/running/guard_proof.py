@@ -1,17 +1,17 @@
-"""Proof that the drives let go by themselves when their master is gone: they are left alone at zero torque.
+"""Watchdog proof: test that the drives switch off by themselves without their master, at zero torque.
 
 1. The drives are brought to *operation enabled* by the ordinary exchange. Every set-point is 0.
-2. Nothing is written any more. Feedback is still asked for, which is no proof of life, so the statusword is seen once a
-   period. A drive may leave the exchange when it has lost its master; then it is asked for its statusword directly.
-3. The time from our last write to the first look at which a drive is no longer in *operation enabled* is measured.
-4. All drives are stopped, and the fault is cleared into which they went because of this (`Bus.acknowledge`).
+2. All writes end. Feedback is still requested, which does not restart the watchdog, so the statusword is read once a
+   period. A drive may leave the exchange when it has lost its master; then its statusword is read directly.
+3. The time from our last write to the first reading outside *operation enabled* is measured.
+4. All drives are stopped, and the fault that this test caused is cleared (`Bus.acknowledge`).
 
-A drive has passed when it is seen off in time: its guard, plus the time in which the last write reaches it (with a way
-that writes before it reads, this is the next period), plus two periods and a control tick for what lies between the
-event and the look at it. The measured time may be shorter than the guard by the time between two proofs of life, as the
-guard runs from the last of them; a drive that is off still sooner was switched off by something else, such as STO.
-Otherwise it has failed. Where nothing was learnt, because it was off too soon or because this computer did not look
-when it mattered, the drives are left alone once more.
+A drive passes if it is read as off in time: its watchdog time, plus the travel time of the last write (in an exchange
+that writes before it reads, this is the next period), plus two periods and a control tick between the event and its
+reading. The measured time may be shorter than the watchdog time by the time between two watchdog restarts, because the
+watchdog runs from the last one. A drive that is off still sooner was switched off by another cause, such as STO.
+Otherwise it has failed. The test is repeated if it was inconclusive: the drive was off too soon, or this computer read
+no state at the decisive time.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -37,18 +37,18 @@ from haptic_fieldbus.running.loop import check_link, enabling_time, feedback_tim
 from haptic_fieldbus.signals import LinkFlag
 
 PATIENCE = 4.0
-"""Longest time for which drives are left alone, in guards."""
+"""Longest time without writes, in watchdog times."""
 ATTEMPTS = 5
-"""How often drives are left alone before it is given up to learn something about their guards."""
+"""Largest number of tests of the watchdogs while the result is inconclusive."""
 FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 WHILE_ALONE = LinkFlag.BUS_OFF | LinkFlag.FOREIGN | LinkFlag.DUPLICATE
-"""Flags that end a proof; others are what a drive may say when it has lost its master."""
+"""Flags that end a proof; a drive may show the others when it has lost its master."""
 
 
 def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> tuple[Proof, ...]:
-    """Prove the guards of these axes of an inspected bus, and return what came of it; the other axes stay off.
+    """Test the watchdogs of these axes of an inspected bus, and return the outcomes; the other axes stay off.
 
-    A proof that is early or missed is one from which nothing was learnt in all attempts.
+    A proof that is early or missed was inconclusive in all attempts.
 
     The drives are then stopped and not configured. Raises KeyboardInterrupt after a signal, BusError, DriveFaultError
     or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
@@ -65,7 +65,7 @@ def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: End
 
 
 class _Looked:
-    """One drive as it is seen, and the times at which it was."""
+    """State of one drive, and the times of its readings."""
 
     def __init__(self, axis: AxisPlan, image: AxisImage, guard: SetGuard) -> None:
         self.axis, self.guard = axis, guard
@@ -83,7 +83,7 @@ class _Looked:
         return feedback[T_NS], feedback[FLAGS], feedback[EMERGENCY]
 
     def check_way(self) -> None:
-        """Raise DriveFaultError for a fault, and when *operation enabled* was left: nothing enables it again."""
+        """Raise DriveFaultError for a fault, and if *operation enabled* was left, because nothing enables it again."""
         enabled = self.state is PowerState.OPERATION_ENABLED
         if self.state in FAULTS or (self._enabled and not enabled):
             raise DriveFaultError(
@@ -99,14 +99,14 @@ class _Looked:
         self._image.output.pack_into(output, self._image.outputs[0], controlword, 0)
 
     def note(self, at_ns: int) -> None:
-        """Keep the time at which the drive was seen as it is now."""
+        """Keep the time of this reading of the state."""
         if self.state is PowerState.OPERATION_ENABLED:
             self.enabled_ns = at_ns
         elif self.off_ns is None:
             self.off_ns = at_ns
 
     def ask(self, bus: Bus, clock: Clock) -> None:
-        """Ask a drive that sent no feedback for its state."""
+        """Read the state of a drive that sent no feedback."""
         asked_ns = clock.now_ns()
         word = bus.ask(self.axis.name)
         answered_ns = clock.now_ns()
@@ -116,7 +116,7 @@ class _Looked:
             self.note(answered_ns)
 
     def proof(self, alone_ns: int) -> Proof:
-        """Return the outcome of being left alone since `alone_ns`."""
+        """Return the outcome of the test without writes since `alone_ns`."""
         asking = min(self._asking_ns * 1e-9, LONGEST_QUESTION)
         off = None if self.off_ns is None else (self.off_ns - alone_ns) * 1e-9
         seen = (self.enabled_ns - alone_ns) * 1e-9
@@ -157,7 +157,7 @@ class _ProofExchange:
         raise self._late()
 
     def leave_alone(self) -> Iterator[Proof]:
-        """Write nothing until all drives are seen off, or patience is over; yield what came of it."""
+        """Write nothing until all drives are read as off, or `PATIENCE` is over; yield the outcomes."""
         alone_ns = self._clock.now_ns()
         patience_ns = round(1e9 * PATIENCE * max(looked.guard.seconds for looked in self._proved))
         for looked in self._proved:
@@ -179,7 +179,7 @@ class _ProofExchange:
             yield looked.proof(alone_ns)
 
     def _read(self) -> bytearray:
-        """Wait for the next period and exchange feedback; periods that were slept through are skipped."""
+        """Wait for the next period and exchange feedback; missed periods are skipped."""
         if self._ending.signal is not None:
             raise KeyboardInterrupt
         late_ns = self._clock.sleep_until(self._deadline_ns)
@@ -204,7 +204,7 @@ KEYS = ("serial", "vendor", "product", "revision", "guard", "guard_ms", "asked_m
 
 
 def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence for each axis whose guard is about to be proved; `due` has the reasons, some empty."""
+    """Yield a sentence for each axis whose watchdog is about to be tested; `due` has the reasons, some empty."""
     guards = {guard.axis: guard.seconds for guard in plan.guards}
     for name, why in due.items():
         yield (
@@ -215,9 +215,9 @@ def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
 
 
 def check(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof], unkept: Sequence[str]) -> None:
-    """Raise UnprovedGuardError when a drive did not let go in time; `unkept` is what `keep` said.
+    """Raise UnprovedGuardError if a drive did not switch off in time; `unkept` has the sentences of `keep`.
 
-    Raises BusError when this computer was too late to look.
+    Raises BusError if this computer was too late to read the state.
     """
     unknown = [_switched_off(plan, proof) for proof in proofs if proof.early]
     failed = [_failure(plan, facts, proof) for proof in proofs if not (proof.holds or proof.early or proof.missed)]
@@ -251,7 +251,7 @@ def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -
 
 
 def _values(plan: Plan, proof: Proof, drive: Identity) -> dict[str, Value] | None:
-    """Return the keys of a proof; None when it could never be told to be that of the drive that is there."""
+    """Return the keys of a proof; None if no later run could recognise the drive by them."""
     if proof.holds and drive.serial is None:
         return None
     kept = Proved(
@@ -268,7 +268,7 @@ def _values(plan: Plan, proof: Proof, drive: Identity) -> dict[str, Value] | Non
 
 
 def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
-    """Return what was measured, and what to do."""
+    """Return the measurement and the remedy."""
     axis = plan.axis(proof.axis)
     told = facts.get(proof.axis)
     number = None if told is None else told.identity.serial
@@ -285,7 +285,7 @@ def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
 
 
 def _switched_off(plan: Plan, proof: Proof) -> str:
-    """Return the sentence about a drive that something else than its guard switched off."""
+    """Return the sentence about a drive that another cause than its watchdog switched off."""
     axis, off = plan.axis(proof.axis), rounded(1e3 * (proof.off or 0.0))
     return (
         f"axis {axis.name}: {axis.profile.title}, node {axis.node}, was off after {off} ms in all {ATTEMPTS} watchdog "
@@ -296,7 +296,7 @@ def _switched_off(plan: Plan, proof: Proof) -> str:
 
 
 def _instead(plan: Plan, name: str) -> str:
-    """Return the way to go on without a guard."""
+    """Return the advice for a drive without a watchdog."""
     if not plan.rig.source:
         return (
             "; if an emergency stop cuts the motor power, a rig file can permit this drive (emergency_stop); then "

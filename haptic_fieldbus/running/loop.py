@@ -1,7 +1,7 @@
 """The loop: wait, read, compute, write and record once a period, until enough periods are done or the run must stop.
 
-Deadlines are absolute, t0 + k·T. A period that was slept through is skipped, never made up for in a burst. However the
-loop ends, `bus.stop` has put torque-free set-points on the wire before an exception leaves it.
+Deadlines are absolute, t0 + k·T. A missed period is skipped, never made up for in a burst. However the loop ends,
+`bus.stop` sends zero-torque set-points before an exception leaves the loop.
 """
 
 import gc
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 def no_garbage_collection() -> Iterator[None]:
     """Switch the garbage collector off inside the block, and restore it afterwards.
 
-    The loop allocates nothing that grows, so nothing needs to be collected while it runs. Nor is anything collected
-    before: in a large process that would take longer than all else before a short run.
+    The loop allocates nothing that grows, so nothing needs to be collected while it runs. Nor is there a collection
+    before the run: in a large process it would take longer than the rest of the start.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -56,7 +56,7 @@ The default of 5 ms would cost a loop at 1 kHz five periods each time that anoth
 
 @contextmanager
 def threads_give_way() -> Iterator[None]:
-    """Shorten the switch interval inside the block, so that a computing thread gives way to the loop at once."""
+    """Shorten the switch interval inside the block, so that the loop does not wait for a computing thread."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, GIVE_WAY))  # a shorter interval of the caller stays
     try:
@@ -66,7 +66,7 @@ def threads_give_way() -> Iterator[None]:
 
 
 LONGEST_SAMPLE = 500_000
-"""Largest number of periods whose times are kept; of a longer run those of the last ones."""
+"""Largest number of periods with kept times; a longer run keeps the last ones."""
 PROGRESS_EVERY = 0.1
 """Time between two reports of progress [s]."""
 UNCONFIRMED = "The drives did not confirm that their motors are off. Switch the power off."
@@ -90,8 +90,7 @@ def run_loop(
     Ctrl-C, or a signal that `ending` has noted, ends the run early and is no error. `progress` is called with the
     number of periods done. A `report` that is passed in is filled during the run, so that it can be read after an
     exception too. Raises DriveFaultError, BusError or SafetyTripError; by then `bus.stop` was called, and a note says
-    so when a drive did not confirm it. BusError also
-    after a run without fault, when a drive did not confirm its end.
+    so when a drive did not confirm it. BusError also after a run without fault, if a drive did not confirm its end.
     """
     report = LoopReport() if report is None else report
     report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
@@ -223,10 +222,10 @@ def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError
 
 @contextmanager
 def started(plan: Plan, bus: Bus, ending: EndSignals) -> Iterator[None]:
-    """Configure and start an inspected bus, and stop it at the end of the block, whatever happens in it.
+    """Configure and start an inspected bus, and stop it at the end of the block in any case.
 
     Raises KeyboardInterrupt after a signal, and BusError when a drive does not confirm that it is off; a note says so
-    where the block raised something else.
+    if the block raised another error.
     """
     bus.configure(plan)
     try:

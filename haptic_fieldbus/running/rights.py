@@ -1,10 +1,9 @@
 """Rights that a run in real time requests from the operating system, so that other work does not delay it.
 
-Each wish may be refused by the system; the run goes on with what it got, and tells both. Everything is put back at the
-end of the block, since a run may be a part of somebody else's program. A thread at SCHED_FIFO goes before all ordinary
-work of the machine. That it cannot take the machine down is due to the loop, which sleeps in every period and ends
-itself when it misses too many, and to the kernel, which leaves 5 % of each second to others
-(/proc/sys/kernel/sched_rt_runtime_us).
+The system may refuse each right; the run continues with the granted ones, and reports both. Everything is restored at
+the end of the block, because a run may be part of another program. A thread at SCHED_FIFO has priority over all
+ordinary work of the machine. It cannot block the machine: the loop sleeps in every period and ends itself when it
+misses too many periods, and the kernel leaves 5 % of each second to others (/proc/sys/kernel/sched_rt_runtime_us).
 
 Reference: sched(7), mlockall(2), PR_SET_TIMERSLACK(2const), Documentation/power/pm_qos_interface.rst of Linux.
 """
@@ -26,11 +25,12 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.numerals import rounded
 
 PRIORITY = 49
-"""Of SCHED_FIFO, 1 to 99: below 50, that of the threads of a real-time kernel which bring the frames to us."""
+"""Priority of SCHED_FIFO, 1 to 99: below 50, that of the interrupt threads of a real-time kernel, which deliver
+frames."""
 IDLE_STATES = Path("/dev/cpu_dma_latency")
-"""While a program holds this file open with 0 µs in it, no processor goes to sleep so deeply that it wakes up late."""
+"""While a program holds this file open with the value 0 µs, no processor enters a sleep state with a late wake-up."""
 TIMER_SLACK_NS = 1
-"""Time by which the kernel may put a wake-up off; 50 µs unless asked. It is 0 anyway at SCHED_FIFO."""
+"""Time by which the kernel may delay a wake-up; 50 µs by default. At SCHED_FIFO it is 0 anyway."""
 
 _SET_TIMER_SLACK, _GET_TIMER_SLACK = 29, 30
 _LOCK_PRESENT, _LOCK_FUTURE = 1, 2
@@ -49,9 +49,9 @@ Wish = Callable[[], AbstractContextManager[Right]]
 
 @contextmanager
 def real_time(*, pinned: bool = True) -> Iterator[tuple[Right, ...]]:
-    """Ask for everything that lets this thread wake up on time; yield what came of each wish.
+    """Request all rights for punctual wake-ups of this thread; yield the outcome of each.
 
-    `pinned` asks for one processor too. Memory is that of the whole process, the rest of this thread alone.
+    `pinned` requests one processor too. Locked memory concerns the whole process, all other rights this thread alone.
     """
     with ExitStack() as held:
         # The slack is first, because a thread at SCHED_FIFO cannot set it.
@@ -61,7 +61,7 @@ def real_time(*, pinned: bool = True) -> Iterator[tuple[Right, ...]]:
 
 @contextmanager
 def _fifo() -> Iterator[Right]:
-    """Ask for SCHED_FIFO; a real-time class that this thread has already stays."""
+    """Request SCHED_FIFO; an existing real-time class of this thread stays."""
     wished = f"SCHED_FIFO {PRIORITY}"
     if not hasattr(os, "sched_setscheduler"):
         yield Right("scheduling", wished, "system default", False)
@@ -82,12 +82,12 @@ def _fifo() -> Iterator[Right]:
 
 
 REAL_TIME = {getattr(os, name): name for name in ("SCHED_FIFO", "SCHED_RR", "SCHED_DEADLINE") if hasattr(os, name)}
-"""Scheduling classes that go before ordinary work, by number."""
+"""Scheduling classes with priority over ordinary work, by number."""
 
 
 @contextmanager
 def _one_processor() -> Iterator[Right]:
-    """Ask for one processor, where a thread at SCHED_FIFO has many to choose from."""
+    """Request one processor, if a thread at SCHED_FIFO could run on many."""
     if not hasattr(os, "sched_setaffinity"):
         yield Right("processor", "one processor", "any", False)
         return
@@ -111,20 +111,21 @@ def _one_processor() -> Iterator[Right]:
 
 
 MANY = 4
-"""Processors from which one is taken for the loop alone; with fewer, others that go before us would find it there."""
+"""Least number of processors to reserve one for the loop; with fewer, threads of higher priority would delay it
+there."""
 
 
 def processor_of(allowed: set[int], count: int) -> int | None:
     """Return the processor for a loop that may run on these of `count`; None: leave it free to move.
 
-    It is the last one, because the first ones serve most interrupts. What somebody has chosen already stays.
+    It is the last one, because the first ones serve most interrupts. An earlier choice of processors stays.
     """
     return max(allowed) if len(allowed) == count >= MANY else None
 
 
 @contextmanager
 def _locked_memory() -> Iterator[Right]:
-    """Ask for memory that stays in memory; what the program around us had locked stays locked."""
+    """Request locked memory; memory that the calling program had locked stays locked."""
     wished = "memory locked"
     if not sys.platform.startswith("linux"):
         yield Right("memory", wished, "not locked", False)
@@ -145,7 +146,7 @@ def _locked_memory() -> Iterator[Right]:
 
 @contextmanager
 def _timer_slack() -> Iterator[Right]:
-    """Ask for wake-ups that are not put off."""
+    """Request wake-ups without delay."""
     wished = f"timer slack {TIMER_SLACK_NS} ns"
     before = _libc().prctl(_GET_TIMER_SLACK, 0, 0, 0, 0) if sys.platform.startswith("linux") else -1
     if before < 0 or _libc().prctl(_SET_TIMER_SLACK, TIMER_SLACK_NS, 0, 0, 0):
@@ -159,7 +160,7 @@ def _timer_slack() -> Iterator[Right]:
 
 @contextmanager
 def _no_idle_states() -> Iterator[Right]:
-    """Ask for processors that stay awake; most systems grant it to root alone, and many virtual machines have none."""
+    """Request processors without deep sleep; most systems grant it to root alone, and many virtual machines lack it."""
     wished = "no deep idle states"
     try:
         held = os.open(IDLE_STATES, os.O_WRONLY)
@@ -186,7 +187,7 @@ def _libc() -> ctypes.CDLL:
 
 
 def _memory_limit() -> int | None:
-    """Return how much memory may be locked [octets]; None without a limit."""
+    """Return the limit of locked memory [octets]; None without a limit."""
     from resource import RLIM_INFINITY, RLIMIT_MEMLOCK, getrlimit  # Windows has none
 
     limit = getrlimit(RLIMIT_MEMLOCK)[0]
@@ -194,7 +195,7 @@ def _memory_limit() -> int | None:
 
 
 def _status(name: str, base: int) -> int:
-    """Return a number of /proc/self/status; 0 when it is not there."""
+    """Return a number of /proc/self/status; 0 if it is missing."""
     with suppress(OSError):
         for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
             key, _, text = line.partition(":")
@@ -206,13 +207,13 @@ def _status(name: str, base: int) -> int:
 # Checks of this computer for a loop in real time: its clock, how late it wakes up, and the rights that it gives.
 
 MEASURED = 1.0
-"""Time for which wake-ups are measured [s]."""
+"""Duration of the measurement of wake-ups [s]."""
 RESOLUTION = 1e-6
-"""Coarsest clock by which periods can be told [s]."""
+"""Coarsest clock resolution that still separates periods [s]."""
 
 
 def examine(of_the_buses: Callable[[], Iterable[Check]], rate: float) -> list[Check]:
-    """Return the checks of buses and computer for a run of `rate` [Hz], made with the rights that it would have."""
+    """Return the checks of buses and computer for a run of `rate` [Hz], made with the rights of such a run."""
     with real_time() as rights:
         buses = list(of_the_buses())
         return [*buses, clock_check(), wake_up_check(lateness(MonotonicClock(), rate), rate), *map(right_check, rights)]
@@ -234,7 +235,7 @@ def clock_check() -> Check:
 
 
 def lateness(clock: Clock, rate: float, measured: float = MEASURED) -> list[float]:
-    """Wait for the periods of `rate` [Hz] for so long [s], and return how late each began [s]."""
+    """Wait for the periods of `rate` [Hz] for a time [s], and return the lateness of each [s]."""
     period_ns, began_ns = round(1e9 / rate), clock.now_ns()
     number = max(2, round(measured * rate))
     return [clock.sleep_until(began_ns + at * period_ns) * 1e-9 for at in range(1, number + 1)]

@@ -1,7 +1,7 @@
-"""Files of rows (.csv): one line a period, written while the run goes on.
+"""Files of rows (.csv): one line a period, written during the run.
 
-In virtual time the loop itself writes, because nothing waits for it. On a real bus another process does; it is handed
-the rows of a tenth of a second at a time.
+In virtual time the loop itself writes, because time stands still meanwhile. On a real bus another process writes; it
+gets the rows of a tenth of a second at a time.
 """
 
 import os
@@ -24,7 +24,7 @@ class RowFile(Protocol):
     """A file that takes rows while the loop runs."""
 
     def take(self, record: "Record") -> None:
-        """Take the rows pushed since the last call; raises OSError when no more can be taken."""
+        """Take the rows pushed since the last call; raises OSError if it can take no more."""
 
     def close(self) -> None:
         """Finish the file; raises OSError when it is not complete."""
@@ -66,7 +66,8 @@ class ProcessRows:
 
 
 class Rows:
-    """The file of rows of a run, if it has one; `fault` is what ended it before the run, None: nothing."""
+    """The file of rows of a run, if it has one; `fault` is the reason if the file ended before the run, otherwise
+    None."""
 
     def __init__(self, record: "Record", path: Path | None, *, simulated: bool) -> None:
         """Begin the file; raises OSError."""
@@ -79,7 +80,7 @@ class Rows:
             self._file = (DirectRows if direct else ProcessRows)(path, record.columns)
 
     def flush(self) -> None:
-        """Pass on the new rows; a file that fails is left, because the run must go on."""
+        """Pass on the new rows; a file that fails is abandoned, because the run must continue."""
         if self._file is not None and self.fault is None:
             try:
                 self._file.take(self._record)
@@ -107,7 +108,7 @@ def row_line(row: Sequence[float]) -> bytes:
 
 
 def main() -> None:
-    """Write the rows that come on standard input, doubles of this machine, to the file named by the first argument."""
+    """Write the rows from standard input, doubles of this machine, to the file named by the first argument."""
     path, *columns = sys.argv[1:]
     try:
         _write_all(LogFile(Path(path)), columns)
@@ -116,7 +117,7 @@ def main() -> None:
 
 
 def _write_all(file: LogFile, columns: Sequence[str]) -> None:
-    """Write each row as soon as it has come; raises OSError."""
+    """Write each row as soon as it arrives; raises OSError."""
     file.add(heading(columns))
     for octets in pieces(8 * len(columns)):
         values = array("d", octets)

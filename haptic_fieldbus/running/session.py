@@ -1,4 +1,4 @@
-"""One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
+"""One run at a site: configure, ask for confirmation, render, record, and end with zero torque in any case."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
 LONGEST_RECORD = 300_000
-"""Largest number of rows that are kept of a run on real drives; files of rows are written while it goes on."""
+"""Largest number of kept rows of a run on real drives; files of rows are written during the run."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Site:
     buses: Mapping[str, StepwiseBus]
     worlds: Mapping[str, Truth]
     hand: str
-    """Name of the simulated hand that moves the handles; empty where there is none."""
+    """Name of the simulated hand that moves the handles; empty without one."""
     faults: list[str] = field(default_factory=list)
-    """Reasons for which a recording of frames ended early; complete when the site has been left."""
+    """Reasons why a recording of frames ended early; complete after the site has been left."""
 
 
 @dataclass
 class Session:
-    """One run of a plan: what was asked for, and what is known of it before it renders."""
+    """One run of a plan: its arguments, and the facts known before it renders."""
 
     plan: Plan
     bus_name: str
@@ -62,11 +62,11 @@ class Session:
     """File for the rows of the run; a file for frames (.log, .blf) is written by the buses instead."""
     changes: "Changes | None" = None
     prove: bool = False
-    """Prove the guards of the drives, whether they are proved or simulated."""
+    """Test the drive watchdogs, even if they are proved or simulated."""
     confirm: Callable[[str], bool] | None = None
-    """Function that gets a question and returns whether torque may be enabled on a real bus; None: it may not."""
+    """Function that gets a question and returns whether torque may be enabled on a real bus; None: never."""
     instruct: Callable[[str], None] | None = None
-    """Function that shows a person what to do before a real drive is enabled; None: nobody is there to do it."""
+    """Function that shows a person what to do before a real drive is enabled; None: no person is present."""
     progress: Callable[[int, int], None] | None = None
     """Function that gets the periods done and the periods of the whole run."""
     _warnings: list[str] = field(default_factory=list, init=False)
@@ -154,13 +154,13 @@ class Session:
         return self._told_with(replace(result, recording_fault=fault, stopped=stopped, warnings=warnings))
 
     def _told_with(self, result: Result) -> Result:
-        """Return a result with what is known from before; its warnings stand after those of bus and guards."""
+        """Return a result with the facts known before; its warnings follow those of bus and watchdogs."""
         earlier = () if self._bus is None else self._bus.warnings
         told = (*earlier, *self._warnings, *result.warnings)
         return replace(result, warnings=told, proofs=self._proofs, host=self._host)
 
     def _open(self, bus: Bus, clock: Clock, ending: EndSignals) -> None:
-        """Inspect the drives, ask, and only then write to them; prove the guards that are due, and see the direction.
+        """Inspect the drives, ask, and only then write to them; test the due watchdogs, and confirm the direction.
 
         Raises UsageError, PlanError, RigError, BusError, DriveFaultError or SafetyTripError.
         """
@@ -183,7 +183,7 @@ class Session:
         bus.start()
 
     def _due(self, bus: Bus) -> dict[str, str]:
-        """Return the axes of an inspected bus whose guards are to be proved, with the reason of each."""
+        """Return the axes of an inspected bus whose watchdogs must be tested, with the reason of each."""
         plan = self.plan
         if plan.simulated and not self.prove:
             return {}
@@ -211,8 +211,8 @@ class Session:
     def _followed(self, rows: Rows, assessment: Assessment, cycle: Cycle, cycles: int) -> Callable[[int], None]:
         """Return the function that the loop calls about ten times a second.
 
-        It records, assesses, tells progress, and asks a person once to let go of a handle whose sign was looked for in
-        vain.
+        It records, assesses, and reports progress. It asks a person once to release a handle if its motor direction
+        could not be confirmed.
         """
         hidden = {axis.name for axis in self.plan.axes if not axis.sign_known}
 
@@ -231,7 +231,7 @@ class Session:
 
 @contextmanager
 def _freed(bus: Bus, ending: EndSignals) -> Iterator[None]:
-    """Stop the drives when the block fails, with a note where one did not confirm it, and leave the bus."""
+    """Stop the drives if the block fails, with a note if one did not confirm it, and leave the bus."""
     try:
         yield
     except BaseException as error:
@@ -254,7 +254,7 @@ def _rights(plan: Plan) -> AbstractContextManager[tuple[Right, ...]]:
 
 
 def _warning(plan: Plan, name: str, bus: Bus) -> str:
-    """Return the sentence about one axis that is to be confirmed: drive, bus, limits, reaction to a link loss."""
+    """Return the sentence about one axis for the confirmation: drive, bus, limits, reaction to a link loss."""
     axis = next(axis for axis in plan.axes if axis.name == name)
     facts = bus.facts[name]
     share, probe = axis.limits.effort / axis.rated_effort, sign_probe(axis, plan.period)

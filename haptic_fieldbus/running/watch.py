@@ -1,7 +1,7 @@
-"""A live look at drives without torque: what they say of themselves, in the units of the bench.
+"""Live view of drives without torque: their own values, in the units of the bench.
 
-Nothing is enabled and nothing is written. An axis whose mechanism nobody has described is shown in the drive's own
-steps alone.
+Nothing is enabled and nothing is written. An axis without a described mechanism is shown in the drive's own steps
+alone.
 """
 
 import math
@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Watched:
-    """An axis that is watched; `known` says that a rig describes its mechanism and motor."""
+    """A watched axis; `known`: a rig describes its mechanism and motor."""
 
     rig: RigAxis
     profile: DriveProfile
@@ -30,14 +30,14 @@ class Watched:
 
 @dataclass(frozen=True)
 class View:
-    """One axis as it is shown; None for what the drive or the rig does not tell."""
+    """Shown values of one axis; None for values that neither the drive nor the rig gives."""
 
     node: int
     position: float | None
-    """Of the handle [m or rad]; zero is the rig's, or the place at the first look."""
+    """Position of the handle [m or rad]; zero is that of the rig, or the first position."""
     position_counts: int | None
     velocity: float | None
-    """Of the handle [m/s or rad/s]; worked out from positions where the drive offers none."""
+    """Velocity of the handle [m/s or rad/s]; computed from positions if the drive offers none."""
     torque_actual: float | None
     """At the motor shaft [N·m]."""
     torque_actual_raw: int | None
@@ -49,14 +49,14 @@ class View:
     life_age_s: float | None
     note: str | None
     unit: str | None
-    """Of the position: m or rad."""
+    """Unit of the position: m or rad."""
 
     def to_json(self) -> Json:
         return asdict(self)
 
 
 class Viewer:
-    """The view of one axis from look to look; it keeps the zero, and the last position for the velocity."""
+    """Computes the views of one axis; it keeps the zero, and the last position for the velocity."""
 
     def __init__(self, axis: Watched) -> None:
         self._axis = axis
@@ -67,7 +67,7 @@ class Viewer:
         """Instant [ns] and place of the last position."""
 
     def view(self, glimpse: DriveReading) -> View:
-        """Return a glimpse in the units of the bench."""
+        """Return a reading in the units of the bench."""
         axis, values = self._axis, glimpse.values
         position = self._position(values.get(Signal.POSITION))
         statusword = values.get(Signal.STATUSWORD)
@@ -117,7 +117,7 @@ class Viewer:
 
 
 ENABLED = "left enabled: torque may act"
-"""Note about a drive in *operation enabled*, which nobody here has brought about."""
+"""Note about a drive in *operation enabled*, which another master has enabled."""
 
 
 def watch_axes(
