@@ -62,7 +62,7 @@ _HOMES = {
     "haptic_fieldbus.scenes.scene": "Scene SceneAxis",
     "haptic_fieldbus.signals": "Signal Workspace",
 }
-"""The public names by the module that has them; names that are missing here are in `errors`."""
+"""The public names by their module; names that are missing here are in `errors`."""
 
 __all__ = [
     "BusConfigurationError", "BusError", "BusOverloadError", "BusTimeoutError", "CanSection", "Changes",

@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A source of time; all waiting of a run goes through it."""
+    """A source of time; a run waits only through it."""
 
     name: str
 
@@ -19,7 +19,7 @@ class Clock(Protocol):
         """Wait for the deadline; return the lateness [ns], 0 when on time or early."""
 
     def compute(self, duration_ns: int) -> None:
-        """Account for computing time [ns]: virtual time is moved on by it, real time has moved on by itself."""
+        """Account for computing time [ns]: virtual time advances by it, real time has advanced by itself."""
 
 
 class MonotonicClock:
@@ -41,7 +41,7 @@ class MonotonicClock:
 
 
 class VirtualClock:
-    """A clock whose time moves only when a caller waits or computes, and then at once."""
+    """A clock that advances only when a caller waits or computes, and then at once."""
 
     name = "virtual"
 

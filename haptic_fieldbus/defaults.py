@@ -1,7 +1,7 @@
-"""Defaults of commands and of the Python API; each stands here alone."""
+"""Defaults of commands and of the Python API; each is defined only here."""
 
 SIMULATION = "sim"
-"""Name of the simulated bus; without a bit rate it takes that of the bus which it replaces in a rig."""
+"""Name of the simulated bus; without a bit rate it has that of the replaced bus of a rig."""
 
 DEFAULT_DRIVE = "maxon_epos4"
 DEFAULT_MODBUS_DRIVE = "generic_cia402_modbus"

@@ -105,7 +105,7 @@ class BusOverloadError(PlanError):
 
 
 class UnstableSceneError(PlanError):
-    """A scene above its limit; `limit` is the stiffness up to which it is stable for every value that is open [N/m or
+    """A scene above its limit; `limit` is the stiffness up to which it is stable for all uncertain values [N/m or
     N·m/rad], None for a scene without one."""
 
     def __init__(self, message: str, *, limit: float | None = None) -> None:
@@ -134,11 +134,11 @@ class BusConfigurationError(BusError):
 
 
 class DriveFaultError(HapticFieldbusError):
-    """A drive that left *operation enabled* by itself, or reported an emergency."""
+    """A drive left *operation enabled* by itself, or reported an emergency."""
 
 
 class SafetyTripError(HapticFieldbusError):
-    """A safety limit that was exceeded; torque was set to zero before this was raised."""
+    """A safety limit was exceeded; torque was set to zero before this error was raised."""
 
 
 def wrong_kind(name: str, expected: str, given: object) -> TypeError:

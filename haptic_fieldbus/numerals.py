@@ -1,7 +1,7 @@
 """Numbers as people read them in texts and plots; JSON keeps every digit.
 
-Plain digits from 1e-4 up to 1e6, beyond them a power of ten: 1.2e-5. The minus is ASCII and nothing stands between
-thousands, so that what is read can be typed, `--set wall.stiffness=3370`.
+Plain digits from 1e-4 up to 1e6, beyond them a power of ten: 1.2e-5. The minus is ASCII and thousands have no
+separator, so that a printed number can be typed, `--set wall.stiffness=3370`.
 """
 
 import math
@@ -10,20 +10,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 DIGITS = 3
-"""Significant digits of what was measured or computed: more than a hand can tell."""
+"""Significant digits of measured or computed numbers: finer than perception."""
 LIMIT_DIGITS = 4
-"""Of a limit and of what is asked beside it, which should not read the same just beyond."""
+"""Significant digits of a limit and of a setting beside it, so that a setting just above reads differently."""
 TYPED_DIGITS = 3
-"""Of the limit, and of a setting that is a part of it: the digits that one would type."""
+"""Significant digits of a limit, and of a setting below it: as a person would type them."""
 PERCENT_DIGITS = 2
 GIVEN_DIGITS = 12
-"""Of what somebody gave: all that were written, and none that binary fractions add."""
+"""Significant digits of a given number: all written ones, and none added by binary fractions."""
 MOST_TYPED = 6
-"""Most digits that a person types; a number with more of them was computed."""
+"""Largest number of digits that a person types; a number with more digits was computed."""
 PLAIN_FROM, PLAIN_BELOW = 1e-4, 1e6
 
 PREFIXES = ((1e-2, ""), (1e-4, "m"), (1e-7, "µ"), (1e-10, "n"))
-"""The SI prefix of a quantity from so much on."""
+"""SI prefixes, each from its smallest quantity on."""
 FACTORS = {"": 1.0, "m": 1e3, "µ": 1e6, "n": 1e9}
 
 
@@ -40,7 +40,7 @@ def as_typed(value: float) -> str:
 
 
 def rounded(value: float, digits: int = DIGITS) -> str:
-    """Return a measured or computed number with that many significant digits, without zeros at its end."""
+    """Return a measured or computed number with this many significant digits, without trailing zeros."""
     if not math.isfinite(value):
         return str(float(value))
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
@@ -53,19 +53,19 @@ def rounded(value: float, digits: int = DIGITS) -> str:
 
 
 def rounded_limit(limit: float) -> str:
-    """Return a computed limit, or what is compared with it."""
+    """Return a computed limit, or a number compared with it."""
     return rounded(limit, LIMIT_DIGITS)
 
 
 def rounded_down(value: float, digits: int = 2) -> float:
-    """Return a number above 0 with so many digits, rounded down: what is proposed must not exceed its limit."""
+    """Return a number above 0 with this many digits, rounded down: a proposal must not exceed its limit."""
     # The factor just above 1 keeps rounding from lowering a value that already has so few digits.
     unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
     return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.{digits}g}")
 
 
 def in_unit(value: float, unit: str) -> str:
-    """Return a measured or computed quantity, in thousandths of its unit and so on where it is small.
+    """Return a measured or computed quantity, with an SI prefix if it is small.
 
     Units of kg keep their prefix.
     """
@@ -93,24 +93,24 @@ MORE = "more with -v"
 
 @dataclass(frozen=True)
 class OutputRow:
-    """One thing that is told: in words, as a value of a JSON object, or both."""
+    """One item of an output: in words, as a value of a JSON object, or both."""
 
     label: str = ""
     """Word in the column of keys of a text."""
     note: Iterable[str] = ()
-    """Lines beside it, which are drawn once; none for what is told in JSON alone."""
+    """Lines beside the label, shown once; none for an item of JSON alone."""
     key: str = ""
-    """Key of the JSON object, which says the unit of a number; empty for what is told in words alone."""
+    """Key of the JSON object, with the unit of a number; empty for an item of words alone."""
     value: object = None
-    """Value of the key as JSON has it, SI unless the key says otherwise."""
+    """Value of the key as in JSON, SI unless the key names another unit."""
     detail: bool = False
     """True: a short text leaves it out."""
     cut: bool = False
-    """True: in a short text each line stays one line. Its last clauses are left out when it is too long."""
+    """True: in a short text each line stays one line. If it is too long, its last clauses are left out."""
 
 
 def lines_of(rows: Iterable[OutputRow], *, once: bool = False, short: bool = False) -> list[Line]:
-    """Return rows in words; `once`: a label that the row before has too is not repeated.
+    """Return rows in words; `once`: a label equal to that of the previous row is not repeated.
 
     A `short` text repeats labels, has no details and no line over `LINE_WIDTH`, except where a single word is longer.
     """
@@ -127,7 +127,7 @@ def lines_of(rows: Iterable[OutputRow], *, once: bool = False, short: bool = Fal
 
 
 def _short(row: OutputRow) -> Iterator[Line]:
-    """Yield each text of a row beside its label, in lines that fit: cut, or wrapped where nothing may be lost."""
+    """Yield each text of a row beside its label, in lines that fit: cut, or wrapped if nothing may be lost."""
     width = LINE_WIDTH - KEY_WIDTH
     for text in row.note:
         wrapped = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
@@ -136,7 +136,7 @@ def _short(row: OutputRow) -> Iterator[Line]:
 
 
 def shortened(text: str, width: int) -> str:
-    """Return a text whose last clauses are left out until it has at most `width` characters, and says so.
+    """Return a text of at most `width` characters: its last clauses are left out, with a mark.
 
     Clauses end with a semicolon, else with a comma. A clause that is too long by itself is cut between two words, and
     never between a number and its unit.

@@ -1,7 +1,7 @@
-"""pytest fixtures for tests of other people's masters: simulated drives on a bus.
+"""pytest fixtures for tests of your own master: simulated drives on a bus.
 
-pytest loads this file, by its entry point, in every project where the package is installed. So it imports nothing of
-the package until a test asks for a fixture. How to use it: docs/how-to/test_your_master_with_pytest.md.
+pytest loads this file, by its entry point, in every project with this package installed. So it imports nothing of the
+package until a test requests a fixture. How to use it: docs/how-to/test_your_master_with_pytest.md.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ _MARKERS = (
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option by which a failure of a random plan is repeated."""
+    """Add the option that repeats a failure of a random plan."""
     group = parser.getgroup("haptic-fieldbus", "simulated drives of haptic-fieldbus")
     group.addoption("--fault-plan-seed", type=int, metavar="SEED", help="seed of the fault plans that say 'random'")
 
@@ -44,8 +44,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def fault_plan(request: pytest.FixtureRequest) -> "FaultPlan":
     """Fault plan of the simulated bus, from `@pytest.mark.fault_plan`; empty without it.
 
-    `indirect` parametrisation replaces the plan of the mark; a project may override this fixture by one that returns
-    anything that the mark takes.
+    `indirect` parametrisation replaces the plan of the mark; a project may override this fixture; it returns any value
+    that the mark takes.
     """
     mark = request.node.get_closest_marker("fault_plan") or pytest.mark.fault_plan(()).mark
     arguments = (request.param,) if hasattr(request, "param") else mark.args
@@ -92,7 +92,7 @@ def virtual_modbus_line(request: pytest.FixtureRequest, fault_plan: Any) -> "Ite
 
 @pytest.fixture
 def simulated_drive(request: pytest.FixtureRequest) -> "SimulatedDrive | SimulatedUnit":
-    """The simulated drive of this test, on Modbus if it has such a line; of several, the one with the lowest number."""
+    """The simulated drive of this test, on Modbus if it has such a line; the one with the lowest number of several."""
     drives: dict[int, SimulatedDrive | SimulatedUnit]
     drives = request.getfixturevalue(_MODBUS if _is_on_modbus(request) else "virtual_can_bus").drives
     return drives[min(drives)]
@@ -104,7 +104,7 @@ def _is_on_modbus(request: pytest.FixtureRequest) -> bool:
 
 
 def _planner(request: pytest.FixtureRequest) -> "Callable[..., FaultPlan]":
-    """Return `plan_faults` with the seed for plans that name none, and the folder where names of files begin."""
+    """Return `plan_faults` with the seed for plans without one, and the folder for relative file names."""
     from haptic_fieldbus.testing import plan_faults
 
     if _is_on_modbus(request):
@@ -116,7 +116,7 @@ def _planner(request: pytest.FixtureRequest) -> "Callable[..., FaultPlan]":
 
 @contextmanager
 def _refusing() -> Iterator[None]:
-    """End the test with the sentence of a mark that cannot be fulfilled, without a traceback through this package."""
+    """End the test with a sentence on a mark that cannot be fulfilled, without a traceback through this package."""
     try:
         yield
     except (TypeError, ValueError) as error:  # a wrong keyword of a mark; the package's own errors of usage

@@ -55,7 +55,7 @@ class LinkFlag(IntFlag):
     BOOT_UP = 0x04
     """The node restarted."""
     NO_SIGN_OF_LIFE = 0x08
-    """The sign of life that the device sends between its feedback, such as a heartbeat, stayed away."""
+    """The device's sign of life beside its feedback, such as a heartbeat, is missing."""
     NOT_OPERATIONAL = 0x10
     """The device reported a state in which it takes no part in the exchange."""
     BUS_OFF = 0x20
@@ -65,4 +65,4 @@ class LinkFlag(IntFlag):
     FOREIGN = 0x80
     """Another master commands the drives of this bus; the identifier of the frame is in the header."""
     DUPLICATE = 0x100
-    """Feedback came more often than it was asked for; the identifier of the frame is in the header."""
+    """More feedback arrived than was requested; the identifier of the frame is in the header."""
