@@ -1,8 +1,8 @@
-"""A TOML file while it is read: its data, and the faults found so far.
+"""Content of a TOML file during reading: its data, and the faults found so far.
 
 Validation runs on JSON in Pydantic's strict mode, where lists become tuples and words become enums, but a text is never
 taken for a number and a float never for an integer. There is one exception: a number in a `Literal` is compared by
-equality, so that true and 1.0 would pass for 1. `integers` refuses them.
+equality, so true and 1.0 would pass as 1. `integers` refuses them.
 """
 
 import json
@@ -34,11 +34,11 @@ _AT_END = re.compile(r"\s*\(at end of document\)$")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _SHOWN_LENGTH = 60
 _MOST_FAULTS = 100
-"""Most keys whose faults are told; of a file with more, the rest would help nobody."""
+"""Largest number of keys with reported faults; further faults of a file are left out."""
 
 
 class Document:
-    """The data of one TOML file: `fault` notes a fault, `checked` raises all that are noted.
+    """The data of one TOML file: `fault` notes a fault, `checked` raises all noted faults.
 
     Raises `error` when the text is not TOML.
     """
@@ -48,7 +48,7 @@ class Document:
         self.text = text
         self.error = error
         self.labels: dict[KeyPath, str] = {}
-        """Names for values that do not come from the file; a fault has them in the place of key and line."""
+        """Names of values that do not come from the file; a fault shows the name instead of key and line."""
         self.faults: dict[KeyPath, list[str]] = {}
         """Messages noted so far, by key."""
         self.cause: BaseException | None = None  # in the code of an own element; `checked` raises from it
@@ -88,7 +88,7 @@ class Document:
                 self.refuse(path, "a whole number")
 
     def checked(self, value: T | None) -> T:
-        """Return a value that `validate` gave; raises `error` with all noted faults, by line, if there are any."""
+        """Return a value from `validate`; raises `error` with all noted faults, by line, if there are any."""
         if value is None or self.faults:
             faults = [self._fault(path, message) for path, messages in self.faults.items() for message in messages]
             faults.sort(key=lambda fault: fault.line or math.inf)
@@ -98,9 +98,9 @@ class Document:
         return value
 
     def validate(self, schema: type[T], path: KeyPath = (), *, loaded: Sequence[str] = ()) -> T | None:
-        """Return the table at `path` as a dataclass; None when it has faults, which are noted.
+        """Return the table at `path` as a dataclass; notes faults and returns None if there are any.
 
-        A file must not give the `loaded` fields, which the program fills in.
+        The file must not contain the `loaded` fields, which the program sets.
         """
         from pydantic import ValidationError
 
@@ -163,7 +163,7 @@ class Document:
         self.fault(at + path, f"{shown}; expected {described}{near}")
 
     def _shown(self, path: KeyPath) -> str:
-        """Return a value as the file writes it when that is short, else its kind or its beginning."""
+        """Return a value as written in the file if it is short, otherwise its kind or its beginning."""
         value = self.value(*path)
         if value is None:
             return "missing"
@@ -212,7 +212,7 @@ class Document:
             raise self.error(self.source, [Fault("", message)])
 
     def _syntax_faults(self, message: str) -> list[Fault]:
-        """Return a fault for each key that is given twice, else the place at which the parser stopped."""
+        """Return a fault for each duplicate key; without duplicates, the place at which the parser stopped."""
         if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
             return [
                 Fault(key_text(twice.path), f"set twice; first in line {twice.first}", twice.line)
@@ -270,7 +270,7 @@ def key_text(path: KeyPath) -> str:
 
 
 def _follow(value: object, location: KeyPath) -> KeyPath:
-    """Return the part of a Pydantic location that the data has; marks for the members of a union are left out."""
+    """Return the part of a Pydantic location that exists in the data; marks of union members are left out."""
     path: KeyPath = ()
     for step in location:
         inner = child(value, step)
@@ -280,7 +280,7 @@ def _follow(value: object, location: KeyPath) -> KeyPath:
 
 
 def _no_date(_: object) -> dict[str, None]:
-    """Return something that no field takes in the place of a date, which JSON does not have."""
+    """Return a value that every field refuses, in place of a date, which JSON does not have."""
     return {"": None}
 
 
@@ -308,11 +308,11 @@ KINDS = {
     "bus": ("a rig", "use it as --rig FILE; to check it: haptic-fieldbus plan wall --rig FILE"),
     "element": ("a scene", "use it as SCENE; to check it: haptic-fieldbus scenes check FILE"),
 }
-"""Table → the kind of a file that has it, and what to do with such a file."""
+"""Table → the kind of a file with this table, and the advice for such a file."""
 
 
 def check_kind(document: Document, table: str) -> None:
-    """Raise the document's error with one fault when it lacks the `table` of its kind, and has that of another."""
+    """Raise the document's error with one fault if it lacks the `table` of its kind but has that of another kind."""
     if table in document.data:
         return
     for other, (kind, advice) in KINDS.items():
@@ -322,7 +322,7 @@ def check_kind(document: Document, table: str) -> None:
 
 
 def table_of(given: Any) -> dict[str, object]:
-    """Return the table of a file that would give this dataclass. A None is left out where its key may be missing."""
+    """Return the table of a file for this dataclass. A None is left out if its key may be missing."""
     return {
         field.name: _plain(getattr(given, field.name))
         for field in fields(given)
@@ -336,7 +336,7 @@ def _may_be_left_out(field: Field[Any]) -> bool:
 
 
 def _plain(value: object) -> object:
-    """Return the value as TOML would give it; objects that TOML does not have are left for the schema to refuse."""
+    """Return the value as TOML would give it; objects unknown to TOML stay, so that the schema refuses them."""
     if value is None:
         # TOML has no null. This text fails as a number, and the message then shows None as the value.
         return "None"

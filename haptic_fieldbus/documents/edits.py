@@ -1,9 +1,9 @@
-"""Change of one table in the text of a TOML file; every other octet stays as somebody has written it.
+"""Change of one table in the text of a TOML file; every other octet stays unchanged.
 
-The text is changed by lines, and then proved: read again, it must hold the data from before with the new table and
-nothing else. So a line that only looks like a header, in a text of several lines, does no harm, and a file that lines
-cannot change, such as one with the axis in an inline table, is refused. No library is needed that keeps the style of a
-whole file, and none of its errors can reach a rig.
+The text is changed by lines and then checked: read again, it must contain the earlier data with the new table and
+nothing else. So a line in a multi-line text that only looks like a header does no harm. A file that cannot be changed
+by lines, such as one with the axis in an inline table, is refused. No style-preserving TOML library is needed, so its
+errors cannot reach a rig.
 """
 
 import errno
@@ -25,14 +25,14 @@ from haptic_fieldbus.documents.safe_read import TOML_SIZE, fault_of_text, read_o
 # stays one: its target is replaced.
 
 ATTEMPTS = 5
-"""How often a file that somebody else writes at the same time is edited anew."""
+"""Number of attempts to edit a file that another program writes at the same time."""
 
 
 def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZE) -> None:
-    """Replace the content of a regular file of UTF-8 by what `edit` makes of it; its mode stays.
+    """Replace the content of a regular UTF-8 file by the result of `edit`; its mode stays.
 
-    `edit` may be called several times, when the file changes meanwhile. Raises OSError with the reason as `strerror`,
-    UnicodeDecodeError (a ValueError), and what `edit` raises; the file is then as it was.
+    `edit` may be called several times if the file changes meanwhile. Raises OSError with the reason as `strerror`,
+    UnicodeDecodeError (a ValueError), and errors of `edit`; the file is then unchanged.
     """
     target = Path(os.path.realpath(path))
     for _ in range(ATTEMPTS):
@@ -45,7 +45,7 @@ def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZ
 
 
 def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
-    """Write and rename; False when the file is no longer as it was, and nothing was replaced."""
+    """Write and rename; False if the file has changed meanwhile, and nothing was replaced."""
     # A rename asks only for the rights to the folder, but who took the right to write meant the file.
     if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
         raise OSError(errno.EACCES, "it is read-only")
@@ -58,7 +58,7 @@ def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
 
 
 def write_file(target: Path, content: bytes) -> None:
-    """Create a file, or replace the whole of it; raises OSError, and the file is then as it was."""
+    """Create a file or replace it completely; raises OSError, and the file is then unchanged."""
     with _aside(target, content) as name:
         os.replace(name, target)
     _sync_folder(target.parent)
@@ -73,7 +73,7 @@ def remove_file(target: Path) -> None:
 
 @contextmanager
 def _aside(target: Path, content: bytes, rights: os.stat_result | None = None) -> Iterator[str]:
-    """Write a file beside the target onto the disk, and yield its name; it is removed unless it was renamed."""
+    """Write a file beside the target to the disk, and yield its name; at the end it is removed unless renamed."""
     descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent)
     try:
         with open(descriptor, "wb") as file:
@@ -89,7 +89,7 @@ def _aside(target: Path, content: bytes, rights: os.stat_result | None = None) -
 
 
 def _keep_rights(descriptor: int, before: os.stat_result) -> None:
-    """Give a new file the mode of the old one, and its owner where we may."""
+    """Give a new file the mode of the old one, and its owner if permitted."""
     os.fchmod(descriptor, stat.S_IMODE(before.st_mode))
     if before.st_uid != os.geteuid():  # root, for whom the file must not become its own
         with suppress(PermissionError):
@@ -97,12 +97,12 @@ def _keep_rights(descriptor: int, before: os.stat_result) -> None:
 
 
 def _seen(found: os.stat_result) -> tuple[int, int, int, int]:
-    """Return what changes when somebody writes or replaces a file."""
+    """Return a value that changes when a program writes or replaces a file."""
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _sync_folder(folder: Path) -> None:
-    """Let the new name reach the disk, where a folder can be synchronised."""
+    """Write the new name to the disk, if a folder can be synchronised."""
     if not hasattr(os, "O_DIRECTORY"):  # Windows opens no folder
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
@@ -115,7 +115,7 @@ def _sync_folder(folder: Path) -> None:
 
 Value = str | int | float
 MOST_HEADERS = 8
-"""Most lines that are tried as the header of a table; all but one stand in texts of several lines."""
+"""Largest number of lines tried as the header of a table; all but one can only be lines of multi-line texts."""
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _LINE = re.compile(r"[^\n]*\n|[^\n]+")
 _HEADER = re.compile(r"\s*\[")
@@ -123,9 +123,9 @@ _KEY = re.compile(r"\s*([A-Za-z0-9_-]+)\s*=")
 
 
 def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> str:
-    """Return the text with these values alone in the table at `path`; raises ValueError when it cannot be done.
+    """Return the text with only these values in the table at `path`; raises ValueError if that is impossible.
 
-    A table that is there keeps its place, its comments and the tables in it; a new one comes last.
+    An existing table keeps its place, its comments and its inner tables; a new table is appended.
     """
     fault = fault_of_text(text)
     if fault:  # before it is parsed, which would take long
@@ -151,7 +151,7 @@ def table_text(path: Sequence[str], values: Mapping[str, Value]) -> str:
 
 
 def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator[str]:
-    """Yield the text with the table in the place of each line that looks like its header, then with one at its end."""
+    """Yield the text with the table at each line that looks like its header, then with a table at the end."""
     ending = "\r\n" if "\r\n" in text else "\n"
     lines = _LINE.findall(text)
     written = [f"{_line(key, value)}{ending}" for key, value in values.items()]
@@ -185,7 +185,7 @@ def table_name(path: Sequence[str]) -> str:
 
 
 def _line(key: str, value: Value) -> str:
-    """Return a line of a table; whole numbers are names of something, and are written in hexadecimal."""
+    """Return a line of a table; whole numbers are identifiers, written in hexadecimal."""
     return f"{key} = {value_text(value, lambda _, each: f'0x{each:08X}' if isinstance(each, int) else repr(each))}"
 
 

@@ -1,6 +1,6 @@
 """The values that a schema allows at a key, in plain words.
 
-The schema is the JSON Schema that Pydantic makes of a dataclass; only the keywords that occur in these are read.
+The schema is Pydantic's JSON Schema of a dataclass; only the keywords in these schemas are read.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ class Expectation:
         self._root = schema
 
     def nodes(self, path: KeyPath, value: object) -> list[Schema]:
-        """Return the schemas allowed at `path`; `value` is the whole table, whose `kind`s choose between unions."""
+        """Return the schemas allowed at `path`; `value` is the whole table; its `kind`s select union members."""
         nodes = self._alternatives(self._root, value)
         for step in path:
             value = child(value, step)
@@ -33,7 +33,7 @@ class Expectation:
         return [name for node in self.nodes(path, value) for name in node.get("properties", {})]
 
     def choices(self, path: KeyPath, value: object) -> list[str]:
-        """Return the words allowed at `path`; empty when it takes no words or any text."""
+        """Return the words allowed at `path`; empty if it takes no words, or any text."""
         allowed = [choice for node in self.nodes(path, value) for choice in _constants(node)]
         return [choice for choice in allowed if isinstance(choice, str)]
 

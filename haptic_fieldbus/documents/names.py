@@ -7,10 +7,10 @@ from pathlib import Path
 from haptic_fieldbus.errors import UsageError, wrong_kind
 
 LISTED = 12
-"""The longest list of names that is shown when none is near; a longer one would hide the message."""
+"""Longest list of names shown if none is similar; a longer one would hide the message."""
 
 COMPARED = 200
-"""Most names, and most letters of one, that are compared; comparing takes the product of their lengths."""
+"""Largest number of compared names, and of letters of a name; the time grows with the product of lengths."""
 
 _EDS_SUFFIXES = (".eds", ".dcf")
 _SUFFIXES = (".toml", *_EDS_SUFFIXES)
@@ -27,7 +27,7 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name: the nearest names, else all if they are few, else nothing."""
+    """Return the end of a sentence about an unknown name: similar names, otherwise all if they are few, or nothing."""
     known = sorted(names)
     near = nearest(name, known)
     if near:
@@ -41,21 +41,21 @@ def file_names(folder: Path) -> list[str]:
 
 
 def is_path(name: str | Path) -> bool:
-    """Return whether `name` is the path of a file, and not the name of a shipped one; raises TypeError for neither."""
+    """Return True for the path of a file, False for the name of a shipped file; raises TypeError for neither."""
     if not isinstance(name, str | Path):
         raise wrong_kind("name", "a name or a path", name)
     return isinstance(name, Path) or name.lower().endswith(_SUFFIXES) or "/" in name or "\\" in name
 
 
 def is_eds(name: str | Path) -> bool:
-    """Return whether `name` is that of an EDS or DCF."""
+    """Return whether `name` is the name of an EDS or DCF."""
     return str(name).lower().endswith(_EDS_SUFFIXES)
 
 
 def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = ()) -> Path:
     """Return the file of a shipped profile or scene (`kind`), or the path itself when `name` is one.
 
-    Raises UsageError when `folder` has no such file; the sentence suggests names of the folder and of `others`.
+    Raises UsageError if `folder` has no such file; it suggests names from the folder and from `others`.
     """
     if is_path(name):
         return Path(name)
@@ -69,8 +69,8 @@ def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = (
 def beside(path: Path, name: str, *folders: Path) -> Path:
     """Return the file that the file at `path` names: inside its folder, or inside one of `folders`.
 
-    A file from elsewhere must not reach others of this computer. Links are followed before the folders are compared.
-    Raises UsageError for a name that leads out of them.
+    A foreign file must not read other files of this computer. Links are followed before the folders are compared.
+    Raises UsageError for a name that leads out of these folders.
     """
     allowed = (path.resolve().parent, *folders)
     try:

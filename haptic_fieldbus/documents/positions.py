@@ -25,7 +25,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Duplicate:
-    """A key that is given twice: the line of the second, and of the first."""
+    """A duplicate key: the lines of its second and of its first occurrence."""
 
     path: KeyPath
     line: int
@@ -93,7 +93,7 @@ class Positions:
         return path
 
     def _read_pairs(self, pairs: list[tuple[tree_sitter.Node, KeyPath]]) -> None:
-        """Note pairs and all that their values contain, by a stack, as nesting may be deeper than recursion allows."""
+        """Note pairs and the contents of their values, with a stack: nesting may be deeper than recursion allows."""
         stack = list(reversed(pairs))
         while stack:
             node, path = stack.pop()

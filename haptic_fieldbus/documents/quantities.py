@@ -1,8 +1,8 @@
-"""Quantities that the numbers of a scene or a rig measure, and the units in which a file may write them.
+"""Quantities of the numbers in a scene or a rig, and the units that a file may use for them.
 
 A bare number is SI, in the workspace of its axis: `stiffness = 600` is N/m on a linear axis, N·m/rad on a rotary one. A
 text holds a number and a unit, `"0.6 N/mm"`; it is refused when the unit measures another quantity. The annotation of a
-field says which quantity it is.
+field states its quantity.
 """
 
 import math
@@ -82,7 +82,7 @@ RANGES: Mapping[Quantity, Range] = {
     Quantity.FREQUENCY: Range(1e-9, 1e9),
     Quantity.RATIO: Range(1e-9, 1e9),
 }
-"""Far beyond any device for a hand, and far inside of what arithmetic takes: products and quotients stay finite."""
+"""Range of each quantity: far beyond any haptic device, but small enough that products and quotients stay finite."""
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6}
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi}
@@ -123,7 +123,8 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
 _WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _WITH_COMMA = re.compile(r"\s*([-+]?[\d.]*(?:,\d+)+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
-"""Multiplication signs are dropped, so that N·m, N*m and Nm are one unit; both codes of µ and of − become one."""
+"""Translation of spellings: without multiplication signs, N·m, N*m and Nm are one unit; both codes of µ and − become
+one."""
 # Spellings without superscripts and µ, as typed on a plain keyboard.
 _PLAIN = (("^2", "²"), ("s2", "s²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
 
@@ -132,7 +133,7 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
     """Return the SI value of a text such as "0.6 N/mm".
 
     Raises ValueError with the expected form, such as "a stiffness in N·m/rad, as the axis is rotary", when the text is
-    no number with a unit, or its unit measures another quantity. A `reason` is told in the place of that of the axis.
+    no number with a unit, or its unit measures another quantity. A `reason` replaces that of the axis.
     """
     refuse_comma(text)
     match = _WRITTEN.fullmatch(text.translate(_ONE_SPELLING))
@@ -154,7 +155,7 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
 
 
 def refuse_comma(text: str) -> None:
-    """Raise ValueError with the spelling to use for a number with a comma, `100,5`; it is never taken for a point."""
+    """Raise ValueError with the correct spelling for a number with a comma, `100,5`; it never counts as a point."""
     match = _WITH_COMMA.fullmatch(text)
     if match is not None:
         number, unit = match.groups()
@@ -165,7 +166,7 @@ def refuse_comma(text: str) -> None:
 
 
 def _with_point(number: str) -> str:
-    """Return a number with commas as it is to be written; its last separator is the decimal one, unless it repeats."""
+    """Return the correct spelling of a number with commas; the last separator is the decimal one, unless it repeats."""
     last = max(number.rfind(","), number.rfind("."))
     ends = number.replace(",", "").replace(".", "")
     if number.count(number[last]) > 1:
@@ -175,7 +176,7 @@ def _with_point(number: str) -> str:
 
 
 def _typed(unit: str) -> str:
-    """Return a unit as `_ONE_SPELLING` leaves it."""
+    """Return a unit in the spelling of `_ONE_SPELLING`."""
     return unit.replace("·", "")
 
 
@@ -210,7 +211,7 @@ def _named(quantity: Quantity, workspace: Workspace) -> str:
 
 
 def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
-    """Return the end of a message: the quantity that the unit does measure, or that the unit is not known."""
+    """Return the end of a message: the quantity that the unit measures, or a note that the unit is unknown."""
     other = Workspace.LINEAR if workspace is Workspace.ROTARY else Workspace.ROTARY
     # The wanted quantity first: the likeliest mistake is its unit of the other workspace.
     for found in (quantity, *Quantity):

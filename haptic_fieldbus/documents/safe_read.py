@@ -1,8 +1,8 @@
-"""The octets of a file from outside, which may be anything: a device, a FIFO, far too large, or exchanged meanwhile.
+"""Safe reading of an untrusted path: it may be a device, a FIFO, a far too large file, or change meanwhile.
 
-Only a regular file of bounded size is read. The path is looked at before it is opened, because opening a device or a
-FIFO has effects, and what was opened is looked at again, because another file may stand there by then. Opening never
-waits (O_NONBLOCK).
+Only a regular file of bounded size is read. The path is checked before it is opened, because opening a device or FIFO
+has side effects. The opened file is checked again, because another file may have replaced it. Opening never waits
+(O_NONBLOCK).
 """
 
 import errno
@@ -18,9 +18,9 @@ from pathlib import Path
 # parts and depth are counted on the text itself, with all strings and comments replaced first.
 
 DEEPEST = 32
-"""Most levels of nested lists and tables, and most parts of a dotted key."""
+"""Largest depth of nested lists and tables, and largest number of parts of a dotted key."""
 MOST_MEMBERS = 1000
-"""Most members of one list or table."""
+"""Largest number of members of one list or table."""
 
 # Possessive, and with an end that may be missing (where tomllib stops): nothing is tried twice, so the time is
 # proportional to the length of the text.
@@ -65,14 +65,14 @@ KIBI = 1 << 10
 MEBI = 1 << 20
 
 TOML_SIZE = 256 * KIBI
-"""Most octets of a scene, rig, profile or file of faults; the shipped ones have less than a tenth."""
+"""Largest size of a scene, rig, profile or file of faults [octets]; the shipped ones have less than a tenth."""
 EDS_SIZE = 2 * MEBI
-"""Most octets of an EDS or DCF; the largest vendor's file that was met has a tenth."""
+"""Largest size of an EDS or DCF [octets]; the largest known vendor's file has a tenth."""
 TABLE_SIZE = 32 * MEBI
-"""Most octets of a table of numbers, such as a recorded motion."""
+"""Largest size of a table of numbers, such as a recorded motion [octets]."""
 
 READING = os.O_RDONLY
-"""Flags by which a file is opened; Windows has others than POSIX."""
+"""Flags for opening a file; they differ between Windows and POSIX."""
 for _flag in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"):
     READING |= getattr(os, _flag, 0)
 
@@ -86,13 +86,13 @@ _KINDS = (
 
 
 IMPOSSIBLE_NAME = "invalid file name"
-"""For a NUL or a character that cannot be encoded; the words of Python differ between its versions."""
+"""Message for a name with a NUL or a character that cannot be encoded; Python's own text differs between versions."""
 
 
 def read_octets(path: str | Path, most: int) -> bytes:
     """Return the content of a regular file of at most `most` octets.
 
-    Raises FileNotFoundError, or OSError with the reason as `strerror`, whatever is wrong with the path or the file.
+    For any problem of the path or the file, raises FileNotFoundError, or OSError with the reason as `strerror`.
     """
     try:
         _check_regular(os.stat(path))
@@ -120,7 +120,7 @@ def _check_size(size: int, most: int) -> None:
 
 
 def _read(descriptor: int, most: int) -> bytes:
-    """Return all octets; the size was told before, but a file may grow, and those of /proc tell 0."""
+    """Return all octets; the known size is not enough, because a file may grow, and files of /proc have size 0."""
     chunks, size = [], 0
     while chunk := os.read(descriptor, most + 1 - size):
         chunks.append(chunk)

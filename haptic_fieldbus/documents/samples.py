@@ -1,7 +1,7 @@
 """CSV files of a sampled quantity: a column of rising times [s] beside a column of values.
 
-The first row names the columns, in any order, and further columns are left alone. Each fault has its line and column;
-all of them are found in one reading.
+The first row names the columns, in any order; further columns are ignored. Each fault has its line and column; all of
+them are found in one reading.
 """
 
 import csv
@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 
 TIME = "time"
 MOST_ROWS = 1_000_000
-"""Most rows of a file."""
+"""Largest number of rows of a file."""
 LARGEST = 1e100
 """Largest number in a file; squares of it are finite too."""
 MOST_FAULTS = 20
-"""Most faults that are told one by one; of the others the number is told."""
+"""Largest number of faults listed one by one; the others are counted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Samples:
 
 
 def read_samples(path: Path, quantities: Sequence[str]) -> Samples:
-    """Read the times and the one column of a file whose name is among `quantities`.
+    """Read from a file the times and the column named by one of `quantities`.
 
     Raises DocumentError for a file that cannot be read, and for columns, rows and numbers that are not as expected.
     """
@@ -68,7 +68,7 @@ def read_samples(path: Path, quantities: Sequence[str]) -> Samples:
 
 
 class _Table:
-    """A file while it is read; its numbers take 24 octets a row."""
+    """A file during reading; its numbers take 24 octets a row."""
 
     def __init__(self, rows: "_csv.Reader") -> None:
         self._rows = rows
@@ -85,11 +85,11 @@ class _Table:
             self._more += 1
 
     def told(self) -> list[Fault]:
-        """Return the faults, and the number of those that are not told one by one."""
+        """Return the faults, and the number of the unlisted ones."""
         return [*self.faults, Fault("", f"and {self._more} more errors")] if self._more else self.faults
 
     def read_header(self, quantities: Sequence[str]) -> str:
-        """Find the columns, and return the name of that of the values; raises csv.Error as the rows do."""
+        """Find the columns, and return the name of the column of values; raises csv.Error like `read_rows`."""
         names = [name.strip() for name in next(self._rows, [])]
         self._places = {name: place for place, name in enumerate(names)}
         present = [name for name in quantities if name in names]
@@ -120,7 +120,7 @@ class _Table:
             self.fault("", f"{len(self.times)} rows of numbers; expected two or more")
 
     def _data(self) -> Iterator[list[str]]:
-        """Yield the rows that are not empty, up to the most that are read."""
+        """Yield the rows that are not empty, up to `MOST_ROWS`."""
         count = 0
         for row in self._rows:
             if any(row):
@@ -131,7 +131,7 @@ class _Table:
                 yield row
 
     def _number(self, row: list[str], column: str) -> float:
-        """Return the number of a row in a column; not-a-number, and a fault, where there is none."""
+        """Return the number of a row in a column; without a number, note a fault and return not-a-number."""
         place = self._places[column]
         if place >= len(row) or not row[place].strip():
             self.fault(column, "missing; expected a number")
