@@ -11,7 +11,7 @@ from haptic_fieldbus.cli.output import free_output
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 
 SIGNALLED, INTERRUPTED = 128, 130
-"""Exit statuses: the number of a signal is added to the one; the other is that of Ctrl-C."""
+"""Exit statuses: base to which the number of a signal is added, and the status after Ctrl-C."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _status(arguments: Sequence[str] | None, ending: EndSignals) -> int:
-    """Return the exit status of a command; that of a command without fault follows the first signal."""
+    """Return the exit status of a command; the first signal decides it for a command without fault."""
     try:
         status = _ended(arguments, ending)
         ending.hold()  # here, so that a signal before it is caught below
@@ -42,7 +42,7 @@ def _status(arguments: Sequence[str] | None, ending: EndSignals) -> int:
 
 
 def _ended(arguments: Sequence[str] | None, ending: EndSignals) -> int:
-    """Run a command to its end, its output included, and return its exit status."""
+    """Run a command until it and its output have ended, and return its exit status."""
     # Imported here, so that a signal meets our handlers while the command is loaded.
     from haptic_fieldbus.cli.app import app
     from haptic_fieldbus.cli.failures import TYPER_ERROR, print_object, tell

@@ -76,7 +76,7 @@ class ScanOptions(BusOptions):
     ] = None
 
     def nodes(self) -> list[int]:
-        """Return the numbers that are asked; raises UsageError for a text that is none."""
+        """Return the numbers to scan; raises UsageError for a text that is no number or range."""
         ranges = [part.partition("-") for part in (self.asked or "").split(",") if part]
         try:
             return [node for first, _, last in ranges for node in range(int(first), int(last or first) + 1)]
@@ -101,7 +101,7 @@ def scan(options: ScanOptions) -> None:
 
 
 def _tell_of(found: "Scan") -> None:
-    """Print what was heard on one bus, and a table of its nodes."""
+    """Print the traffic heard on one bus, and a table of its nodes."""
     heard = [OutputRow("bus", [found.listened]), OutputRow("listened", filter(None, [found.masters]))]
     show(lines_of([*heard, OutputRow("none", [] if found.nodes else [NOBODY_ANSWERS])]))
     if found.nodes:
@@ -124,7 +124,7 @@ def _cells(node: "FoundNode") -> Iterator[str]:
 
 WORDS = {True: "ok", False: "not ok", None: "-"}
 FAILED = ("adapter", "round_trip")
-"""Checks of which a failed one is a bus that failed; all others are advice."""
+"""Checks whose failure is a failure of the bus; all others are advice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,9 +169,9 @@ def doctor(options: DoctorOptions) -> None:
 # Command `watch`: a live look at drives, without torque.
 
 LOOK_EVERY = 0.1
-"""Time between two looks [s]; on a terminal each is shown."""
+"""Time between two readings [s]; a terminal shows each one."""
 LOOKS_PER_LINE = 10
-"""Looks for each line in a pipe or a file: a line a second."""
+"""Readings per line in a pipe or a file: one line a second."""
 Shown = Callable[[Mapping[str, "View"]], None]
 
 
@@ -239,7 +239,7 @@ def _print_lines(views: Mapping[str, "View"], stream: TextIO) -> None:
 
 
 def view_lines(view: "View") -> Iterator[str]:
-    """Yield the lines of one axis: its values, and a note where there is something to be told."""
+    """Yield the lines of one axis: its values, and a note if there is one."""
     parts = [f"node {view.node}", view.state or "state unknown"]
     if view.statusword is not None:
         parts[1] += f" ({view.statusword:04X}h)"

@@ -45,7 +45,7 @@ def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
 
 
 TYPER_ERROR: type[BaseException] = typer.BadParameter.__mro__[2]
-"""Base of what Typer raises for wrong words of a command line: one of Click, or in later versions one of its own."""
+"""Base of Typer's errors for a wrong command line: a class of Click, or in later versions a class of Typer."""
 
 
 def print_object(error: BaseException) -> None:

@@ -1,7 +1,7 @@
 """Options that commands share, each declared once, and their conversion to arguments of the API.
 
-The options of a command are the fields of a dataclass, which a further command extends. `options_of` makes Typer see
-the fields as parameters; `task` and `given` turn their values into the dataclasses that the API takes.
+The options of a command are the fields of a dataclass; another command extends it. `options_of` makes Typer see the
+fields as parameters; `task` and `given` turn their values into the dataclasses that the API takes.
 """
 
 import inspect
@@ -98,12 +98,12 @@ def number(text: str, quantity: str = "") -> float:
 
 
 def frequency(text: str) -> float:
-    """Return the frequency that an option says [Hz]."""
+    """Return the frequency of an option [Hz]."""
     return number(text, "FREQUENCY")
 
 
 def seconds(text: str) -> float:
-    """Return the time that an option says [s]."""
+    """Return the time of an option [s]."""
     return number(text, "TIME")
 
 
@@ -118,7 +118,7 @@ PlotOption = Annotated[Path | None, option("PATH", "File of the picture: .png, .
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """Options of the commands that take a scene: those of `run`; others leave out what they have no use for."""
+    """Options of the commands that take a scene: those of `run`; other commands leave out some of them."""
 
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
@@ -205,9 +205,9 @@ class SceneOptions:
         return replace(found, axes=parse_axes(self.axes)) if self.axes else found
 
     def given(self, kind: type[Asked]) -> Asked:
-        """Return a value of the API made from the options of its fields; those that were not given have its defaults.
+        """Return a value of the API made from the options of its fields; omitted options have its defaults.
 
-        Options such as --plot and --json concern the command alone, and are no fields of it.
+        Options such as --plot and --json concern the command alone and are not among its fields.
         """
         names = inspect.signature(kind).parameters
         values: Any = {name: value for name, value in vars(self).items() if name in names and value is not None}

@@ -1,11 +1,11 @@
-"""Standard output and standard error, which never hold up the way out and never fail for want of a character.
+"""Standard output and standard error that never block the end of a command and never fail for a missing character.
 
-- *A reader that does not read* (Ctrl-S at a terminal, a full pipe) makes a program wait that writes. A run from
-  enabling on, a command that hosts drives (`never_wait`) and a command that a signal ends must not wait: what they
-  write goes to a thread that waits in their place. At the end of the command the thread has `PATIENCE` for each piece;
-  a stream whose reader takes nothing for so long is given up, and what is left for it is dropped.
-- *A reader that is gone* (a closed pipe or terminal) ends any other command. It ends none of these: the exit status
-  stays that of the run.
+- *A reader that does not read* (Ctrl-S at a terminal, a full pipe) blocks a program that writes. A run from enabling
+  on, a command that hosts drives (`never_wait`) and a command that a signal ends must not wait: a thread writes their
+  output and waits instead. At the end of the command the thread has `PATIENCE` for each piece; if a reader takes
+  nothing for this time, its stream is abandoned and the rest is dropped.
+- *A reader that is gone* (a closed pipe or terminal) ends any other command. It does not end these three: the exit
+  status stays that of the run.
 - *A character that the encoding of the stream lacks* is spelt in ASCII: "N·m" as "N.m". JSON has escapes of its own.
 """
 
@@ -21,17 +21,17 @@ from time import sleep
 from typing import TextIO, cast
 
 PATIENCE = 5.0
-"""Longest time for which the end of a command waits for a reader that takes nothing [s]."""
+"""Longest time that the end of a command waits for a reader that takes nothing [s]."""
 PIECE = 1024
 """Octets that are written at once: a slow terminal takes them well within `PATIENCE`."""
 NAP = 0.01
-"""Time between two looks at a stream that somebody else made non-blocking [s]."""
+"""Time between two attempts at a stream that another program made non-blocking [s]."""
 SPELT = {
     "·": ".", "⋅": ".", "−": "-", "–": "-", "—": "-", "→": "->", "←": "<-", "≤": "<=", "≥": ">=", "±": "+/-",
     "×": "x", "√": "sqrt ", "∞": "inf", "Ω": "ohm", "µ": "u", "μ": "u", "°": "deg", "‰": " per mille", "π": "pi",
     "ω": "omega", "τ": "tau", "“": '"', "”": '"', "’": "'", "′": "'", "─": "-", "│": "|", "├": "+", "└": "+",
 }  # fmt: skip
-"""Characters of our texts in ASCII; of the others the ASCII part of their compatibility decomposition is taken."""
+"""ASCII spelling of characters in our texts; for others the ASCII part of their compatibility decomposition is used."""
 IN_ASCII = "haptic_fieldbus.in_ascii"
 """Name of the error handler that spells characters in ASCII."""
 
@@ -49,23 +49,23 @@ def _spelt(character: str) -> str:
 
 
 class OutputThread:
-    """A thread that writes pieces in their order, so that nobody else waits for their readers."""
+    """A thread that writes pieces in order, so that no other thread waits for their readers."""
 
     def __init__(self) -> None:
         self._pieces: deque[tuple[io.RawIOBase, bytes]] = deque()
         self._lost: set[int] = set()
-        """Streams that are given up."""
+        """Abandoned streams."""
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
 
     @property
     def busy(self) -> bool:
-        """True while there is something left to be written."""
+        """True while there are octets left to write."""
         return bool(self._pieces)
 
     @property
     def at_work(self) -> bool:
-        """True once anything was handed over; later pieces must come after it."""
+        """True after the first piece; later pieces must then go through the thread too."""
         return self._thread is not None
 
     def take(self, stream: io.RawIOBase, octets: bytes) -> None:
@@ -77,7 +77,7 @@ class OutputThread:
             self._changed.notify_all()
 
     def finish(self, patience: float) -> None:
-        """Wait until all is written; give a stream up that takes nothing for that time [s]."""
+        """Wait until all is written; abandon a stream that takes nothing for this time [s]."""
         with self._changed:
             while self._pieces:
                 if not self._changed.wait_for(self._gone_on(self._pieces[0]), patience):
@@ -113,7 +113,7 @@ class OutputThread:
 
 
 def _written(stream: io.RawIOBase, octets: bytes) -> bool:
-    """Write all octets; False when nobody can read them any more."""
+    """Write all octets; False if the reader is gone."""
     try:
         while octets:
             count = stream.write(octets)
@@ -131,7 +131,7 @@ class OutputStream(io.RawIOBase):
     def __init__(self, stream: io.RawIOBase, thread: OutputThread, leaving: Callable[[], bool]) -> None:
         self._stream, self._thread, self._leaving = stream, thread, leaving
         self.waits = True
-        """False: the thread writes in any case."""
+        """False: the thread always writes."""
         self._gone = False
         """True: the reader has closed its end. The writer has had its error once, and the rest is dropped."""
 
@@ -146,7 +146,7 @@ class OutputStream(io.RawIOBase):
 
     @property
     def behind(self) -> bool:
-        """True while something waits for a reader."""
+        """True while output waits for a reader."""
         return self._thread.busy
 
     def write(self, octets: object) -> int | None:
@@ -169,7 +169,7 @@ def _under(stream: TextIO) -> OutputStream | None:
 
 
 def behind(stream: TextIO) -> bool:
-    """Return whether something that was written still waits for its reader."""
+    """Return whether written output still waits for its reader."""
     raw = _under(stream)
     return raw is not None and raw.behind
 
@@ -182,9 +182,9 @@ def never_wait() -> None:
 
 @contextmanager
 def free_output(leaving: Callable[[], bool]) -> Iterator[None]:
-    """Make free_output of standard output and standard error inside the block, and end them in time.
+    """Replace standard output and standard error inside the block by streams that never block its end.
 
-    A stream without a file behind it, as a test may have it, only gets the spelling of characters.
+    A stream without a file, as in some tests, only gets the spelling of characters.
     """
     codecs.register_error(IN_ASCII, in_ascii)
     thread, before = OutputThread(), (sys.stdout, sys.stderr)

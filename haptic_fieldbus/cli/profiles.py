@@ -40,7 +40,7 @@ UNUSABLE = 4
 
 
 def check_against(name: str, eds: Path, profiles: str | None, as_json: bool) -> None:
-    """Compare a profile with a vendor's file and print what agrees and what does not.
+    """Compare a profile with a vendor's file and print agreements and differences.
 
     Raises `typer.Exit` with status 2 when the file shows a fault of the profile.
     """
@@ -85,10 +85,10 @@ def _count(count: int, noun: str) -> str:
 
 
 def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool) -> None:
-    """Write the profile that a vendor's file describes, and print what the file cannot know.
+    """Write the profile that a vendor's file describes, and print the values that no such file contains.
 
-    Raises UsageError for a name that is none, and when the file is there already or cannot be written, and `typer.Exit`
-    with status 4 for a drive that cannot be used for force.
+    Raises UsageError for an invalid name, and if the file exists already or cannot be written, and `typer.Exit` with
+    status 4 for a drive that cannot be used for force.
     """
     from haptic_fieldbus.documents import is_path
     from haptic_fieldbus.eds import load_eds
@@ -130,7 +130,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _tell(path: Path, eds: Path, draft: "Draft") -> None:
-    """Print what was written, what was assumed, and what comes next."""
+    """Print the written file, the assumed values, and the next step."""
     show([(None, f"{path}: {draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed")])
     show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
     show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
@@ -309,7 +309,7 @@ def _json(profile: "DriveProfile") -> "dict[str, Json]":
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
-    """Yield key, value and source of each value that is given, or that is other than the usual."""
+    """Yield key, value and source of each value that is stated or differs from its default."""
     for section in SECTIONS:
         table = getattr(profile, section, None)
         if table and not is_dataclass(table):  # rows of registers
@@ -323,13 +323,13 @@ def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
 
 
 def _is_told(name: str, value: object, field: "Field[object]", sources: Mapping[str, str]) -> bool:
-    """Return whether a value is shown: it has a source of its own, or is other than the usual."""
+    """Return whether a value is shown: it has a source of its own, or differs from its default."""
     own = any(key == name or key.startswith(f"{name}.") for key in sources)
     return own or value != (field.default if field.default_factory is MISSING else field.default_factory())
 
 
 def _source(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a key: its own, else those of its inner keys, else that of its section, else nothing."""
+    """Return the source of a key: its own, or those of its inner keys, or that of its section, or nothing."""
     inner = "; ".join(text for key, text in sources.items() if key.startswith(f"{name}."))
     return sources.get(name) or inner or sources.get(name.partition(".")[0], "")
 

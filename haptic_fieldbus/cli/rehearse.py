@@ -1,4 +1,4 @@
-"""Command `rehearse`: the first day with a drive, on one that is simulated inside this program, in real time."""
+"""Command `rehearse`: the first start of a drive, on a drive simulated inside this program, in real time."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -18,12 +18,12 @@ from haptic_fieldbus.cli.simulate import check_free, write
 from haptic_fieldbus.errors import UsageError
 
 WATCHED = 8.0
-"""Time for which the handle is watched [s]; it goes to and fro once."""
+"""Time for which the handle is watched [s]; it moves back and forth once."""
 OF_A_RIG = ("bus", "node", "rig", "axes", "zero", "faults", "prove", "force")
 """Options of `run` that a rehearsal leaves out: it has a bench of its own."""
 SCENE = "wall"
 SOFTER = "wall.stiffness=max/2"
-"""Setting of the wall unless others are given: inside the limit of a rig whose damping is stated."""
+"""Default setting of the wall: inside the limit of a rig with a stated damping."""
 KEPT = "rig.toml"
 HEADING = """Bench of `haptic-fieldbus rehearse`, as a run left it. For your own drive change bus, node and profile, and
 motor, mechanism and limits. Omit `proved` and `seen`: they belong to the simulated drive."""
@@ -96,7 +96,7 @@ def _beginning(options: RehearseOptions) -> Iterator[tuple[str, str]]:
 
 
 def _once() -> Callable[[str], None]:
-    """Return a function that prints the first line of those that are written over each other on a terminal."""
+    """Return a function that prints only the first of the lines that overwrite each other on a terminal."""
     told: list[str] = []
 
     def tell(text: str) -> None:

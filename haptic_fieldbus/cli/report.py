@@ -59,7 +59,7 @@ def report(
 
 
 def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":
-    """Return `run`, after which a signal that came meanwhile ends the report too."""
+    """Return `run` in a wrapper: a signal during the run ends the report too."""
 
     def call(*args: Any, **kwargs: Any) -> "Result":
         with ended_by_signals() as ending:

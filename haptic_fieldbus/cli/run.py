@@ -79,7 +79,7 @@ def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial") -> None:
 
 
 def _drawn_faults(source: str | None, duration: float, plan: "Plan") -> list[tuple[None, str]]:
-    """Return the lines of the file of faults that a seed stands for; none when faults come from a file."""
+    """Return the lines of a file with the faults of a seed; no lines if the faults come from a file."""
     if source is None:
         return []
     from haptic_fieldbus.sim.faults.drawing import seed_of
@@ -111,13 +111,13 @@ def _ask(text: str) -> bool:
 
 
 def instruct(text: str) -> None:
-    """Show what a person is to do at the handle, in one line that is written over."""
+    """Show the instruction for the person at the handle, in one line that is overwritten."""
     sys.stderr.write(f"\r\x1b[K{text}")
     sys.stderr.flush()
 
 
 def _tell_question(text: str) -> bool:
-    """Print the question that `--yes` answers, since it says what was heard and what is about to happen."""
+    """Print the question that `--yes` answers, because it contains the traffic heard and the coming steps."""
     show([(None, line) for line in text.splitlines()], sys.stderr)
     return True
 

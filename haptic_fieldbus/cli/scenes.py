@@ -89,7 +89,7 @@ def check_scenes(
 
 
 def _default_limit(scene: "Scene") -> Any:
-    """Return the limit on the default bench as JSON has it; None where there is none."""
+    """Return the limit on the default bench for JSON; None without a limit."""
     from haptic_fieldbus.api import plan
 
     found = plan(scene).stability
@@ -97,7 +97,7 @@ def _default_limit(scene: "Scene") -> Any:
 
 
 def _limits(scene: "Scene") -> Iterator[tuple[str, str]]:
-    """Yield each usable shipped profile, and the limit on its shipped bench or why there is none."""
+    """Yield each usable shipped profile with the limit on its shipped bench, or the reason for no limit."""
     from haptic_fieldbus.api import plan
     from haptic_fieldbus.planning.explain import limit_text
     from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
@@ -129,7 +129,7 @@ def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
 
 
 def _shown(value: object) -> str:
-    """Return a value as a scene file has it; a hyphen for None."""
+    """Return a value as in a scene file; a hyphen for None."""
     if value is None:
         return "-"
     if isinstance(value, float):

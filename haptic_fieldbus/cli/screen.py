@@ -40,7 +40,7 @@ def console(stream: TextIO) -> "Console":
 
 
 def show(lines: Iterable[tuple[str | None, str]], stream: TextIO | None = None) -> None:
-    """Print lines of a key and a text beside it, to standard output or a given stream.
+    """Print lines of a key and a text, to standard output or a given stream.
 
     An empty key continues the line before; a key of None leaves out the column of keys.
     """
@@ -71,7 +71,7 @@ def print_json(value: "Mapping[str, Json]") -> None:
 
 
 def json_text(value: "Mapping[str, Json]", indent: int | None = None) -> str:
-    """Return a JSON object, with escapes when the encoding of standard output has not all characters."""
+    """Return a JSON object as text, with escapes if the encoding of standard output lacks characters."""
     unicode = (sys.stdout.encoding or "").lower().startswith("utf")
     return json.dumps(value, ensure_ascii=not unicode, indent=indent, allow_nan=False)
 
@@ -118,7 +118,7 @@ class ProgressBar:
 
 
 def plain(value: object) -> "Json":
-    """Return a value as JSON has it: enums by value, tuples as lists, mappings as objects, all else as text."""
+    """Return a value for JSON: enums by value, tuples as lists, mappings as objects, all else as text."""
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, Mapping):
@@ -133,7 +133,7 @@ def plain(value: object) -> "Json":
 FAULTY = 2
 """Exit status when any file has a fault."""
 Told = tuple[str | None, Fault]
-"""The file, or what was given as its name, or None where there is neither; and a fault of it."""
+"""The path of a file, or the given name, or None without both; and a fault."""
 
 
 def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
@@ -154,7 +154,7 @@ def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bo
 
 
 def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
-    """Yield each fault of a file with the path of that file, or with `name` when no file was found."""
+    """Yield each fault of a file with its path, or with `name` if no file was found."""
     try:
         load(name)
     except (DocumentError, UsageError) as error:

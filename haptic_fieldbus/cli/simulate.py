@@ -81,7 +81,7 @@ def simulate(
 
 
 def check_free(path: Path) -> None:
-    """Raise UsageError when there is a file already, before anything is hosted."""
+    """Raise UsageError if the file exists already, before anything is hosted."""
     if path.exists():
         raise UsageError(
             f"{path} exists and is not overwritten, because a run saves its proofs in it. Omit --write-rig, or name "
@@ -90,7 +90,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, rig: "Rig", heading: str) -> None:
-    """Write a rig file that is not there yet; raises UsageError when it cannot be written."""
+    """Write a new rig file; raises UsageError if it exists or cannot be written."""
     from haptic_fieldbus.drive.rig_units import rig_text
 
     try:
