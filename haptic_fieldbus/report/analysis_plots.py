@@ -55,7 +55,7 @@ GROWN = 3.0
 
 
 def plot_model(model: EnvironmentModel, title: str, path: Path) -> None:
-    """Draw a model with virtual states into a file, whose suffix tells the format.
+    """Draw a model with virtual states into a file; the suffix selects the format.
 
     Raises OSError when the file cannot be written.
     """
@@ -128,14 +128,14 @@ def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
 # Picture of an open-loop response: positions, velocities and force over time, as in the figures of the lecture.
 
 GROWS = 1.0 + 1e-6
-"""Spectral radius from which a motion grows, and does not only seem so by rounding."""
+"""Spectral radius from which a motion grows, above the errors of rounding."""
 COLOURS = (ORANGE, GREEN, PURPLE, SKY)
 OUTER = 0.02
-"""Share of the samples that may leave the panel of the force: an impulse in one period would hide everything else."""
+"""Share of the samples that may leave the panel of the force: a one-period impulse would hide everything else."""
 
 
 def plot_response(response: Response, title: str, path: Path) -> None:
-    """Draw a response into a file, whose suffix tells the format; raises OSError when it cannot be written."""
+    """Draw a response into a file; the suffix selects the format; raises OSError when it cannot be written."""
     save(draw_response(response, title), path)
 
 
@@ -185,7 +185,7 @@ def _panel(panel: Axes, response: Response, shown: dict[str, Array], per_length:
 
 
 def _shown_range(force: Array) -> tuple[float, float] | None:
-    """Return the range of all but a few samples of the force; None where the others hide nothing."""
+    """Return the range of all but a few samples of the force; None if these few hide nothing."""
     inner = np.quantile(force, (OUTER / 2, 1.0 - OUTER / 2))
     room = 0.15 * float(np.ptp(inner))
     low, high = float(inner[0]) - room, float(inner[1]) + room
@@ -199,7 +199,7 @@ TOLD = ("noise", "delay", "drift")
 
 
 def plot_estimate(found: Estimation, file: str, path: Path) -> None:
-    """Draw an estimate into a file, whose suffix tells the format; raises OSError when it cannot be written."""
+    """Draw an estimate into a file; the suffix selects the format; raises OSError when it cannot be written."""
     save(draw_estimate(found, file), path)
 
 
@@ -234,7 +234,7 @@ DAMPINGS = 2.5
 
 
 def plot_region(judgement: Judgement, path: Path) -> None:
-    """Draw the limits over damping, and the scene among them, into a file whose suffix tells the format.
+    """Draw the limits over damping, with the scene, into a file; the suffix selects the format.
 
     Raises UsageError when no element of the scene has both parameters, and OSError when the file cannot be written.
     """
@@ -244,7 +244,7 @@ def plot_region(judgement: Judgement, path: Path) -> None:
 def draw_region(judgement: Judgement) -> Figure:
     """Return a figure of the stiffness at which the loop becomes unstable over damping, the limit, and the scene.
 
-    The limit counts every value that is open, the onset has the values of rig and profile.
+    The limit includes all uncertain values; the onset has the values of rig and profile.
 
     Raises UsageError when no element of the scene has both parameters.
     """
@@ -287,7 +287,7 @@ def _tint(panel: Axes, x: Array, low: Array, high: Array, tint: str, label: str,
 
 
 def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -> tuple[str, list[str]]:
-    """Return the title of the picture of a region, and what stands below it."""
+    """Return the title of the picture of a region, and the lines below it."""
     asked, stability = judgement.stability.stiffness or 0.0, judgement.stability
     where = "inside the limit" if asked <= limit else ("above the limit" if asked <= onset else "unstable")
     title = f"{judgement.scene.name}: {exactly(asked)} {unit} is {where}"
@@ -310,7 +310,7 @@ def _mark(panel: Axes, damping: float, marked: tuple[float, float, float], unit:
 
 
 def _limit_at(judgement: Judgement, damping: float) -> float:
-    """Return the limit [N/m or N·m/rad] with this damping of the stiffest element; ∞ where it has none."""
+    """Return the limit [N/m or N·m/rad] with this damping of the stiffest element; ∞ without a limit."""
     group = judgement.group
     own = float(getattr(group.stiffest, "damping", 0.0))
     return limit_drawn((group if damping == own else group._damped(damping)).stability)

@@ -77,7 +77,7 @@ def _growth_words(radius: float) -> str:
 # The linear model of an environment in words, as lines of a key and a text.
 
 DIGITS = 9
-"""Digits of matrices, poles and growth: what a step of 1 ms does is in the fourth and beyond."""
+"""Digits of matrices, poles and growth: a step of 1 ms changes the fourth and later ones."""
 LETTERS = {"position": "x", "velocity": "v"}
 
 
@@ -147,7 +147,7 @@ def _complex(pole: complex) -> str:
 # An estimate from a signal in words, as lines of a key and a text.
 
 UNEVEN = 0.01
-"""Deviation of the times between two rows from which they are called uneven, as a share."""
+"""Smallest relative deviation of the times between rows that counts as uneven."""
 
 
 def estimate_lines(found: Estimation, file: str) -> list[Line]:
@@ -225,7 +225,7 @@ def stability_json(judgement: Judgement) -> dict[str, object]:
 
 
 def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
-    """Yield all that is told of a judgement, in the order of its text."""
+    """Yield all rows on a judgement, in the order of its text."""
     stability, space = judgement.stability, judgement.workspace
     unit, ways, assumed = parameter_units(space)["stiffness"], judgement.ways, judgement.assumed
     yield from (OutputRow(key=key, value=value) for key, value in stability.to_json().items())

@@ -3,11 +3,11 @@
 Lines of many points are thinned to the least and the greatest value of each bin, so that no spike is lost. Colours are
 from the palette of Okabe and Ito, which can be distinguished with any colour vision (https://jfly.uni-koeln.de/color/).
 
-Areas, and up to `NAMED` lines of a panel, have their names beside them instead of a legend. A name is tried at many
-places along its line, or inside its area. The place with the fewest points of other lines below it is taken, if it lies
-inside the panel and hides no other text; a panel in which a name has no such place gets a legend.
+Areas, and up to `NAMED` lines of a panel, have their names beside them instead of a legend. Many places along its line,
+or inside its area, are tried for a name. The chosen place lies inside the panel, hides no other text, and covers the
+fewest points of other lines. If a name has no such place, its panel gets a legend.
 
-A PNG file carries what it shows as text (`content`), so that a picture that was drawn by former code can be found.
+A PNG file contains its content as text (`content`), so that pictures drawn by older code can be found.
 """
 
 import json
@@ -71,9 +71,9 @@ UNITS = {
 
 
 def held(times: Array, values: Array, end: float) -> tuple[Array, Array]:
-    """Return times and values of a staircase, each `(2 n,)`: a value is held until the next time, the last until `end`.
+    """Return times and values of a staircase, each `(2 n,)`: each value is held until the next time.
 
-    `times` [s] and `values` have the shape `(n,)`.
+    The last value is held until `end`. `times` [s] and `values` have the shape `(n,)`.
     """
     # Every time except the first and the last is a corner twice: end of one step, begin of the next.
     corners = np.repeat(np.append(times, end), 2)[1:-1]
@@ -81,9 +81,9 @@ def held(times: Array, values: Array, end: float) -> tuple[Array, Array]:
 
 
 def kept(values: Array, bins: int = BINS) -> NDArray[np.intp]:
-    """Return the numbers of the least and the greatest value of each bin, and both ends, in their order.
+    """Return the indices of the least and the greatest value of each bin, and of both ends, in order.
 
-    A line with fewer than four points a bin is kept as it is.
+    A line with fewer than four points per bin is kept unchanged.
     """
     size = len(values) // bins
     if size < 4:
@@ -98,7 +98,7 @@ def kept(values: Array, bins: int = BINS) -> NDArray[np.intp]:
 
 
 def thin(times: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Return times and values of the points that are `kept`, both of the shape `(n,)` before."""
+    """Return times and values of the `kept` points; the arguments have the shape `(n,)`."""
     shown = kept(values, bins)
     return times[shown], values[shown]
 
@@ -151,7 +151,7 @@ OTHERS = (
 
 
 def look_of(name: str) -> CurveStyle:
-    """Return the look of a method; for an unknown name, one that depends on its letters alone."""
+    """Return the style of a method; for an unknown name, a style that depends on its letters alone."""
     # Not `hash`, which differs from run to run.
     return LOOKS.get(name) or OTHERS[sum(map(ord, name)) % len(OTHERS)]
 
@@ -251,7 +251,7 @@ HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
 def name_lines(drawn: Figure, panels: Iterable[Axes] | None = None) -> None:
     """Write the names of all lines and areas with a label beside them, in all panels or in these.
 
-    The layout is settled before, and does not change any more.
+    The layout is fixed before and does not change any more.
     """
     engine = drawn.get_layout_engine()
     if engine is not None:
@@ -265,7 +265,7 @@ def name_lines(drawn: Figure, panels: Iterable[Axes] | None = None) -> None:
 
 
 def _name_all(panel: Axes, named: list[tuple[Artist, str]]) -> bool:
-    """Write the names of a panel; returns False, and writes none, when one has no place."""
+    """Write the names of a panel; returns False and writes none if a name has no place."""
     frame = panel.get_window_extent()
     areas = [handle for handle, _ in named if isinstance(handle, PolyCollection)]
     known = {each: _inside(_points(each), frame) for each in (*panel.lines, *areas)}
@@ -398,13 +398,13 @@ def _luminance(share: Array) -> float:
 # Envelope of a line that would be a smear.
 
 TURNS, BANDS = 250, 160
-"""Number of turns of a line from which its envelope is drawn instead, and number of points of the envelope."""
+"""Number of turns from which the envelope of a line is drawn instead, and number of points of the envelope."""
 SWING = 0.1
-"""Share of its range by which a line must go back for a turn."""
+"""Smallest reversal of a line that counts as a turn, as a share of its range."""
 
 
 def is_smear(values: Array) -> bool:
-    """Return whether a line turns so often that its strokes could not be told apart."""
+    """Return whether a line turns so often that its strokes would merge."""
     shown = values[kept(values)]
     least = SWING * float(np.ptp(shown)) if len(shown) else 0.0
     turns, rising, extreme = 0, True, float(shown[0]) if len(shown) else 0.0
@@ -431,21 +431,21 @@ def envelope(times: Array, values: Array, bins: int = BANDS) -> tuple[Array, Arr
 # Files.
 
 CONTENT = "Content"
-"""Key of the text in a PNG file that tells what it shows."""
+"""Key of the content text in a PNG file."""
 BLOCKS = 12
-"""Parts of a line of which the text tells the least and the greatest value."""
+"""Number of parts of a line; the text has the least and the greatest value of each."""
 MEASURED = "measured"
 """Name (`gid`) of a panel with numbers that differ from machine to machine, which the text leaves out."""
 
 
 def save(drawn: Figure, path: FilePath) -> None:
-    """Write a figure into a file, whose suffix tells the format; raises OSError when it cannot be written."""
+    """Write a figure into a file; the suffix selects the format; raises OSError when it cannot be written."""
     words = {"Software": "haptic-fieldbus", CONTENT: json.dumps(content(drawn))} if path.suffix == ".png" else None
     drawn.savefig(path, metadata=words)
 
 
 def content(drawn: Figure) -> dict[str, Any]:
-    """Return what a figure shows: its texts, the range of each panel, and its lines and areas in a few numbers.
+    """Return the content of a figure: its texts, the range of each panel, and its lines and areas in a few numbers.
 
     Numbers at ticks are chosen by matplotlib, and are left out.
     """
@@ -456,7 +456,7 @@ def content(drawn: Figure) -> dict[str, Any]:
 
 
 def _panel_content(panel: Axes) -> dict[str, Any]:
-    """Return the range of a panel and its lines and areas; their numbers are left out where they were measured."""
+    """Return the range of a panel and its lines and areas; measured numbers are left out."""
     measured = panel.get_gid() == MEASURED
     rows = [[str(each.get_color()), str(each.get_linestyle()), float(each.get_linewidth()), str(each.get_marker()),
              [] if measured else _blocks(np.asarray(each.get_xydata(), float))] for each in panel.lines]  # fmt: skip

@@ -2,7 +2,7 @@
 
 Its title is the verdict in a few words and a number; the rest of the verdict stands below it.
 
-On real drives the error is not known; there the last panel shows how late the periods began and how old feedback was.
+On real drives the error is not known; the last panel then shows the lateness of periods and the age of feedback.
 """
 
 import math
@@ -54,11 +54,11 @@ from haptic_fieldbus.signals import Signal
 
 AT_PLACE, AT_PLACE_AND_SPEED = (Signal.POSITION,), (Signal.POSITION, Signal.VELOCITY)
 PLACES = 2001
-"""Places at which the law of the scene is drawn."""
+"""Number of positions at which the law of the scene is drawn."""
 AROUND = 0.08
-"""Share of the way by which the law is drawn beyond it."""
+"""Range of the drawn law beyond the travel, as a share of the travel."""
 NEAR = 0.5
-"""Share of the motor's limit from which it is drawn."""
+"""Force from which the motor's limit is drawn, as a share of the limit."""
 
 
 def draw_law(panel: Axes, trace: Trace, elements: Sequence[object], effort: float | None, units: AxisUnits) -> None:
@@ -98,9 +98,9 @@ def draw_law(panel: Axes, trace: Trace, elements: Sequence[object], effort: floa
 
 
 def law_at_rest(elements: Sequence[object], places: Array) -> Array | None:
-    """Return the force of the scene on a handle that rests at each place, `(n_places,)`.
+    """Return the force of the scene on a handle at rest at each place, `(n_places,)`.
 
-    What remembers, such as friction, is left out; None when nothing else depends on the place.
+    Elements with memory, such as friction, are left out; None if no other element depends on the place.
     """
     laws = [
         (element.force, [0.0] * (len(element.needs) - 1))
@@ -113,7 +113,7 @@ def law_at_rest(elements: Sequence[object], places: Array) -> Array | None:
 
 
 def wells(places: Array, law: Array) -> list[float]:
-    """Return the places to which the law draws the handle from both sides, between two of `places`."""
+    """Return the places to which the law pulls the handle from both sides, between two of `places`."""
     found = []
     for (left, before), (right, after) in pairwise(zip(places.tolist(), law.tolist(), strict=True)):
         if before > 0.0 >= after and after != before:
@@ -146,11 +146,11 @@ COUNTS = 0.05
 WIDTH, HEIGHT = 13.5, 8.0
 """Size of the picture of one axis [inches]."""
 OPPOSES = 0.9
-"""Share of the considerable force against the way of the handle from which it pushes back."""
+"""Share of the considerable force opposite to the travel from which the scene counts as pushing back."""
 
 
 def plot_run(result: Result, path: Path) -> None:
-    """Draw the traces of a run into a file, whose suffix tells the format.
+    """Draw the traces of a run into a file; the suffix selects the format.
 
     Raises OSError when the file cannot be written.
     """
@@ -190,12 +190,12 @@ def headline(result: Result) -> tuple[str, str]:
 
 
 def _capital(text: str) -> str:
-    """Return a text with a capital letter at its begin."""
+    """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
 def limit_drawn(stability: Stability) -> float:
-    """Return the limit of an axis [N/m or N·m/rad]; ∞ where it has none."""
+    """Return the limit of an axis [N/m or N·m/rad]; ∞ without a limit."""
     return math.inf if stability.stiffness is None else stability.limit.value
 
 
@@ -214,11 +214,11 @@ def draw_axis(
     periods: PeriodTimes | None = None,
     effort: float | None = None,
 ) -> None:
-    """Draw position, force and error over the whole run, and beside them, when there is force: force over position, and
-    position and force around the first force.
+    """Draw position, force and error over the whole run, and if there is force, panels beside them.
 
-    `changes` are the times [s] at which the scene was changed; `name` precedes the titles. The times of `periods` take
-    the place of the error, if they are given. `effort` is the limit of the motor [N or N·m].
+    These panels show force over position, and position and force around the first force. `changes` are the times [s] at
+    which the scene was changed; `name` precedes the titles. If given, the times of `periods` replace the error.
+    `effort` is the limit of the motor [N or N·m].
     """
     window = first_force(trace)
     columns = 2 if window else 1
@@ -339,7 +339,7 @@ def _shade_walls(panel: Axes, walls: list[Wall], units: AxisUnits) -> None:
 
 
 def _mark_fade_in(panels: Array, trace: Trace) -> None:
-    """Shade the fade-in, before the traces begin; the error is not computed there, only the encoder is shown."""
+    """Shade the fade-in, before the traces begin; there is no error there, and only the encoder is shown."""
     if trace.sample_times is None or not trace.sample_times[0] < trace.times[0]:
         return
     first, last = float(trace.sample_times[0]), float(trace.times[0])

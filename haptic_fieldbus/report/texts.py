@@ -32,7 +32,7 @@ def announcement(
 ) -> list[Line]:
     """Return lines on the run to come: scene, bench, signals, limit and the scheduled changes.
 
-    Caps and warnings are always told. A `verbose` text has traffic, delay, deadlines and the stability limits too.
+    Caps and warnings are always included. A `verbose` text has traffic, delay, deadlines and the stability limits too.
     """
     weakest, found = plan.weakest, plan.stability
     places = [] if weakest is None or found is None else place_texts(found, weakest.workspace)
@@ -60,12 +60,12 @@ def announcement(
 
 
 def outcome(result: Result, *, verbose: bool = False) -> list[Line]:
-    """Return lines on a run as far as its figures are known; the reason of a trip stands in the error's own message."""
+    """Return lines on the known figures of a run; the reason of a trip is in the error's own message."""
     return lines_of(result_rows(result), once=True, short=not verbose)
 
 
 def scene_text(plan: Plan) -> str:
-    """Return the name of the scene and its elements, each named when there are several."""
+    """Return the name of the scene and its elements, with their names if there are several."""
     spaces = {axis.name: axis.workspace for axis in plan.axes}
     elements = plan.scene.elements
     parts = [_element_text(element, spaces[axes_of(element)[0]]) for element in elements]
@@ -100,7 +100,7 @@ def parameter_units(workspace: Workspace) -> dict[str, str]:
 
 
 def bench_text(plan: Plan) -> str:
-    """Return drives, links, nodes and rate in one line; axes with the same drive on the same bus are told together."""
+    """Return drives, links, nodes and rate in one line; axes with the same drive on the same bus are grouped."""
     nodes: dict[tuple[str, str, str], list[int]] = {}
     for axis in plan.axes:
         bus = plan.rig.bus[axis.rig.bus]
@@ -139,7 +139,7 @@ def axis_text(axis: AxisPlan) -> str:
 
 
 def signals_text(plan: Plan) -> str:
-    """Return the signals sent to the drives and read from them; axes with the same signals are told together."""
+    """Return the signals sent to the drives and read from them; axes with the same signals are grouped."""
     axes: dict[str, list[str]] = {}
     for axis in plan.axes:
         sent, read = (_signals(mapped) for mapped in (axis.outgoing, axis.incoming))
