@@ -1,4 +1,4 @@
-"""Guest kernel: started, listened to, and ended with all of its processes, however its runner ends."""
+"""Guest kernel: its start, its output, and its end with all of its processes, however its runner ends."""
 
 import os
 import platform
@@ -20,20 +20,20 @@ from haptic_fieldbus.errors import VcanError
 
 KERNEL = "linux.uml"
 PROGRAMS = {KERNEL: "user-mode-linux", "insmod": "kmod", "ip": "iproute2"}
-"""Program → package. What else the guest calls is on every Debian: coreutils, util-linux, a POSIX shell."""
+"""Program → package. Every Debian has the other programs of the guest: coreutils, util-linux, a POSIX shell."""
 MODULES = Path("/usr/lib/uml/modules")
 SYSTEM_FOLDERS = ("/usr/local/sbin", "/usr/sbin", "/sbin")
-"""Not on the PATH of ordinary users, but on that of the guest."""
+"""Folders on the PATH of the guest, but not of ordinary users."""
 PROCESSORS = ("x86_64", "i386", "i486", "i586", "i686")
 
 
 def program(name: str) -> str | None:
-    """Path of a program, also of one that is meant for root."""
+    """Return the path of a program, also of a program for root."""
     return shutil.which(name) or shutil.which(name, path=":".join(SYSTEM_FOLDERS))
 
 
 def require_guest() -> None:
-    """Raise VcanError, with a command that helps, when no guest kernel can be started here."""
+    """Raise VcanError with a remedy if no guest kernel can be started here."""
     if platform.system() != "Linux" or platform.machine() not in PROCESSORS:
         raise VcanError(
             f"no vcan on this machine. User-Mode Linux needs Linux on x86, this is {platform.system()} on "
@@ -55,7 +55,7 @@ def require_guest() -> None:
 # Process group that ends with its runner, even when that is killed.
 
 CANNOT_RUN, SIGNALLED = 126, 128
-"""Exit statuses, as env(1) and the shell have them; to the second the number of the signal is added."""
+"""Exit statuses of env(1) and the shell; the number of the signal is added to the second one."""
 
 # Standard input brings the program's process number and ends with the runner, which alone can write to it. $1: a folder
 # to remove then. User-Mode Linux puts itself into another process group, and its helpers outlive it.
@@ -78,7 +78,7 @@ def waited(selector: selectors.BaseSelector, deadline: float, wakeup: int) -> se
 
 
 class ProcessGroup:
-    """A program in a process group of its own, with a shell in it that waits for the end of the runner."""
+    """A program in its own process group, with a shell that waits for the end of the runner."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class ProcessGroup:
         keep: Sequence[int] = (),
         output: int | None = None,
     ) -> None:
-        """Start it; it keeps the file descriptors in `keep`, and `output` is its standard output and error.
+        """Start the program; it keeps the file descriptors in `keep`, and `output` is its standard output and error.
 
         Without `output` it has those of the runner. `folder` is removed when the runner is killed.
         """
@@ -125,11 +125,11 @@ class ProcessGroup:
         return code if code is None or code >= 0 else SIGNALLED - code
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal to the group; the waiting shell ignores those that ask for an end."""
+        """Send a signal to the group; the waiting shell ignores signals that request an end."""
         os.killpg(self._watcher.pid, number)
 
     def close(self) -> None:
-        """Kill what is left of the group."""
+        """Kill the remaining processes of the group."""
         if self._process.returncode is None:  # else its number may be that of another process by now
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -138,17 +138,17 @@ class ProcessGroup:
         os.close(self.ended)
 
     def _end_watcher(self) -> None:
-        """It ends with all others of its group."""
+        """End the waiting shell with all others of its group."""
         os.killpg(self._watcher.pid, signal.SIGKILL)
         self._watcher.wait()
         os.close(self._lifeline)
 
 
 MEMORY_MB = 1024
-"""Of the guest. It takes from the host what it uses, in a file without a name."""
+"""Memory of the guest. The used part takes space on the host, in an unnamed file."""
 SHARED_MEMORY = Path("/dev/shm")
 LAST_WORDS = 8
-"""Lines of what the guest kernel said last, told when it fails."""
+"""Number of last lines of the guest kernel in the message of its failure."""
 CHUNK = 65536
 
 Sink = Callable[[bytes], None]
@@ -166,7 +166,7 @@ class GuestReports:
     _line: bytes = b""
 
     def hear(self, octets: bytes) -> None:
-        """Take in what came on the status line."""
+        """Read the output that arrived on the status line."""
         *lines, self._line = (self._line + octets).split(b"\n")
         for line in lines:
             match os.fsdecode(line).strip().split(" ", 1):
@@ -180,7 +180,7 @@ class GuestReports:
                     self.status = int(number)
 
     def hear_kernel(self, octets: bytes) -> None:
-        """Keep the end of what the kernel said."""
+        """Keep the end of the kernel's output."""
         self.kernel = (self.kernel + octets)[-CHUNK:]
 
 
@@ -188,9 +188,9 @@ class Guest:
     """A running guest kernel, and the pipes to it."""
 
     def __init__(self, folder: Path, output: Sink, error: Sink, wakeup: int) -> None:
-        """Start it with the folder of its job; what the command writes goes to the two sinks.
+        """Start the guest with the folder of its job; the command's output goes to the two sinks.
 
-        Raises VcanError when there is no room for its memory.
+        Raises VcanError without room for its memory.
         """
         environment = {"PATH": os.environ.get("PATH", os.defpath), "TMPDIR": memory_folder(), "HOME": str(folder)}
         self.heard = GuestReports()
@@ -209,14 +209,14 @@ class Guest:
 
     @property
     def ready(self) -> bool:
-        """Whether the command has been started; raises VcanError when the guest said that it cannot be."""
+        """Whether the command has been started; raises VcanError if the guest reported that it cannot start."""
         if self.heard.failed is not None:
             raise VcanError(self.heard.failed)
         return self.heard.ready
 
     @property
     def status(self) -> int | None:
-        """Exit status of the command; raises VcanError when not all that it wrote has come to the host."""
+        """Exit status of the command; raises VcanError if part of its output did not reach the host."""
         if self.heard.unwritten and self.heard.status is not None:
             raise VcanError(f"{', '.join(self.heard.unwritten)}: could not be written completely; is the disk full?")
         return self.heard.status
@@ -227,19 +227,19 @@ class Guest:
         return "".join(f"\n  {line}" for line in lines[-LAST_WORDS:])
 
     def turn(self, deadline: float) -> bool:
-        """Pass on what comes until a time of the monotonic clock [s] or a signal; False once the guest has ended."""
+        """Pass on output until a time of the monotonic clock [s] or a signal; False once the guest has ended."""
         ready = waited(self._selector, deadline, self._wakeup)
         for descriptor in ready & self._sinks.keys():
             self._pass_on(descriptor)
         return self._group.ended not in ready
 
     def send(self, number: signal.Signals) -> None:
-        """Let the command have a signal."""
+        """Send a signal to the command."""
         with suppress(BrokenPipeError):
             os.write(self._control, f"{number.name.removeprefix('SIG')}\n".encode())
 
     def close(self) -> None:
-        """End the guest at once if it has not ended, and pass on what it had said."""
+        """End the guest at once if it still runs, and pass on its remaining output."""
         self._group.close()
         try:
             for descriptor in list(self._sinks):
@@ -258,7 +258,7 @@ class Guest:
         return writing
 
     def _pass_on(self, descriptor: int) -> bool:
-        """Pass on what is there; False at the end, after which nobody listens any more."""
+        """Pass on available output; False at its end."""
         octets = os.read(descriptor, CHUNK)
         if octets:
             self._sinks[descriptor](octets)
@@ -270,9 +270,9 @@ class Guest:
 
 
 def memory_folder() -> str:
-    """Return a folder for the file that is the guest's memory: of shared memory where there is room, else temporary.
+    """Return a folder for the memory file of the guest: in shared memory if there is room, otherwise temporary.
 
-    Raises VcanError when neither has room: the kernel would end without a word once it is full.
+    Raises VcanError if neither has room: in a full folder the kernel would end without a message.
     """
     free = {}
     for folder in (SHARED_MEMORY, Path(tempfile.gettempdir())):
@@ -289,7 +289,7 @@ def memory_folder() -> str:
 
 
 def command_line(folder: Path, channels: dict[str, tuple[int | str, int]]) -> list[str]:
-    """Return the words that start the kernel; `channels` are file descriptors for what it takes for terminals."""
+    """Return the words that start the kernel; `channels` are the file descriptors of its terminals."""
 
     def channel(end: int | str) -> str:
         return f"fd:{end}" if isinstance(end, int) else end

@@ -1,4 +1,4 @@
-"""Run one command where virtual CAN interfaces are, and give back its exit status."""
+"""Run one command with virtual CAN interfaces, and return its exit status."""
 
 import os
 import re
@@ -23,7 +23,7 @@ from haptic_fieldbus.vcan.guest import CANNOT_RUN, SIGNALLED, Guest, ProcessGrou
 # Folder in which the guest finds what it shall do, and the host's folders that it shall write to.
 
 OWN_FOLDERS = ("/dev", "/proc", "/run", "/sys")
-"""Where the guest has folders of its own, so that those of the host are not seen."""
+"""Folders that the guest has itself, so that it does not see those of the host."""
 TMPDIR = "/run/tmp"
 OWN_ENVIRONMENT = {
     "TMPDIR": TMPDIR,
@@ -31,7 +31,7 @@ OWN_ENVIRONMENT = {
     "XDG_STATE_HOME": f"{TMPDIR}/state",
     "PYTHONDONTWRITEBYTECODE": "1",
 }
-"""Environment of the command in the guest, besides that of the caller: where it can write, for few can elsewhere."""
+"""Environment of the command in the guest, besides that of the caller: folders that it can write to."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class GuestCommand:
     terminal: os.terminal_size | None
 
     def require_folders(self) -> None:
-        """Raise UsageError when a folder is not there, or not seen by the guest."""
+        """Raise UsageError if a folder is missing, or hidden from the guest."""
         for folder in self.writable:
             if not folder.is_dir():
                 raise UsageError(f'--out "{folder}": no such folder')
@@ -59,7 +59,7 @@ class GuestCommand:
 
 @contextmanager
 def written(job: GuestCommand) -> Iterator[Path]:
-    """Yield a folder with the first program of the guest, its settings and the command; removed at the end.
+    """Yield a folder with the first program of the guest, its settings and the command; remove it at the end.
 
     Raises VcanError when it cannot be written.
     """
@@ -80,7 +80,7 @@ def written(job: GuestCommand) -> Iterator[Path]:
 
 
 def _settings(job: GuestCommand) -> str:
-    """Variables and one function, for the shell of the guest."""
+    """Return variables and one function, for the shell of the guest."""
     columns, rows = job.terminal or ("", "")
     folders = [f'"$1" {shlex.quote(str(folder.resolve()))}' for folder in job.writable]
     return (
@@ -90,7 +90,7 @@ def _settings(job: GuestCommand) -> str:
 
 
 def _command(job: GuestCommand) -> str:
-    """A script that becomes the command: 126 or 127 when that cannot be started, as env(1) has it."""
+    """Return a script that executes the command; its status is 126 or 127 if the command cannot start, as in env(1)."""
     environment = {**job.environment, **OWN_ENVIRONMENT}
     words = [*(f"{name}={value}" for name, value in environment.items()), *job.command]
     return (
@@ -109,7 +109,7 @@ UP = 0x1
 
 
 def is_up(interface: str) -> bool:
-    """Whether an interface of this name exists and is up."""
+    """Return whether an interface of this name exists and is up."""
     try:
         return bool(int((NET / interface / "flags").read_text(), 16) & UP)
     except FileNotFoundError:
@@ -118,16 +118,16 @@ def is_up(interface: str) -> bool:
 
 @contextmanager
 def lent(interfaces: Sequence[str]) -> Iterator[bool]:
-    """Yield whether all of them are up as vcan; what had to be made or set up for that is taken back at the end.
+    """Yield whether all interfaces are up as vcan; created or changed interfaces are restored at the end.
 
-    Raises UsageError when one exists and is no vcan.
+    Raises UsageError if one exists and is no vcan.
     """
     with ExitStack() as taken_back:
         yield all(_lend(interface, taken_back) for interface in interfaces)
 
 
 def _lend(interface: str, taken_back: ExitStack) -> bool:
-    """Whether it is up now, as a vcan; that takes the right to change interfaces unless it was so before."""
+    """Return whether the interface is up now, as a vcan; to set it up takes the right to change interfaces."""
     if not (NET / interface).exists():
         if not _add(interface):
             return False
@@ -154,7 +154,7 @@ def _add(interface: str) -> bool:
 
 
 def _ip(*words: str, shows: str = "") -> bool:
-    """Whether `ip` from iproute2 exists, does this, and shows a text."""
+    """Return whether `ip` from iproute2 exists, succeeds, and prints a text."""
     try:
         done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
     except FileNotFoundError:
@@ -163,7 +163,7 @@ def _ip(*words: str, shows: str = "") -> bool:
 
 
 class HostCommand:
-    """A command that runs on this machine, beside its interfaces; it ends with its runner, as in a guest."""
+    """A command on this machine, with its interfaces; it ends with its runner, as in a guest."""
 
     ready = True
 
@@ -189,32 +189,32 @@ class HostCommand:
         self._group.send(number)
 
     def last_words(self) -> str:
-        """Return nothing: what the command says is not listened to."""
+        """Return nothing: the output of the command is not read."""
         return ""
 
     def close(self) -> None:
-        """End what the command has left behind."""
+        """End the remaining processes of the command."""
         self._group.close()
         self._selector.close()
 
 
 TIMED_OUT, NOT_FOUND = 124, 127
-"""Exit statuses, as timeout(1) and env(1) have them."""
+"""Exit statuses of timeout(1) and env(1)."""
 BOOT_LIMIT_S = 60.0
-"""A second is usual; a busy machine takes longer."""
+"""Longest start of the guest [s]; a second is usual, a busy machine takes longer."""
 GRACE_S = 10.0
-"""Time that a command has to end after a signal or its time limit."""
+"""Time for a command to end after a signal or its time limit [s]."""
 PLACE_VARIABLE = "HAPTIC_FIELDBUS_VCAN"
-"""Environment variable by which a command sees where it runs: `host` or `guest`."""
+"""Environment variable with the place of a command: `host` or `guest`."""
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that are passed on to the command; a second one ends it at once."""
 NAME = re.compile(r"[A-Za-z0-9._-]{1,15}")
-"""Of an interface, as Linux allows it, without what a shell would take for something else."""
+"""Name of an interface, as permitted by Linux, without special characters of a shell."""
 
 
 @dataclass(frozen=True)
 class GuestTask:
-    """A command, its interfaces, folders it writes to, limit of its time [s], and whether a guest is wanted."""
+    """A command, its interfaces, folders it writes to, its time limit [s], and whether a guest is required."""
 
     command: Sequence[str]
     interfaces: Sequence[str]
@@ -235,19 +235,19 @@ class Place(Protocol):
         """Exit status of the command, once it has ended."""
 
     def turn(self, deadline: float) -> bool:
-        """Pass on what comes until a time of the monotonic clock [s] or a signal; False when the place has ended."""
+        """Pass on output until a time of the monotonic clock [s] or a signal; False when the place has ended."""
 
     def send(self, number: signal.Signals) -> None:
         """Let the command have a signal."""
 
     def last_words(self) -> str:
-        """Return what the place itself said last, in lines of their own."""
+        """Return the last lines of the place itself, each after a line feed."""
 
 
 def run(errand: GuestTask, note: Callable[[str], None]) -> int:
-    """Run the command, and return its exit status, or 124 when its time was up.
+    """Run the command and return its exit status, or 124 after its time limit.
 
-    `note` is told where it runs. Raises UsageError, and VcanError when it cannot be run.
+    `note` gets the place where it runs. Raises UsageError, and VcanError if it cannot be run.
     """
     _check(errand)
     if not hasattr(os, "pidfd_open"):  # not Linux, for which there is nothing but a refusal
@@ -271,7 +271,7 @@ def run(errand: GuestTask, note: Callable[[str], None]) -> int:
 def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
     """Wait for the end of the command, and return its exit status.
 
-    A signal, or SIGTERM when time is up, is passed on to it; a second one, or too long an end, ends it.
+    A signal, or SIGTERM at the time limit, is passed on to it. A second signal, or a late end, kills it.
     """
     lives = place.ready or _wait(place, BOOT_LIMIT_S, arrived, lambda: place.ready)
     if arrived and not place.ready:
@@ -286,7 +286,7 @@ def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
 
 
 def _wait(place: Place, seconds: float, arrived: list[signal.Signals], enough: Callable[[], bool] = bool) -> bool:
-    """Wait until the command ends, a signal arrives, a time [s] is over or it is enough; False when the place ended."""
+    """Wait for the end of the command, a signal, the end of a time [s], or `enough`; False when the place ended."""
     deadline = monotonic() + seconds
     while place.status is None and not arrived and not enough() and monotonic() < deadline:
         if not place.turn(deadline):
@@ -295,7 +295,7 @@ def _wait(place: Place, seconds: float, arrived: list[signal.Signals], enough: C
 
 
 def _end(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
-    """Ask the command to end, and return its exit status, or that of the signal that it did not obey in time."""
+    """Signal the command to end, and return its exit status, or that of the signal that it did not obey in time."""
     timed_out = not arrived
     asked = signal.SIGTERM if timed_out else arrived.pop(0)
     place.send(asked)
@@ -307,7 +307,7 @@ def _end(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
 
 @contextmanager
 def _signals() -> Iterator[tuple[list[signal.Signals], int]]:
-    """Yield a list into which signals that ask for an end come, and a file descriptor that is readable then."""
+    """Yield a list that collects signals that request an end, and a file descriptor that becomes readable then."""
     arrived: list[signal.Signals] = []
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
@@ -343,14 +343,14 @@ def _environment(place: str) -> dict[str, str]:
 
 
 def _writable(folders: Sequence[Path]) -> str:
-    """Say where a command in a guest can write to."""
+    """Return a sentence on the folders that a command in a guest can write to."""
     if not folders:
         return "the command can write to $TMPDIR only; for a folder of the host use --out"
     return f"it can write to $TMPDIR, and on the host to {', '.join(str(folder.resolve()) for folder in folders)}"
 
 
 def _writer(descriptor: int) -> Callable[[bytes], None]:
-    """Return a function that writes all it is given to a file descriptor."""
+    """Return a function that writes its argument completely to a file descriptor."""
 
     def write(octets: bytes) -> None:
         while octets:
