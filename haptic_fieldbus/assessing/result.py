@@ -226,7 +226,7 @@ class Stopped:
 
 @dataclass(frozen=True)
 class Changed:
-    """New values by `element.parameter`, and the begin of the ramp to them [s from *operation enabled*]."""
+    """New values by `element.parameter`, and the start of the ramp to them [s from *operation enabled*]."""
 
     time: float
     settings: Mapping[str, float | str | bool]
