@@ -38,8 +38,8 @@ def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | N
     """Let a person show the direction of each axis whose rig does not have it; return the sentences about it.
 
     The bus must be inspected; the drives stay off, and are stopped before the rig file is written, because a disk may
-    take longer than a guard waits. Raises UsageError when nobody moves the handle, RigError when positions fall on the
-    way to the positive side, KeyboardInterrupt after a signal, and the error of a faulty link.
+    take longer than the watchdog time. Raises UsageError if the handle is not moved, RigError when positions fall on
+    the way to the positive side, KeyboardInterrupt after a signal, and the error of a faulty link.
     """
     due = [axis for axis in plan.axes if axis.rig.seen.direction is None]
     if instruct is None or not plan.rig.source:
