@@ -75,7 +75,7 @@ _HOSTS = {
 
 
 _TELL_EXCHANGE = ("canopen",)
-"""Protocols on which a drive is told when an exchange begins, so that the hand that moves its handle can rest."""
+"""Protocols on which a drive knows the start of an exchange, so that the hand that moves its handle can rest."""
 
 
 @dataclass(frozen=True)

@@ -321,7 +321,7 @@ class Controller:
         self._report(_RESTARTED, t_ns)
 
     def interface_down(self) -> None:
-        """Take the interface down; what was received and what waits to be sent is lost."""
+        """Take the interface down; received and waiting frames are lost."""
         self.off = self.down = True
         self.port.waiting.clear()
         self.received.clear()

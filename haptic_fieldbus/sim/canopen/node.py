@@ -47,7 +47,7 @@ class Node:
         self.requests: dict[int, Callable[[int], None]] = {}
         self.now_ns = 0
         self.heartbeat_enabled = True
-        """False: the node sends no heartbeats, whatever 1017h is, and answers no node guarding."""
+        """False: the node sends no heartbeats, regardless of 1017h, and answers no node guarding."""
         self.dictionary = dictionary
         self.sdo = SdoServer(dictionary)
         self._application = application

@@ -327,9 +327,9 @@ def _add_table(
     without: frozenset[int],
     demand: MappedObject | None,
 ) -> dict[tuple[int, int], Entry]:
-    """Create the entries of all rows, and add those that the drive has to the dictionary.
+    """Create the entries of all rows, and add the existing ones to the dictionary.
 
-    The torque demand is the object `demand` where the profile names one.
+    The torque demand is the object `demand` if the profile names it.
     """
     entries: dict[tuple[int, int], Entry] = {}
     shown: dict[int, list[Entry]] = {}
@@ -367,7 +367,7 @@ def _add_identity(dictionary: Dictionary, profile: Cia402Profile, serial: int) -
 def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: float) -> float:
     """Add 6076h; return the rated torque [N·m] in whole steps of its unit.
 
-    Raises UsageError when it is less than one step. Without 6076h in the profile the torque is returned as it is.
+    Raises UsageError when it is less than one step. Without 6076h in the profile the torque is returned unchanged.
     """
     rated = profile.torque.rated
     if rated is None:

@@ -404,7 +404,7 @@ def _announced(data: bytes) -> int:
 
 
 def _multiplexer(data: bytes, transfer: Transfer | None) -> tuple[int, int]:
-    """Return index and sub-index of an abort: those of an initiate, else those of the transfer under way."""
+    """Return index and sub-index of an abort: from an initiate request, otherwise from the present transfer."""
     names = data[0] >> 5 in (_DOWNLOAD, _UPLOAD) or (
         data[0] >> 5 in _BEGINNINGS and not data[0] & _BEGINNINGS[data[0] >> 5]
     )
