@@ -206,7 +206,7 @@ def _right(limit: float, point: Point, quick: bool) -> int:
 def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool], quick: bool) -> CaseResult:
     """Return the result on limits by package, oracle and simulated loops.
 
-    `law` describes how the limits vary, and `holds` tells whether those of the oracle do so.
+    `law` describes how the limits vary, and `holds` is True if the oracle's limits vary in this way.
     """
     expected = [oracle_limit(*point) for point in points]
     found = [_package_limit(*point) for point in points]

@@ -214,7 +214,7 @@ EXACT = 1e-9
 
 
 def _forces(gap: int) -> tuple[list[float], list[float]]:
-    """Return what the loop commands and what is expected [N], with a gap of so many periods in the feedback.
+    """Return the commanded and the expected forces [N], with a gap of so many periods in the feedback.
 
     The hand presses deeper during the gap, and for a while after it. Then it leaves the wall and enters it again. After
     a trip the command is 0.

@@ -33,7 +33,7 @@ class KnownMotion:
     start: Matrix
     """w(0), `(n,)`."""
     constant: bool = False
-    """True when the input stays as it is from time 0 on."""
+    """True if the input is constant from time 0 on."""
 
     def inputs(self, period: float, steps: int) -> Matrix:
         """Return the input at 0, T, … steps·T, `(steps + 1, 2)`."""

@@ -63,7 +63,7 @@ def scene_error(tools: Tools, scene: str, duration: float, hand: str | None = No
 
 
 SECONDS = 3.0
-"""Length of each run [s of virtual time], the same in a quick report, so that both tell the same errors."""
+"""Length of each run [s of virtual time], the same in a quick report, so that both have the same errors."""
 LED, LED_HAND = "wall", "shake"
 """Scene whose error stands at the top of the page, and the hand that moves the handle."""
 # Colour and hatching of each source, in the order in which they are made real.
