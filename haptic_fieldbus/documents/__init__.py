@@ -1,4 +1,4 @@
-"""TOML files, read into frozen dataclasses; all faults of a file are reported at once.
+"""TOML files, read into frozen dataclasses; all faults of a file at once.
 
 Each fault has its key and its line. Three modules contribute to it: `document` has the content of the file, `expected`
 the schema in plain words, and `positions` the lines. Pydantic is imported when a file is validated, the parser with
