@@ -57,8 +57,7 @@ class Record:
         return values
 
     def since(self, first: int) -> NDArray[np.float64]:
-        """Return a copy of the rows from number `first` on, counted from the first push; overwritten rows are
-        missing."""
+        """Return a copy of the rows from number `first` on, counted from the first push; some may be overwritten."""
         return self._table()[self._held(first)]
 
     def _held(self, first: int) -> NDArray[np.int64]:
