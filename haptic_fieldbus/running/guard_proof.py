@@ -48,7 +48,7 @@ WHILE_ALONE = LinkFlag.BUS_OFF | LinkFlag.FOREIGN | LinkFlag.DUPLICATE
 def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> tuple[Proof, ...]:
     """Test the watchdogs of these axes of an inspected bus, and return the outcomes; the other axes stay off.
 
-    A proof that is early or missed was inconclusive in all attempts.
+    An early or missed proof means that all attempts were inconclusive.
 
     The drives are then stopped and not configured. Raises KeyboardInterrupt after a signal, BusError, DriveFaultError
     or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.

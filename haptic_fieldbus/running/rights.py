@@ -25,8 +25,7 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.numerals import rounded
 
 PRIORITY = 49
-"""Priority of SCHED_FIFO, 1 to 99: below 50, that of the interrupt threads of a real-time kernel, which deliver
-frames."""
+"""Priority of SCHED_FIFO, 1 to 99: below 50, that of a real-time kernel's interrupt threads, which deliver frames."""
 IDLE_STATES = Path("/dev/cpu_dma_latency")
 """While a program holds this file open with the value 0 µs, no processor enters a sleep state with a late wake-up."""
 TIMER_SLACK_NS = 1
@@ -111,8 +110,7 @@ def _one_processor() -> Iterator[Right]:
 
 
 MANY = 4
-"""Least number of processors to reserve one for the loop; with fewer, threads of higher priority would delay it
-there."""
+"""Least number of processors to reserve one for the loop; with fewer, threads of higher priority may delay it."""
 
 
 def processor_of(allowed: set[int], count: int) -> int | None:

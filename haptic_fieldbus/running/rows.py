@@ -66,8 +66,7 @@ class ProcessRows:
 
 
 class Rows:
-    """The file of rows of a run, if it has one; `fault` is the reason if the file ended before the run, otherwise
-    None."""
+    """The file of rows of a run, if it has one; `fault` is the reason of an early end of the file, or None."""
 
     def __init__(self, record: "Record", path: Path | None, *, simulated: bool) -> None:
         """Begin the file; raises OSError."""
