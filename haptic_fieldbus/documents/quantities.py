@@ -123,8 +123,7 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
 _WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _WITH_COMMA = re.compile(r"\s*([-+]?[\d.]*(?:,\d+)+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
-"""Translation of spellings: without multiplication signs, N·m, N*m and Nm are one unit; both codes of µ and − become
-one."""
+"""Multiplication signs are dropped, so N·m, N*m and Nm are one unit; the two codes of µ and of − become one."""
 # Spellings without superscripts and µ, as typed on a plain keyboard.
 _PLAIN = (("^2", "²"), ("s2", "s²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
 
