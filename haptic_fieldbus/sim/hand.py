@@ -47,8 +47,7 @@ class Hand:
         return replace(self, release=at if self.release is None else min(self.release, at))
 
     def hitting(self, at: float, force: float, duration: float) -> "Hand":
-        """Return the same hand with an additional blow of `force` [N] for `duration` [s]; during a sine, the sine
-        carries it."""
+        """Return the same hand with an additional blow of `force` [N] for `duration` [s]; a sine carries it along."""
         end = at + duration
         before = tuple(piece for piece in self.pieces if piece.start < at)
         during = tuple(replace(piece, force=piece.force + force) for piece in self.pieces if at < piece.start < end)

@@ -37,7 +37,7 @@ def _duration(random: Random) -> float | None:
 
 
 def _flicker(random: Random) -> float | None:
-    """Return the duration of an open contact, either lasting or short (bounce)."""
+    """Return the time for which a contact is open [s]: a short bounce, or None for good."""
     return random.choice((None, round(10 ** random.uniform(-4.0, -0.5), 4)))
 
 

@@ -329,7 +329,7 @@ class Unit:
             self.watchdog.restart(t_ns)
 
     def _scale_position(self, axis: RigAxis) -> None:
-        """Scale the position to the profile's unit per motor revolution."""
+        """Scale the position: a motor revolution has the number of steps of the profile's unit."""
         position, table = self.profile.position, self.drive.objects.table
         if position is None or position.actual.unit in ("", COUNTS):
             return
