@@ -82,8 +82,7 @@ def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
 
 
 def wall_over(quick: bool) -> CaseResult:
-    """Check that a wall with a hand leaning on it chatters on and on at 1.5 times its limit, and rests at half of
-    it."""
+    """Check that a wall with a hand leaning on it keeps chattering at 1.5 times its limit, and rests at half of it."""
     steps, push = (4000 if quick else 50_000), 5.0
     limit = jury_limit(BENCH, PERIOD)
     chatter, brute = _chatter(1.5 * limit, steps, push)
