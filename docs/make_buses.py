@@ -49,7 +49,7 @@ haptic-fieldbus run wall --bus sim-modbus-rtu@115200 --hand {hand} --set wall.st
   third of a millisecond. Silence and the drive's answer time take the rest. If your drive needs less silence than the
   1.75 ms of the standard, set `silence` in the rig and in the profile. This gains more than a faster line.
 - **The best requests depend on the line.** On TCP, one request reads and another writes within the same period. On a
-  serial line a short period matters most: one request reads and writes, and the torque is the one of the period before.
+  serial line a short period matters most: one request reads and writes, and the torque is that of the previous period.
   [Why](../explanation/modbus.md)
 - **CANopen and TCP are equal here by chance.** Both need half a millisecond from the latch of the encoder to the
   torque. CANopen waits for the next control tick of the drive. TCP needs two ways through the network. The limit
