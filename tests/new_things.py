@@ -313,7 +313,7 @@ THINGS: Mapping[str, NewThing] = {
             ),
         ),
         (MAKE_DOCS,),
-        ("docs/images/lecture/cost.png", "docs/reference/estimators.md"),
+        ("docs/reference/estimators.md",),
         ("tests/numerics/test_estimators.py::test_every_family_is_listed_in_full", *PAGES),
         ("tests/numerics/test_estimators.py",),
     ),

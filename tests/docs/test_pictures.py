@@ -68,7 +68,10 @@ def test_files_are_small_and_tell_what_they_show() -> None:
 @pytest.mark.parametrize("name", FIGURES.PICTURES)
 def test_a_picture_is_as_today_s_code_draws_it(name: str, drawn: list[Figure], tmp_path: Path) -> None:
     FIGURES.draw(name, tmp_path / "now.png")
-    assert differences(FIGURES.shown(FOLDER / name), FIGURES.shown(tmp_path / "now.png")) == [], "run: make docs"
+    then, now = FIGURES.shown(FOLDER / name), FIGURES.shown(tmp_path / "now.png")
+    if FIGURES.is_measured(now):
+        then, now = FIGURES.without_ticks(then), FIGURES.without_ticks(now)
+    assert differences(then, now) == [], "run: make docs"
     assert [misplaced(each) for each in drawn] == [[]]
 
 
