@@ -38,6 +38,16 @@ GIVEN_BACK = "Return values"
 """Callers do not construct these classes, so the page omits their defaults."""
 SECTIONS = {
     "Functions": ("run", "plan", "stability", "response"),
+    "Sessions": ("session", "LiveSession"),
+    "Recordings": (
+        "repeat",
+        "read_recording",
+        "RecordedRun",
+        "compare_recording",
+        "FirstDifference",
+        "read_provenance",
+        "Provenance",
+    ),
     GIVEN_BACK: ("Result", "Plan", "Stability", "Verdict", "Response"),
     "Changes while a scene runs": ("Changes",),
     "Scenes": ("load_scene", "Scene", "SceneAxis", "Signal", "Workspace"),

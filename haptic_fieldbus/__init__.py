@@ -12,8 +12,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.api import plan, response, run, stability
+    from haptic_fieldbus.api import plan, repeat, response, run, stability
     from haptic_fieldbus.api.open_loop import Response
+    from haptic_fieldbus.api.replaying import FirstDifference, compare_recording
+    from haptic_fieldbus.api.session import LiveSession, session
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, RigAxis, RotaryMechanism
     from haptic_fieldbus.errors import (
@@ -43,20 +45,26 @@ if TYPE_CHECKING:
     from haptic_fieldbus.planning.plan import Plan
     from haptic_fieldbus.protocols.canopen.bus import CanSection
     from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
+    from haptic_fieldbus.recordings.provenance import Provenance
+    from haptic_fieldbus.recordings.reading import RecordedRun, read_provenance, read_recording
     from haptic_fieldbus.running.changes import Changes
     from haptic_fieldbus.scenes.catalogue import load_scene
     from haptic_fieldbus.scenes.scene import Scene, SceneAxis
     from haptic_fieldbus.signals import Signal, Workspace
 
 _HOMES = {
-    "haptic_fieldbus.api": "plan response run stability",
+    "haptic_fieldbus.api": "plan repeat response run stability",
     "haptic_fieldbus.api.open_loop": "Response",
+    "haptic_fieldbus.api.session": "LiveSession session",
     "haptic_fieldbus.assessing.result": "Result",
     "haptic_fieldbus.drive.rig": "Limits LinearMechanism Rig RigAxis RotaryMechanism",
     "haptic_fieldbus.margins.verdict": "Stability Verdict",
     "haptic_fieldbus.planning.plan": "Plan",
     "haptic_fieldbus.protocols.canopen.bus": "CanSection",
     "haptic_fieldbus.protocols.catalogue": "load_profile load_rig",
+    "haptic_fieldbus.api.replaying": "FirstDifference compare_recording",
+    "haptic_fieldbus.recordings.provenance": "Provenance",
+    "haptic_fieldbus.recordings.reading": "RecordedRun read_provenance read_recording",
     "haptic_fieldbus.running.changes": "Changes",
     "haptic_fieldbus.scenes.catalogue": "load_scene",
     "haptic_fieldbus.scenes.scene": "Scene SceneAxis",
@@ -66,11 +74,13 @@ _HOMES = {
 
 __all__ = [
     "BusConfigurationError", "BusError", "BusOverloadError", "BusTimeoutError", "CanSection", "Changes",
-    "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "ForeignMasterError", "HapticFieldbusError",
-    "ImageTooLargeError", "Limits", "LinearMechanism", "Plan", "PlanError", "ProfileError", "Response", "Result",
-    "Rig", "RigAxis", "RigError", "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal",
-    "SignalUnavailableError", "Stability", "UnprovedGuardError", "UnstableSceneError", "UsageError", "VcanError",
-    "Verdict", "Workspace", "load_profile", "load_rig", "load_scene", "plan", "response", "run", "stability",
+    "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "FirstDifference", "ForeignMasterError",
+    "HapticFieldbusError", "ImageTooLargeError", "Limits", "LinearMechanism", "LiveSession", "Plan", "PlanError",
+    "ProfileError", "Provenance", "RecordedRun", "Response", "Result", "Rig", "RigAxis", "RigError",
+    "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal", "SignalUnavailableError",
+    "Stability", "UnprovedGuardError", "UnstableSceneError", "UsageError", "VcanError", "Verdict", "Workspace",
+    "compare_recording", "load_profile", "load_rig", "load_scene", "plan", "read_provenance", "read_recording",
+    "repeat", "response", "run", "session", "stability",
 ]  # fmt: skip
 
 

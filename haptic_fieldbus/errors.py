@@ -141,6 +141,14 @@ class SafetyTripError(HapticFieldbusError):
     """A safety limit was exceeded; torque was set to zero before this error was raised."""
 
 
+def require(module: str, extra: str) -> None:
+    """Raise UsageError, which names the extra, when an optional package is not installed."""
+    from importlib.util import find_spec
+
+    if find_spec(module) is None:
+        raise UsageError(f'this needs {module}, of the extra "{extra}": pip install {module}')
+
+
 def wrong_kind(name: str, expected: str, given: object) -> TypeError:
     """Return the error for an argument of the wrong kind: its name, what was expected, and what was given."""
     try:

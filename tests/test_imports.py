@@ -60,8 +60,10 @@ DOES_WITHOUT = {
         " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
+        "cli.replay": "api.replaying recordings.reading report.plot",
         "cli.report": "api study.make_report study.measure.bench",
-        "cli.run": "api assessing.loop_report planning.request report.plot report.texts sim.faults sim.faults.drawing",
+        "cli.run": "api api.provenance assessing.loop_report planning.request recordings.reading report.plot"
+        " report.texts sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
@@ -72,7 +74,8 @@ DOES_WITHOUT = {
         "pytest_plugin": "sim.modbus.drives testing testing.modbus",
     },
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
-        "api": "api.site running.changes running.session",
+        "api": "api.provenance api.site recordings.reading running.changes running.session",
+        "assessing.result": "recordings.tables",
         "api.stability_limits": "numerics.estimators",
         "api.open_loop": "documents.samples numerics.estimators numerics.integrators numerics.integrators.trajectory",
         "cycle.axis": "cycle.tachometer",
@@ -98,6 +101,8 @@ DOES_WITHOUT = {
         "cycle.axis": "cycle.standstill",
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
+        "api.provenance": "running.changes",
+        "running.rows": "recordings.mcap",
         "api": "sim.faults.drawing",
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",

@@ -290,7 +290,10 @@ def imported() -> set[str]:
 @reads_the_source
 def test_every_import_is_a_declared_dependency_and_the_other_way_round() -> None:
     project = SETTINGS["project"]
-    required = [*project["dependencies"], *project["optional-dependencies"]["plot"]]
+    required = [
+        *project["dependencies"],
+        *(each for extra in ("data", "plot") for each in project["optional-dependencies"][extra]),
+    ]
     declared = {re.split(r"[\[<>=,;]", requirement)[0] for requirement in required}
     assert {DISTRIBUTIONS.get(name, name.replace("_", "-")) for name in imported()} == declared
 

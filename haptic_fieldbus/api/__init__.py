@@ -5,9 +5,12 @@
 """
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.api.arguments import check_arguments
@@ -28,8 +31,9 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
 from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
-from haptic_fieldbus.planning.selection import Selection, load, select
+from haptic_fieldbus.planning.selection import Selection, load, parsed, select
 from haptic_fieldbus.protocols.registry import protocol_named
+from haptic_fieldbus.recordings.provenance import Conditions, Provenance
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
@@ -38,6 +42,11 @@ from haptic_fieldbus.sim.hand import hand_named
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes, Scheduled
+    from haptic_fieldbus.running.session import Session, Site
+
+
+DRAWING = "haptic_fieldbus.report.plot:draw_run"
+"""Function that draws a result, as a text: the room stands above this one, and a run does without it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +64,7 @@ class Trial:
     faults: str | Path | Sequence[Fault] | None = None
     """Faults of the simulated bench (`haptic_fieldbus.sim.faults`), the file that lists them, or `random@SEED`."""
     record: str | Path | None = None
-    """File for the record; the suffix selects the format: frames (.log, .blf) or one row per period (.csv)."""
+    """File for the record; the suffix selects the format: frames (.log, .blf) or one row per period (.csv, .mcap)."""
     force: bool = False
     """Run even if the scene is above its limit or its bench is unknown, on a real bus with at most 5 % of rated
     torque."""
@@ -68,10 +77,13 @@ class Trial:
     instruct: Callable[[str], None] | None = None
     """Called with an instruction for the person at the handle before a real drive is enabled; None: no person is
     present."""
-    progress: Callable[[int, int], None] | None = None
-    """Called with the number of finished periods and the number of all periods."""
+    progress: Callable[[int, int], None] | bool | None = None
+    """Called with the number of finished periods and the number of all periods; True: one line on standard error, in a
+    terminal or a notebook, unless the drive is real."""
     announce: Callable[[Plan], None] | None = None
     """Called with the plan before any bus is opened."""
+    anonymous: bool = False
+    """Leave host, user and paths out of the provenance."""
 
 
 def plan(
@@ -163,8 +175,9 @@ def run(
     prove: bool = False,
     confirm: Callable[[str], bool] | None = None,
     instruct: Callable[[str], None] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
     announce: Callable[[Plan], None] | None = None,
+    anonymous: bool = False,
 ) -> Result:
     """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz], and return the result.
 
@@ -182,6 +195,7 @@ def run(
     trial = Trial(
         duration=duration, hand=hand, fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
         changes=changes, prove=prove, confirm=confirm, instruct=instruct, progress=progress, announce=announce,
+        anonymous=anonymous,
     )  # fmt: skip
     check_arguments("run", task, trial)
     return run_task(task, trial)
@@ -195,8 +209,22 @@ def plan_task(task: Task) -> Plan:
 
 
 @own_faults()
-def run_task(task: Task, trial: Trial) -> Result:
-    """Render a task under the conditions of a trial and return the result, as `run` does."""
+def run_task(task: Task, trial: Trial, repeats: Provenance | None = None) -> Result:
+    """Render a task under the conditions of a trial and return the result, as `run` does.
+
+    `repeats` is the provenance of the run that the task repeats; its texts come from there.
+    """
+    session, place = prepare_run(task, trial, repeats)
+    return session.render(place)
+
+
+def prepare_run(
+    task: Task, trial: Trial, repeats: Provenance | None = None, share: float = math.inf
+) -> "tuple[Session, AbstractContextManager[Site]]":
+    """Check a task and its trial, and return the run and its place, of which nothing is opened yet.
+
+    The effort of each axis is at most `share` of its rated effort.
+    """
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
     bus = task.bus or DEFAULT_BUS
@@ -208,7 +236,7 @@ def run_task(task: Task, trial: Trial) -> Result:
         selection = _selected(task, trial)
         if trial.force and not selection.bus.simulated and any(above_limit(selection.plan)):
             selection = replace(selection, forced=True)
-        plan = selection.plan.fading_in(trial.fade_in)
+        plan = _capped(selection.plan.fading_in(trial.fade_in), share)
     except (PlanError, KeyboardInterrupt) as error:
         # No plan exists yet, so the result holds the request alone.
         drive, rate = task.drive or protocol_named(name.section.protocol).default_drive, task.rate or math.nan
@@ -224,14 +252,77 @@ def run_task(task: Task, trial: Trial) -> Result:
     if trial.hand is None:
         hand = hand_named(plan.scene.hand or DEFAULT_HAND)
     faults = faults_for(trial.faults, trial.duration, plan)
+    from haptic_fieldbus.api.provenance import provenance_of
     from haptic_fieldbus.api.site import site_of
     from haptic_fieldbus.running.session import Session
 
-    session = Session(
-        plan, selection.bus.text, trial.duration, record=recording, changes=changes, prove=trial.prove,
-        confirm=trial.confirm, instruct=trial.instruct, progress=trial.progress,
+    on_bus = repeats.bus if repeats and repeats.simulated else selection.bus.text
+    provenance = provenance_of(
+        plan, task, _conditions(plan, task, trial, changes, "none" if hand is None else hand.name), faults, on_bus,
+        anonymous=trial.anonymous, repeats=repeats,
     )  # fmt: skip
-    return session.render(site_of(plan, recording, hand, trial.seed, faults))
+    session = Session(
+        plan, on_bus, trial.duration, record=recording, changes=changes, prove=trial.prove,
+        confirm=trial.confirm, instruct=trial.instruct, progress=_shown(trial.progress, plan),
+        provenance=provenance, drawing=DRAWING,
+    )  # fmt: skip
+    return session, site_of(plan, recording, hand, trial.seed, faults)
+
+
+def _capped(plan: Plan, share: float) -> Plan:
+    """Return the plan with efforts of at most this share of the rated ones."""
+    if share == math.inf:
+        return plan
+    axes = [
+        replace(axis, limits=replace(axis.limits, effort=min(axis.limits.effort, share * axis.rated_effort)))
+        for axis in plan.axes
+    ]
+    return replace(plan, axes=tuple(axes))
+
+
+def _conditions(plan: Plan, task: Task, trial: Trial, changes: "Changes | None", hand: str) -> Conditions:
+    """Return the conditions of a run as its provenance has them."""
+    scheduled = () if changes is None else changes.scheduled
+    return Conditions(
+        rate=plan.rate, duration=float(trial.duration), hand=hand, fade_in=float(trial.fade_in), seed=int(trial.seed),
+        force=trial.force, prove=trial.prove, method=task.method, estimator=task.estimator,
+        changes=tuple((float(time), parsed(settings)) for time, settings in scheduled),
+        ramp=None if changes is None else changes.ramp,
+    )  # fmt: skip
+
+
+def _shown(progress: Callable[[int, int], None] | bool | None, plan: Plan) -> Callable[[int, int], None] | None:
+    """Return the function that is told of progress; True is a line on standard error, which a real drive waits for."""
+    if not isinstance(progress, bool):
+        return progress
+    began = monotonic()
+
+    def show(done: int, total: int) -> None:
+        left = (monotonic() - began) * (total - done) / max(done, 1)
+        sys.stderr.write(f"\r{done / total:4.0%}, {left:.0f} s left {chr(10) if done >= total else ''}")
+        sys.stderr.flush()
+
+    return show if progress and plan.simulated else None
+
+
+def repeat(source: str | Path | Provenance, *, record: str | Path | None = None) -> Result:
+    """Repeat the run of a recording, a picture or a JSON object in simulation, and return the result.
+
+    The frames and rows are those of the recorded run when the versions are the same; the warnings of the result name
+    those that differ. Raises UsageError when the source has no provenance, and the errors of `run`.
+    """
+    from haptic_fieldbus.recordings.reading import read_provenance
+
+    return repeat_run(source if isinstance(source, Provenance) else read_provenance(source), Trial(record=record))
+
+
+def repeat_run(provenance: Provenance, trial: Trial) -> Result:
+    """Repeat a recorded run; of the trial, what does not act on frames and rows is taken."""
+    from haptic_fieldbus.api.provenance import repeated, version_differences
+
+    with repeated(provenance) as (task, conditions):
+        result = run_task(task, replace(trial, **conditions), provenance)
+    return replace(result, warnings=(*version_differences(provenance), *result.warnings))
 
 
 def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, plan: Plan) -> tuple[Fault, ...]:

@@ -77,7 +77,7 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     **dict.fromkeys(("duration", "fade_in", "delay"), ("a number in s", _is_number)),
     **dict.fromkeys(("mass", "damping", "coulomb", "resolution", "amplitude"), ("a number", _is_number)),
     **dict.fromkeys(("node", "seed"), ("a whole number", _is_whole)),
-    **dict.fromkeys(("force", "prove"), ("True or False", lambda value: isinstance(value, bool))),
+    **dict.fromkeys(("force", "prove", "anonymous"), ("True or False", lambda value: isinstance(value, bool))),
     **dict.fromkeys(("method", "estimator", "drive", "bus", "zero", "hand"), ("a name", _is_name)),
     **dict.fromkeys(("profiles", "record", "input", "file"), ("a path", lambda value: isinstance(value, PATH))),
     "faults": ("a path, random@SEED or a list of faults", _is_faults),
@@ -86,7 +86,8 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
         'a Changes, or a list such as [(2.0, {"wall.stiffness": 800.0})]',
         lambda value: isinstance(value, list | tuple) or hasattr(value, "scheduled"),
     ),
-    **dict.fromkeys(("confirm", "instruct", "progress", "announce"), ("a function", callable)),
+    **dict.fromkeys(("confirm", "instruct", "announce"), ("a function", callable)),
+    "progress": ("a function, True or False", lambda value: isinstance(value, bool) or callable(value)),
 }
 """Expected kind of each argument by its name: in words, and as a test. None is accepted where it is the default."""
 

@@ -6,6 +6,7 @@ A result may be partial. After a refused or tripped run it holds the figures kno
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -14,14 +15,20 @@ from numpy.typing import ArrayLike, NDArray
 from haptic_fieldbus.assessing.passivity import Passivity, cost_text, forgiven_text
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
+from haptic_fieldbus.errors import UsageError, require
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import DIGITS, OutputRow, exactly, in_unit, object_of, percent, rounded
 from haptic_fieldbus.planning.explain import milliseconds, summary_json
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import Json as Json
+from haptic_fieldbus.recordings.provenance import Provenance
 from haptic_fieldbus.signals import Workspace
 
 if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+    from matplotlib.figure import Figure
+
     from haptic_fieldbus.assessing.loop_report import LoopReport
 
 
@@ -308,6 +315,10 @@ class Result:
     """Lateness and age of each period, for plots; None in virtual time. Not part of the JSON object."""
     elapsed: float | None = None
     """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
+    provenance: Provenance | None = None
+    """Texts, conditions and versions of the run; `repeat` makes it again."""
+    drawing: str = field(default="", repr=False)
+    """Module and function that draw the picture; empty for a result that no run has returned."""
 
     def __repr__(self) -> str:
         """Return the key figures that are known, one a line; a line longer than `WIDEST` is cut."""
@@ -315,6 +326,60 @@ class Result:
         lines = [f"    {name}={value!r}," for name, value in known]
         cut = [line if len(line) <= WIDEST else f"{line[: WIDEST - 1]}…" for line in lines]
         return "\n".join(["Result(", *cut, ")"])
+
+    def plot(self) -> "Figure":
+        """Return the picture of the run, which may be changed, shown and saved; raises UsageError without matplotlib.
+
+        `figure.savefig(path, metadata=...)` is the caller's; `run --plot` writes the provenance into the file too.
+        """
+        require("matplotlib", "plot")
+        if not self.drawing or not self.traces:
+            raise UsageError("there is nothing to draw: the run has no traces")
+        module, _, name = self.drawing.partition(":")
+        figure: Figure = getattr(import_module(module), name)(self)
+        return figure
+
+    def to_arrow(self, axis: str | None = None) -> "pyarrow.Table":
+        """Return the trace of an axis as a table of Arrow: time, position, force, ideal and virtual positions.
+
+        The unit of a column is in the metadata of its field, the provenance in that of the table. `axis` may be left
+        out where there is one. Raises UsageError without pyarrow, for a run without traces, and for an unknown axis.
+        """
+        from haptic_fieldbus.recordings.tables import arrow_table
+
+        names = [trace.axis for trace in self.traces]
+        if len(names) != 1 if axis is None else axis not in names:
+            known = f"expected one of {', '.join(names)}" if names else "the run has no traces"
+            raise UsageError(f"axis {axis}: {known}")
+        trace = self.traces[0 if axis is None else names.index(axis)]
+        length, effort = trace.workspace.length_unit, trace.workspace.effort_unit
+        columns = {"time": trace.times, "position": trace.position, "force": trace.force, "ideal": trace.ideal}
+        columns |= {f"{name}.position": position for name, position in trace.virtual.items()}
+        units = dict.fromkeys(columns, length) | {"time": "s", "force": effort, "ideal": effort}
+        known = {name: values for name, values in columns.items() if values is not None}
+        return arrow_table(known, units, self.provenance)
+
+    def to_frame(self, axis: str | None = None) -> "pandas.DataFrame":
+        """Return the trace of an axis as a frame of pandas, as `to_arrow`; raises UsageError without pandas."""
+        require("pandas", "data")
+        return self.to_arrow(axis).to_pandas()
+
+    def _repr_html_(self) -> str:
+        """Return figures and picture for a notebook; without matplotlib or traces, the figures alone."""
+        from html import escape
+        from importlib.util import find_spec
+
+        text = f"<pre>{escape(repr(self))}</pre>"
+        if not self.drawing or not self.traces or find_spec("matplotlib") is None:
+            return text
+        from base64 import b64encode
+        from io import BytesIO
+
+        picture = BytesIO()
+        self.plot().savefig(picture, format="png")
+        return (
+            f'{text}<img src="data:image/png;base64,{b64encode(picture.getvalue()).decode()}" alt="picture of the run">'
+        )
 
     def to_json(self) -> dict[str, Json]:
         """Return the object that `run --json` prints; SI units, None for figures that do not apply."""
@@ -359,13 +424,14 @@ def result_rows(result: Result) -> Iterator[OutputRow]:
     yield OutputRow(key="stability", value=judged)
     yield OutputRow(key="trips", value=[trip.to_json() for trip in result.trips])
     yield OutputRow(key="stopped", value=result.stopped.to_json() if result.stopped else None)
+    yield OutputRow(key="provenance", value=result.provenance.to_json() if result.provenance else None)
     yield OutputRow(key="deadlines", value=[each.to_json() for each in plan.deadlines] if plan else None)
 
 
 ORDER = (
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
     "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
-    "guards", "host", "deadlines", "limit",
+    "guards", "host", "deadlines", "limit", "provenance",
 )  # fmt: skip
 """Order of the keys of the object, other than the order of the text; new keys come last."""
 

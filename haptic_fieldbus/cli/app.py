@@ -13,6 +13,7 @@ from haptic_fieldbus.cli.failures import tell
 from haptic_fieldbus.cli.options import option, seconds
 from haptic_fieldbus.cli.planning import estimate, plan, response, stability
 from haptic_fieldbus.cli.rehearse import rehearse
+from haptic_fieldbus.cli.replay import replay
 from haptic_fieldbus.cli.report import report
 from haptic_fieldbus.cli.run import run
 from haptic_fieldbus.cli.screen import show
@@ -101,7 +102,7 @@ START, BENCH_PANEL, STUDY, FILES = (
 for panel, commands in {
     START: (run, rehearse, plan),
     BENCH_PANEL: (doctor, scan, watch, simulate),
-    STUDY: (stability, response, estimate, report),
+    STUDY: (stability, response, estimate, replay, report),
 }.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)

@@ -7,7 +7,7 @@ fields as parameters; `task` and `given` turn their values into the dataclasses 
 import inspect
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
@@ -187,10 +187,13 @@ class SceneOptions:
         option(None, "Test the drive watchdogs at zero torque first.", BENCH, "--prove"),
     ] = False
     record: Annotated[
-        Path | None, option("PATH", "Record frames as .log (candump) or .blf, or one row per period as .csv.", OUTPUT)
+        Path | None, option("PATH", "Record frames as .log (candump) or .blf, or rows as .csv or .mcap.", OUTPUT)
     ] = None
     plot: PlotOption = None
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
+    anonymous: Annotated[
+        bool, option(None, "Leave host, user and paths out of what is recorded.", OUTPUT, "--anonymous")
+    ] = False
     verbose: VerboseOption = False
 
     def task(self) -> "Task":
@@ -214,8 +217,34 @@ class SceneOptions:
         return kind(**values)
 
 
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(SceneOptions):
+    """Options of `run`: a scene and how it is rendered, or a file that says both."""
+
+    scene: Annotated[
+        str | None, typer.Argument(metavar="[SCENE]", help="A scene of the library by name, or a scene file.")
+    ] = None  # type: ignore[assignment]
+    source: Annotated[
+        Path | None,
+        option("FILE", "Repeat the run of a recording, picture or JSON object in simulation.", OUTPUT, "--from"),
+    ] = None
+
+    def check_source(self) -> None:
+        """Raise UsageError for options beside --from that the file decides, and for neither a scene nor a file."""
+        if self.source is None:
+            if self.scene is None:
+                raise UsageError("no scene: expected SCENE or --from FILE")
+            return
+        beside = ("source", "record", "plot", "as_json", "yes", "anonymous")
+        given = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
+        names = {"scene": "SCENE", "settings": "--set", "axes": "--axis"}
+        wrong = [names.get(name, f"--{name.replace('_', '-')}") for name in given if name not in beside]
+        if wrong:
+            raise UsageError(f"--from already sets the whole run; omit {', '.join(wrong)}")
+
+
 OF_A_BENCH = ("drive", "bus", "node", "rig", "axes", "zero", "profiles")
-OF_A_RUN = ("duration", "change", "force", "fade_in", "hand", "seed", "faults", "prove", "record", "yes")
+OF_A_RUN = ("duration", "change", "force", "fade_in", "hand", "seed", "faults", "prove", "record", "yes", "anonymous")
 """Options of `run` that other commands leave out."""
 
 

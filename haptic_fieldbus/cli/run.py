@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import typer
 
-from haptic_fieldbus.cli.options import SceneOptions, check_plot, draw, note_assumed_bitrate, options_of
+from haptic_fieldbus.cli.options import RunOptions, SceneOptions, check_plot, draw, note_assumed_bitrate, options_of
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.screen import ProgressBar, print_json, show
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
@@ -16,33 +16,53 @@ from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.running.ending import ended_by_signals
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from haptic_fieldbus.api import Trial
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.planning.plan import Plan
     from haptic_fieldbus.planning.request import Task
+    from haptic_fieldbus.recordings.provenance import Provenance
 
 
-@options_of(SceneOptions)
-def run(options: SceneOptions) -> None:
+@options_of(RunOptions)
+def run(options: RunOptions) -> None:
     """Render SCENE on a drive, simulated or real, and print the result. `plan` only shows what would run."""
     from haptic_fieldbus import api
+
+    options.check_source()
 
     if not sys.stdin.isatty():  # a person at a terminal is to see the plan and the question
         never_wait()
     # Every option is checked before the first bus is opened.
-    task, trial = options.task(), options.given(api.Trial)
     check_plot(options.plot)
+    if options.source is not None:
+        _repeat(options)
+        return
+    task, trial = options.task(), options.given(api.Trial)
     show(note_assumed_bitrate(options.bus), sys.stderr)
     told = None if options.yes or not sys.stderr.isatty() else instruct
     run_and_tell(options, task, replace(trial, instruct=told))
 
 
-def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial") -> None:
+def _repeat(options: RunOptions) -> None:
+    """Repeat the run that a file describes, and print its result."""
+    from haptic_fieldbus import api
+    from haptic_fieldbus.api.provenance import repeated, version_differences
+    from haptic_fieldbus.recordings.reading import read_provenance
+
+    provenance = read_provenance(cast("Path", options.source))
+    show([("note", text) for text in version_differences(provenance)], sys.stderr)
+    with repeated(provenance) as (task, conditions):
+        run_and_tell(options, task, replace(options.given(api.Trial), **conditions), provenance)
+
+
+def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: "Provenance | None" = None) -> None:
     """Run a trial with the questions of a command, and print its result."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.request import parse_changes
 
-    changes = parse_changes(options.change or [])
+    changes = parse_changes(options.change or []) if repeats is None else list(repeats.conditions.changes)
     progress = ProgressBar(trial.duration) if sys.stderr.isatty() else None
 
     def announce(plan: "Plan") -> None:
@@ -58,10 +78,12 @@ def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial") -> None:
             sys.stdout.flush()  # in a pipe, too, the plan is read before the run and not after it
 
     confirm = _tell_question if options.yes else _ask
-    trial = replace(trial, changes=changes, confirm=confirm, progress=progress, announce=announce)
+    if repeats is None:
+        trial = replace(trial, changes=changes)
+    trial = replace(trial, confirm=confirm, progress=progress, announce=announce)
     with _partial_result(trial.duration, options):
         try:
-            result = api.run_task(task, trial)
+            result = api.run_task(task, trial, repeats)
         finally:  # before any line is printed: the bar is drawn over its own line
             if progress is not None:
                 progress.close()

@@ -194,11 +194,32 @@ def value_text(value: object, number: Callable[[str, int | float], str], key: st
     if isinstance(value, Mapping):
         members = (f"{table_name((name,))} = {value_text(each, number, name)}" for name, each in value.items())
         return f"{{ {', '.join(members)} }}"
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return f"[{', '.join(value_text(each, number, key) for each in value)}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     return number(key, value) if isinstance(value, int | float) else quoted(str(value))
+
+
+def file_text(tables: Mapping[str, object]) -> str:
+    """Return the text of a TOML file: single values, then `[key.name]` of tables of tables, `[[key]]` of lists."""
+    lines: list[str] = []
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            for name, table in value.items():
+                lines += ["", f"[{key}.{table_name((name,))}]", *_key_lines(table)]
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            for table in value:
+                lines += ["", f"[[{key}]]", *_key_lines(table)]
+        else:
+            lines += _key_lines({key: value})
+    return "\n".join([*lines, ""]).lstrip("\n")
+
+
+def _key_lines(table: Mapping[str, object]) -> list[str]:
+    return [
+        f"{table_name((key,))} = {value_text(value, lambda _, number: repr(number))}" for key, value in table.items()
+    ]
 
 
 def quoted(text: str) -> str:

@@ -6,7 +6,7 @@ axis without couplings. Everything else is kept.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -100,6 +100,10 @@ class Group:
     couplings: tuple[CouplingElement, ...]
     """Empty for a single member."""
     period: float
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what a copy or another process needs: the fields, from which all that is cached follows."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @property
     def varied(self) -> tuple[AnyElement, ...]:

@@ -122,19 +122,26 @@ def _codec(start: str, signals: Sequence[MappedSignal], values: Sequence[MappedS
     # On CANopen both orders are the same and all octets little-endian: a plain struct is the fastest codec.
     straight = tuple(signals) == tuple(values)
     if straight and all(mapped.order is Order.LITTLE for mapped in signals):
-        return struct.Struct(start + "".join(mapped.type.code for mapped in signals))
+        return PlainCodec(start + "".join(mapped.type.code for mapped in signals))
     places = range(len(signals)) if straight else [signals.index(each) for each in values]
     all_big = all(mapped.order is Order.BIG for mapped in signals)
     return (BigCodec if all_big else WireCodec)(start, signals, places)
+
+
+class PlainCodec(struct.Struct):
+    """A struct that can be copied and sent to another process, as a part of the plan of a result."""
+
+    def __reduce__(self) -> tuple[type["PlainCodec"], tuple[str]]:
+        return PlainCodec, (self.format,)
 
 
 class WireCodec:
     """A codec for any order of octets and signals; it costs a Python call for each signal."""
 
     def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
-        self._struct = struct.Struct(start + "".join(f"{mapped.type.size}s" for mapped in signals))
+        self._struct = PlainCodec(start + "".join(f"{mapped.type.size}s" for mapped in signals))
         self._signals, self._places = tuple(signals), tuple(places)
-        self._first = struct.Struct(start)
+        self._first = PlainCodec(start)
         self.size = self._struct.size
         # The number of fields in `start`; its length would count pad octets too.
         self._fields = len(self._first.unpack(bytes(self._first.size)))

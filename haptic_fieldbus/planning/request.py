@@ -70,7 +70,7 @@ LONGEST = 1e6
 LARGEST_SEED = 2**64 - 1
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
-RECORD_SUFFIXES = (".log", ".blf", ".csv")
+RECORD_SUFFIXES = (".log", ".blf", ".csv", ".mcap")
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, str]:

@@ -438,9 +438,14 @@ MEASURED = "measured"
 """Name (`gid`) of a panel with numbers that differ from machine to machine, which the text leaves out."""
 
 
-def save(drawn: Figure, path: FilePath) -> None:
-    """Write a figure into a file; the suffix selects the format; raises OSError when it cannot be written."""
-    words = {"Software": "haptic-fieldbus", CONTENT: json.dumps(content(drawn))} if path.suffix == ".png" else None
+def save(drawn: Figure, path: FilePath, description: str = "") -> None:
+    """Write a figure into a file; the suffix selects the format; raises OSError when it cannot be written.
+
+    The description stands in the field that the format has for one.
+    """
+    words = {"Software": "haptic-fieldbus", CONTENT: json.dumps(content(drawn))} if path.suffix == ".png" else {}
+    if description:
+        words["Subject" if path.suffix == ".pdf" else "Description"] = description
     drawn.savefig(path, metadata=words)
 
 

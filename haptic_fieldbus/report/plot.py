@@ -154,7 +154,7 @@ def plot_run(result: Result, path: Path) -> None:
 
     Raises OSError when the file cannot be written.
     """
-    save(draw_run(result), path)
+    save(draw_run(result), path, "" if result.provenance is None else result.provenance.mark)
 
 
 def draw_run(result: Result) -> Figure:

@@ -7,9 +7,10 @@ Deadlines are absolute, t0 + k·T. A missed period is skipped, never made up for
 import gc
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
 
 from haptic_fieldbus.assessing.loop_report import SAMPLES, LoopReport, Record
 from haptic_fieldbus.buses.bus import Bus
@@ -27,6 +28,7 @@ from haptic_fieldbus.running.ending import EndSignals
 if TYPE_CHECKING:
     from haptic_fieldbus.running.changes import Changes
 
+T = TypeVar("T")
 
 # Settings of the interpreter that keep it from delaying the loop.
 
@@ -72,7 +74,46 @@ PROGRESS_EVERY = 0.1
 UNCONFIRMED = "The drives did not confirm that their motors are off. Switch the power off."
 
 
+@dataclass
+class Caller:
+    """The caller that has the rest of each period of a session."""
+
+    stopping: bool = False
+    """True when the caller wants no further period."""
+    late_ns: int = 0
+    """Lateness of the present period [ns]."""
+
+
+Steps = Generator[None, None, T]
+"""A run cut open: it pauses after each period in operation enabled if it has a `Caller`, else never."""
+
+
+def finished(steps: Steps[T]) -> T:
+    """Go through all that is left of a run and return its result."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: T = end.value
+            return found
+
+
 def run_loop(
+    plan: Plan,
+    cycle: Cycle,
+    bus: Bus,
+    clock: Clock,
+    *,
+    cycles: int,
+    record: Record | None = None,
+    progress: Callable[[int], None] | None = None,
+    report: LoopReport | None = None,
+) -> LoopReport:
+    """Run an opened bus as `loop_steps` without pauses, and return the report of the run."""
+    return finished(loop_steps(plan, cycle, bus, clock, cycles=cycles, record=record, progress=progress, report=report))
+
+
+def loop_steps(
     plan: Plan,
     cycle: Cycle,
     bus: Bus,
@@ -84,13 +125,16 @@ def run_loop(
     report: LoopReport | None = None,
     changes: "Changes | None" = None,
     ending: EndSignals | None = None,
-) -> LoopReport:
+    caller: Caller | None = None,
+) -> Steps[LoopReport]:
     """Run an opened bus for `cycles` periods of operation enabled and return the report of the run.
 
     Ctrl-C, or a signal that `ending` has noted, ends the run early and is no error. `progress` is called with the
     number of periods done. A `report` that is passed in is filled during the run, so that it can be read after an
     exception too. Raises DriveFaultError, BusError or SafetyTripError; by then `bus.stop` was called, and a note says
     so when a drive did not confirm it. BusError also after a run without fault, if a drive did not confirm its end.
+
+    With a `caller` it pauses after each period in operation enabled; what is raised there ends the run.
     """
     report = LoopReport() if report is None else report
     report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
@@ -101,8 +145,16 @@ def run_loop(
     failure: Exception | None = None
     try:
         # Only changes are computed by another thread, so only a run with changes must make threads give way.
-        with no_garbage_collection(), threads_give_way() if changes is not None else nullcontext():
-            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes, ending or EndSignals())
+        # The garbage of a caller in virtual time may grow, and nothing waits there.
+        collecting = caller is not None and plan.simulated
+        with (
+            nullcontext() if collecting else no_garbage_collection(),
+            threads_give_way() if changes is not None else nullcontext(),
+        ):
+            yield from _run(
+                plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes, ending or EndSignals(),
+                caller,
+            )  # fmt: skip
     except KeyboardInterrupt:
         report.interrupted = True
     except BusError as error:
@@ -144,7 +196,8 @@ def _run(
     report: LoopReport,
     changes: "Changes | None",
     ending: EndSignals,
-) -> None:
+    caller: Caller | None,
+) -> Steps[None]:
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
     feedback_ns = feedback_time_ns(plan)
     enabling_periods = round(enabling_time(plan) * plan.rate)
@@ -184,6 +237,15 @@ def _run(
                 progress(report.cycles)
             if changes is not None and changes.waiting:
                 changes.make(latch_ns + period_ns - enabled_ns, latch_ns, period_ns)
+            if caller is not None:
+                caller.late_ns = late_ns
+                try:
+                    ending.resume()  # a signal raises in the code of the caller
+                    yield
+                finally:
+                    ending.hold()
+                if caller.stopping:
+                    return
         else:
             enabling_periods -= 1
             if enabling_periods < 0:

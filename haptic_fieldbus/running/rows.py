@@ -1,22 +1,26 @@
-"""Files of rows (.csv): one line a period, written during the run.
+"""Files of rows (.csv, .mcap): one line or message a period, written during the run.
 
 In virtual time the loop itself writes, because time stands still meanwhile. On a real bus another process writes; it
 gets the rows of a tenth of a second at a time.
 """
 
+import json
 import os
 import sys
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from haptic_fieldbus.buses.writing import LogFile, WritingProcess, pieces
+from haptic_fieldbus.errors import require
+from haptic_fieldbus.recordings.provenance import Provenance
+from haptic_fieldbus.recordings.tables import LAST, ROWS, column_units, heading, piece, row_line
 
 if TYPE_CHECKING:  # imported for its type alone: the writing process does without numpy
     from haptic_fieldbus.assessing.loop_report import Record
 
-ROW_SUFFIXES = (".csv",)
+ROW_SUFFIXES = (".csv", ".mcap")
 """Suffixes of files of rows."""
 
 
@@ -26,8 +30,8 @@ class RowFile(Protocol):
     def take(self, record: "Record") -> None:
         """Take the rows pushed since the last call; raises OSError if it can take no more."""
 
-    def close(self) -> None:
-        """Finish the file; raises OSError when it is not complete."""
+    def close(self, provenance: str = "") -> None:
+        """Finish the file with the last provenance; raises OSError when it is not complete."""
 
 
 class DirectRows:
@@ -44,7 +48,7 @@ class DirectRows:
         self._taken = record.pushed
         self._file.flush()
 
-    def close(self) -> None:
+    def close(self, provenance: str = "") -> None:
         self._file.close()
 
 
@@ -61,22 +65,69 @@ class ProcessRows:
         self._taken = record.pushed
         self._process.take(rows.tobytes())
 
-    def close(self) -> None:
+    def close(self, provenance: str = "") -> None:
         self._process.close()
+
+
+class DirectMcap:
+    """An MCAP file that this process writes."""
+
+    def __init__(self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str) -> None:
+        from haptic_fieldbus.recordings.mcap import McapFile
+
+        self._file = McapFile(path, columns, units, provenance)
+        self._taken = 0
+
+    def take(self, record: "Record") -> None:
+        rows = record.since(self._taken)
+        self._taken = record.pushed
+        self._file.take(rows.tolist())
+
+    def close(self, provenance: str = "") -> None:
+        self._file.close(provenance)
+
+
+class ProcessMcap:
+    """An MCAP file that another process writes; `take` never waits for it."""
+
+    def __init__(self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str) -> None:
+        require("mcap", "data")
+        path.open("wb").close()  # what cannot be written is refused at once
+        self._process = WritingProcess("from haptic_fieldbus.recordings.mcap import main; main()", str(path))
+        begin = {"columns": list(columns), "units": dict(units), "provenance": provenance}
+        self._process.take(piece(ROWS, json.dumps(begin).encode()))
+        self._taken = 0
+
+    def take(self, record: "Record") -> None:
+        rows = record.since(self._taken)
+        self._taken = record.pushed
+        self._process.take(piece(ROWS, rows.tobytes()))
+
+    def close(self, provenance: str = "") -> None:
+        try:
+            self._process.take(piece(LAST, provenance.encode()))
+        finally:
+            self._process.close()
 
 
 class Rows:
     """The file of rows of a run, if it has one; `fault` is the reason of an early end of the file, or None."""
 
-    def __init__(self, record: "Record", path: Path | None, *, simulated: bool) -> None:
-        """Begin the file; raises OSError."""
+    def __init__(
+        self, record: "Record", path: Path | None, *, simulated: bool, provenance: Provenance | None = None
+    ) -> None:
+        """Begin the file; raises OSError, or UsageError without the library of its format."""
         self.fault: OSError | None = None
         self._record = record
         self._file: RowFile | None = None
         if path is not None and path.suffix in ROW_SUFFIXES:
             # Windows has no pipe that takes octets without waiting.
             direct = simulated or not hasattr(os, "fork")
-            self._file = (DirectRows if direct else ProcessRows)(path, record.columns)
+            if path.suffix == ".mcap":
+                units, text = column_units(record.columns, provenance), "" if provenance is None else provenance.text()
+                self._file = (DirectMcap if direct else ProcessMcap)(path, record.columns, units, text)
+            else:
+                self._file = (DirectRows if direct else ProcessRows)(path, record.columns)
 
     def flush(self) -> None:
         """Pass on the new rows; a file that fails is abandoned, because the run must continue."""
@@ -86,24 +137,14 @@ class Rows:
             except OSError as error:
                 self.fault = error
 
-    def close(self) -> None:
-        """Pass on the last rows and finish the file."""
+    def close(self, provenance: Provenance | None = None) -> None:
+        """Pass on the last rows and the last provenance, and finish the file."""
         self.flush()
         if self._file is not None:
             try:
-                self._file.close()
+                self._file.close("" if provenance is None else provenance.text())
             except OSError as error:
                 self.fault = error  # of the disk itself, so it says more than that of the pipe
-
-
-def heading(columns: Sequence[str]) -> bytes:
-    """Return the first line."""
-    return (",".join(columns) + "\n").encode()
-
-
-def row_line(row: Sequence[float]) -> bytes:
-    """Return the line of a row: the shortest texts that read back as the same numbers, whole ones without ".0"."""
-    return (",".join([repr(value).removesuffix(".0") for value in row]) + "\n").encode()
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -25,8 +25,9 @@ from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
+from haptic_fieldbus.recordings.provenance import Provenance, write_beside
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
-from haptic_fieldbus.running.loop import UNCONFIRMED, enabling_time, run_loop
+from haptic_fieldbus.running.loop import UNCONFIRMED, Caller, Steps, enabling_time, finished, loop_steps
 from haptic_fieldbus.running.rows import Rows
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
@@ -69,11 +70,18 @@ class Session:
     """Function that shows a person what to do before a real drive is enabled; None: no person is present."""
     progress: Callable[[int, int], None] | None = None
     """Function that gets the periods done and the periods of the whole run."""
+    provenance: Provenance | None = None
+    """Texts, conditions and versions of the run; written beside or into its record."""
+    drawing: str = ""
+    """Module and function with which the result draws its picture."""
     _warnings: list[str] = field(default_factory=list, init=False)
     """Warnings about drive watchdogs and motor directions."""
     _proofs: tuple[Proof, ...] = field(default=(), init=False)
     _host: tuple[Right, ...] = field(default=(), init=False)
     _bus: Bus | None = field(default=None, init=False)
+    report: LoopReport = field(default_factory=LoopReport, init=False)
+    """Counts of the loop, once it runs."""
+    cycle: Cycle | None = field(default=None, init=False)
 
     def render(self, place: AbstractContextManager[Site]) -> Result:
         """Run the plan at `place` and return the result.
@@ -83,10 +91,14 @@ class Session:
         the run. Each error carries the facts known by then as `result`; rows are written to the record file in any
         case.
         """
-        with ended_by_signals() as ending:
-            return self._rendered(place, ending)
+        return finished(self.steps(place))
 
-    def _rendered(self, place: AbstractContextManager[Site], ending: EndSignals) -> Result:
+    def steps(self, place: AbstractContextManager[Site], caller: Caller | None = None) -> Steps[Result]:
+        """Run the plan as `render` does; with a `caller`, pause once the run is confirmed, and after each period."""
+        with ended_by_signals() as ending:
+            return (yield from self._steps(place, ending, caller))
+
+    def _steps(self, place: AbstractContextManager[Site], ending: EndSignals, caller: Caller | None) -> Steps[Result]:
         plan, duration = self.plan, self.duration
         cycles = max(1, round(duration * plan.rate))
         cycle, report = Cycle(plan), LoopReport()
@@ -95,7 +107,8 @@ class Session:
         kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
         record = Record(columns(plan), min(cycles, kept) + enabling + 1)
         try:
-            rows = Rows(record, self.record, simulated=plan.simulated)
+            self._keep_provenance()
+            rows = Rows(record, self.record, simulated=plan.simulated, provenance=self.provenance)
         except OSError as error:
             raise UsageError(f"cannot record to {self.record}: {error.strerror}") from error
         assessment: Assessment | None = None
@@ -108,9 +121,15 @@ class Session:
                 )  # fmt: skip
                 assessment = Assessment(run)
                 with _freed(bus, ending):
-                    self._open(bus, site.clock, ending)
+                    due = self._confirmed(bus)
+                    if caller is not None:
+                        yield
+                        if caller.stopping:
+                            return self._told_with(known_before(plan, self.bus_name, report))
+                    self._start(bus, site.clock, due, ending)
                     ending.hold()
-                    run_loop(
+                    self.report, self.cycle = report, cycle
+                    yield from loop_steps(
                         plan,
                         cycle,
                         bus,
@@ -121,6 +140,7 @@ class Session:
                         report=report,
                         changes=self.changes,
                         ending=ending,
+                        caller=caller,
                     )
         except KeyboardInterrupt as early:
             ending.hold()
@@ -141,7 +161,8 @@ class Session:
             error.result = self._told_with(known if assessment is None else assessment.with_travel(known))
             raise
         finally:
-            rows.close()
+            self._end_provenance(report, cycle, stepped=caller is not None)
+            rows.close(self.provenance)
             if report.released:
                 ending.freed()
         stopped = ending.stopped(report, duration)
@@ -157,17 +178,49 @@ class Session:
         """Return a result with the facts known before; its warnings follow those of bus and watchdogs."""
         earlier = () if self._bus is None else self._bus.warnings
         told = (*earlier, *self._warnings, *result.warnings)
-        return replace(result, warnings=told, proofs=self._proofs, host=self._host)
+        return replace(
+            result,
+            warnings=told,
+            proofs=self._proofs,
+            host=self._host,
+            provenance=self.provenance,
+            drawing=self.drawing,
+        )
 
-    def _open(self, bus: Bus, clock: Clock, ending: EndSignals) -> None:
-        """Inspect the drives, ask, and only then write to them; test the due watchdogs, and confirm the direction.
+    def _end_provenance(self, report: LoopReport, cycle: Cycle, *, stepped: bool) -> None:
+        """Complete the provenance by what only the run could tell: drives, changes, and its length if it stopped."""
+        if self.provenance is None:
+            return
+        facts = {} if self._bus is None else self._bus.facts
+        drives = {name: {"title": each.title, **vars(each.identity)} for name, each in facts.items()}
+        changes = [(each.time, each.change.settings) for each in report.changes]
+        early = 0 < report.cycles < max(1, round(self.duration * self.plan.rate)) and cycle.trip is None
+        periods = report.cycles if early and (stepped or report.interrupted) else None
+        self.provenance = replace(self.provenance.ended(periods, changes), drives=drives)
+        with suppress(OSError):  # the file that was written before the run stays
+            self._keep_provenance()
+
+    def _keep_provenance(self) -> None:
+        """Write the provenance beside a record whose format cannot hold it; raises OSError."""
+        if self.provenance is not None and self.record is not None and self.record.suffix != ".mcap":
+            write_beside(self.record, self.provenance)
+
+    def _confirmed(self, bus: Bus) -> dict[str, str]:
+        """Inspect the drives without writing to them, ask, and return the axes whose guards are due to be proved.
+
+        Raises UsageError, BusError or DriveFaultError.
+        """
+        bus.inspect(self.plan, bytearray(self.plan.image.input_size))
+        due = self._due(bus)
+        self._ask(bus, due)
+        return due
+
+    def _start(self, bus: Bus, clock: Clock, due: dict[str, str], ending: EndSignals) -> None:
+        """Prove the guards that are due, see the direction, and configure and start the drives, torque-free.
 
         Raises UsageError, PlanError, RigError, BusError, DriveFaultError or SafetyTripError.
         """
         plan = self.plan
-        bus.inspect(plan, bytearray(plan.image.input_size))
-        due = self._due(bus)
-        self._ask(bus, due)
         if due:
             from haptic_fieldbus.running import guard_proof
 

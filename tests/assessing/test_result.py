@@ -1,5 +1,12 @@
+import importlib.util
 import json
 import math
+import pickle
+import re
+from base64 import b64decode
+from concurrent.futures import ProcessPoolExecutor
+from copy import deepcopy
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -16,9 +23,11 @@ from haptic_fieldbus.assessing.result import (
     finite,
     known_before,
 )
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.scenes.catalogue import scene_names
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -131,3 +140,75 @@ def test_a_result_of_many_trips_is_cut_and_what_is_not_known_is_left_out() -> No
 def test_a_plan_and_a_response_show_no_tables_and_no_arrays_of_themselves() -> None:
     assert len(repr(plan("wall"))) < 600
     assert len(repr(response("sprung_mass"))) < 200
+
+
+@pytest.fixture(scope="module")
+def finished() -> Result:
+    return run("wall", duration=0.7, settings={"wall.position": 0.001})
+
+
+def test_a_result_is_copied_and_sent_to_another_process(finished: Result) -> None:
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        sent = pool.submit(run, "wall", duration=0.05).result()
+    assert sent.cycles == 50
+    for copy in (pickle.loads(pickle.dumps(finished)), deepcopy(finished)):
+        assert copy.to_json() == finished.to_json()
+        assert copy.provenance == finished.provenance
+        assert copy.plot().get_size_inches() == pytest.approx(finished.plot().get_size_inches())
+
+
+@pytest.mark.thorough("plans every scene", quick=("teleoperation", "wall"))
+@pytest.mark.parametrize("scene", scene_names())
+def test_the_plan_of_each_scene_is_copied(scene: str) -> None:
+    compiled = plan(scene)
+    copy = pickle.loads(pickle.dumps(compiled))
+    assert (copy.scene, copy.stability, copy.mapped) == (compiled.scene, compiled.stability, compiled.mapped)
+    assert deepcopy(compiled).image.input.size == compiled.image.input.size
+
+
+def test_a_trace_becomes_a_table_with_units_and_provenance(finished: Result) -> None:
+    table, (trace,) = finished.to_arrow(), finished.traces
+    assert {field.name: field.metadata[b"unit"] for field in table.schema} == {
+        "time": b"s", "position": b"m", "force": b"N", "ideal": b"N",
+    }  # fmt: skip
+    assert finished.provenance is not None
+    assert json.loads(table.schema.metadata[b"haptic_fieldbus.provenance"]) == json.loads(finished.provenance.text())
+    frame = finished.to_frame("handle")
+    assert np.array_equal(frame["force"].to_numpy(), trace.force)
+    assert np.array_equal(frame["time"].to_numpy(), trace.times)
+    with pytest.raises(UsageError, match="axis knob: expected one of handle"):
+        finished.to_arrow("knob")
+    with pytest.raises(UsageError, match="no traces"):
+        Result("wall", "maxon_epos4", "sim", 1000.0).to_arrow()
+
+
+def test_a_table_of_several_axes_needs_a_name() -> None:
+    finished = run("virtual_shaft", duration=0.6)
+    with pytest.raises(UsageError, match="expected one of left, right"):
+        finished.to_arrow()
+    assert finished.to_arrow("right").num_rows > 0
+
+
+def test_a_notebook_shows_figures_and_picture(finished: Result) -> None:
+    text = finished._repr_html_()
+    assert "<pre>Result(" in text
+    picture = re.search(r"data:image/png;base64,([\w+/=]+)", text)
+    assert picture is not None
+    assert b64decode(picture[1]).startswith(b"\x89PNG")
+    bare = Result("<wall>", "maxon_epos4", "sim", 1000.0)
+    assert bare._repr_html_().startswith("<pre>Result(")
+    assert "&lt;wall&gt;" in bare._repr_html_()
+    with pytest.raises(UsageError, match="nothing to draw"):
+        bare.plot()
+
+
+@pytest.mark.parametrize(("method", "missing", "extra"), [
+    ("plot", "matplotlib", "plot"), ("to_arrow", "pyarrow", "data"), ("to_frame", "pandas", "data"),
+])  # fmt: skip
+def test_a_missing_package_is_named_with_its_extra(
+    method: str, missing: str, extra: str, finished: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == missing else found(name))
+    with pytest.raises(UsageError, match=f'this needs {missing}, of the extra "{extra}"'):
+        getattr(finished, method)()

@@ -14,7 +14,7 @@ SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
     "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
-    "guards", "host", "deadlines", "limit",
+    "guards", "host", "deadlines", "limit", "provenance",
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "limit", "stiffness_limit", "judged_at",
@@ -106,7 +106,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--record", "frames.txt"), 2, "suffix must be one of .log"),
         (("wall", "--node", "one"), 2, "Invalid value"),
         (("wall", "--nope"), 2, "No such option"),
-        ((), 2, "Missing argument"),
+        ((), 2, "expected SCENE or --from FILE"),
         (("wall", "--set", "wall.stiffness=3000"), 4, "3000 N/m exceeds the limit of 750 N/m on this bench"),
         (("wall", "--drive", "generic_cia402", "--rate", "8000"), 4, "Fits: --rate"),
     ],

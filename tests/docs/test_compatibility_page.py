@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from haptic_fieldbus import run
 from haptic_fieldbus.assessing.result import Stopped, TripRecord
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import OUTCOMES
@@ -28,6 +29,7 @@ COMMANDS = {
     "response": "response sprung_mass",
     "response --model": "response sprung_mass --model",
     "estimate": "estimate signal.csv",
+    "replay": "replay run.csv --compare",
     "scan": "scan",
     "doctor": "doctor",
     "watch": "watch --duration 0.5",
@@ -40,7 +42,8 @@ COMMANDS = {
     "scenes check": "scenes check wall no_such_scene",
     "a failed command": "plan no_such_scene",
 }
-BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes", "growth", "depth")
+BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes", "growth", "depth",
+                          "versions", "drives", "columns")  # fmt: skip
 """Objects whose keys are not ours, and those that a page of their own lists."""
 
 
@@ -70,6 +73,8 @@ def test_a_command_prints_the_keys_of_the_page(
     monkeypatch.chdir(tmp_path)
     Path("push1.eds").write_text(eds_text(generic()), encoding="utf-8")
     Path("signal.csv").write_text("time,position\n0,0\n0.1,1\n", encoding="utf-8")
+    if name == "replay":
+        run("wall", duration=0.05, record="run.csv")
     with pytest.raises(SystemExit):
         main([*COMMANDS[name].split(), "--json"])
     told = dict(objects_of(json.loads(capsys.readouterr().out), name))
@@ -83,7 +88,12 @@ def test_a_command_prints_the_keys_of_the_page(
         # Run and plan tell what is assumed, and plan the ways of exchange, once, beside the rest of the plan.
         assert OBJECTS[known] - ({"assumed", "ways"} if at.endswith(": stability") else set()) == keys, at
     promised = {at for at in OBJECTS if at == name or at.startswith(f"{name}: ")}
-    assert promised <= told.keys() | {"run: trips[]", "run: stopped", "stability: own_laws[]"}
+    assert promised <= told.keys() | {
+        "run: trips[]",
+        "run: stopped",
+        "stability: own_laws[]",
+        "replay: first_difference",
+    }
 
 
 def test_a_trip_has_the_keys_of_the_page() -> None:

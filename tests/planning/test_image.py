@@ -1,6 +1,8 @@
 """The process image, field by field and octet by octet."""
 
+import pickle
 import struct
+from copy import deepcopy
 from dataclasses import dataclass
 
 import pytest
@@ -102,3 +104,13 @@ def test_signals_of_an_axis_may_differ_in_the_order_of_their_octets() -> None:
     image = HEADER.pack(1) + AXIS_HEADER.pack(2, 0, 0) + bytes.fromhex("fffe7fff 0637 fdff")
     assert layout.input.unpack(image) == (1, 2, 0, 0, 0x7FFF_FFFE, 0x0637, -3)
     assert layout.input.pack(*layout.input.unpack(image)) == image
+
+
+@pytest.mark.parametrize("order", Order)
+def test_a_layout_is_copied_and_sent_to_another_process(order: Order) -> None:
+    received = (mapped(Signal.POSITION, DataType.INT32, order), mapped(Signal.STATUSWORD, DataType.UINT16, order))
+    layout = lay_out_image([Plain(1, (), (), received, ())])
+    image = bytes(range(layout.input_size))
+    for copy in (pickle.loads(pickle.dumps(layout)), deepcopy(layout)):
+        assert copy.axes[0].input.unpack_from(image) == layout.axes[0].input.unpack_from(image)
+        assert copy.input.pack(*copy.input.unpack(image)) == image

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.assessing.loop_report import Record
-from haptic_fieldbus.running.rows import DirectRows, ProcessRows, RowFile, Rows, row_line
+from haptic_fieldbus.recordings.tables import row_line
+from haptic_fieldbus.running.rows import DirectRows, ProcessRows, RowFile, Rows
 
 COLUMNS = ("t_ns", "handle.position")
 KINDS = pytest.mark.parametrize("kind", [DirectRows, ProcessRows])

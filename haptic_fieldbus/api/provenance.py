@@ -1,0 +1,198 @@
+"""Provenance of a run that is about to begin, and the run again that it describes."""
+
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+from haptic_fieldbus.defaults import SIMULATION
+from haptic_fieldbus.documents import is_path, table_of
+from haptic_fieldbus.documents.edits import file_text
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import parsed
+from haptic_fieldbus.protocols.catalogue import profile_file
+from haptic_fieldbus.recordings.provenance import (
+    Conditions,
+    Provenance,
+    RunText,
+    scrubbed,
+    without_secrets,
+)
+from haptic_fieldbus.scenes.registry import kind_of
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.sim.faults import Fault, load_faults, toml_of
+
+PACKAGE = "haptic-fieldbus"
+USED = ("numpy", "pydantic", "python-can", "canopen", "pymodbus", "pyserial")
+"""Packages that a run may use."""
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of Python, of this package and of those that a run uses."""
+    found = {"python": platform.python_version()}
+    for name in (PACKAGE, *USED):
+        with suppress(PackageNotFoundError):  # run from a folder that was never installed
+            found[name] = version(name)
+    return found
+
+
+def provenance_of(
+    plan: Plan,
+    task: Task,
+    conditions: Conditions,
+    faults: tuple[Fault, ...],
+    bus: str,
+    *,
+    anonymous: bool,
+    repeats: Provenance | None = None,
+) -> Provenance:
+    """Return the provenance of a run that is about to begin; `conditions` and `faults` are those that act.
+
+    The files of one that repeats another are those of that one, since its own last only as long as the run.
+    """
+    profiles, found = _profiles(plan.rig, task), versions()
+    provenance = Provenance(
+        version=found.get(PACKAGE, "unknown"),
+        versions=found,
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        command=scrubbed(sys.argv, paths=not anonymous),
+        system=f"{platform.system()} {platform.release()} {platform.machine()}",
+        host=None if anonymous else platform.node(),
+        user=None if anonymous else os.environ.get("USER") or os.environ.get("USERNAME"),
+        scene=_scene_text(plan.scene),
+        rig=_rig_text(plan.rig, profiles),
+        profiles=tuple({text.name: text for text in profiles.values()}.values()),
+        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None,
+        settings=dict(parsed(task.settings)),
+        conditions=conditions,
+        bus=bus,
+        simulated=plan.simulated,
+    )
+    if repeats is not None:
+        scene, rig = cast(RunText, repeats.scene), repeats.rig
+        provenance = replace(
+            provenance, scene=_from(provenance.scene, scene), rig=_from(provenance.rig, rig),
+            profiles=repeats.profiles, faults=repeats.faults, settings=repeats.settings,
+        )  # fmt: skip
+    return _without_paths(provenance) if anonymous else provenance
+
+
+def _from(text: RunText | None, origin: RunText) -> Any:
+    """Return a text with the file that an earlier run had it from."""
+    return None if text is None else replace(text, source=origin.source, source_sha256=origin.source_sha256)
+
+
+def _without_paths(provenance: Provenance) -> Provenance:
+    def bare(text: RunText | None) -> Any:
+        return None if text is None else replace(text, source=None)
+
+    return replace(
+        provenance,
+        scene=bare(provenance.scene),
+        rig=bare(provenance.rig),
+        profiles=tuple(map(bare, provenance.profiles)),
+        faults=bare(provenance.faults),
+    )
+
+
+def _scene_text(scene: Scene) -> RunText | None:
+    """Return a scene as one file; None where an element is an object of Python, which no file can give."""
+    kinds = [kind_of(type(element)) for element in scene.elements]
+    if None in kinds:
+        return None
+    tables = {
+        "description": scene.description,
+        **({"hand": scene.hand} if scene.hand else {}),
+        "passivity": scene.passivity,
+        "axis": {
+            axis.name: {"workspace": axis.workspace.value, **({} if axis.held is None else {"held": axis.held})}
+            for axis in scene.axes
+        },
+        "element": [{"kind": kind, **table_of(element)} for kind, element in zip(kinds, scene.elements, strict=True)],
+    }
+    return RunText.of(f"{scene.name}.toml", file_text(tables), scene.source)
+
+
+def _rig_text(rig: Rig, profiles: Mapping[str, RunText]) -> RunText:
+    """Return a rig as a file that names the profiles beside it."""
+    table = cast(dict[str, Any], table_of(replace(rig, source="")))
+    del table["source"]
+    table["bus"] = without_secrets(table["bus"])
+    for name, axis in rig.axis.items():
+        table["axis"][name]["profile"] = profiles[axis.profile].name
+    return RunText.of("rig.toml", file_text(table), rig.source)
+
+
+def _profiles(rig: Rig, task: Task) -> dict[str, RunText]:
+    """Return the file of each profile of a rig; of one that was fitted to its drive, the file that it was fitted from.
+
+    Two files of one name get different names.
+    """
+    found: dict[str, RunText] = {}
+    for name in dict.fromkeys(axis.profile for axis in rig.axis.values()):
+        file = name.partition(" of ")[0]
+        path = Path(file) if is_path(file) else profile_file(file, task.profiles)
+        text = RunText.of(path.name, path.read_text(encoding="utf-8", errors="surrogateescape"), path)
+        taken = {each.name: each.sha256 for each in found.values()}
+        if taken.get(text.name, text.sha256) != text.sha256:
+            text = replace(text, name=f"{len(found)}-{text.name}")
+        found[name] = text
+    return found
+
+
+@contextmanager
+def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tuple[Task, dict[str, Any]]]:
+    """Yield the task of a recorded run and the arguments of its trial; on the simulated bench, unless not `simulated`.
+
+    Its texts stand in a folder that lasts as long as the block. Raises UsageError when the run cannot be repeated.
+    """
+    if provenance.scene is None:
+        raise UsageError("the recorded run cannot be repeated: an element of its scene is an object of Python")
+    made = provenance.conditions
+    with TemporaryDirectory(prefix="haptic-fieldbus-") as folder:
+        texts = (provenance.scene, provenance.rig, *provenance.profiles)
+        for text in texts:
+            Path(folder, text.name).write_text(text.text, encoding="utf-8", errors="surrogateescape")
+        faults = None
+        if provenance.faults is not None:
+            path = Path(folder, provenance.faults.name)
+            path.write_text(provenance.faults.text, encoding="utf-8")
+            faults = load_faults(path)
+        task = Task(
+            Path(folder, provenance.scene.name), Path(folder, provenance.rig.name), rate=made.rate,
+            method=made.method, estimator=made.estimator,
+            bus=SIMULATION if simulated and not provenance.simulated else None,
+        )  # fmt: skip
+        changes: Any = None
+        if made.changes:
+            from haptic_fieldbus.running.changes import Changes
+
+            changes = Changes(made.changes) if made.ramp is None else Changes(made.changes, ramp=made.ramp)
+        yield task, {
+            "duration": made.duration, "hand": made.hand, "fade_in": made.fade_in, "seed": made.seed,
+            "force": made.force, "prove": made.prove, "faults": faults, "changes": changes,
+        }  # fmt: skip
+
+
+def version_differences(provenance: Provenance) -> list[str]:
+    """Return a sentence for each version other than that of the recorded run; empty when all are the same."""
+    now = versions()
+    names = dict.fromkeys((*provenance.versions, *now))
+    return [
+        f"recorded with {name} {provenance.versions.get(name, 'none')}, repeated with {now.get(name, 'none')}: "
+        "frames and rows may differ"
+        for name in names
+        if provenance.versions.get(name) != now.get(name)
+    ]

@@ -1,0 +1,87 @@
+"""Command `replay`: summarise, draw, convert, compare and repair a recording."""
+
+import sys
+from dataclasses import asdict
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptic_fieldbus.cli.options import OUTPUT, JsonOption, PlotOption, check_plot, draw, option
+from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
+
+DIFFERENT = 1
+"""Exit status when a set-point of today differs from the recorded one."""
+
+
+class RowFormat(Enum):
+    """Formats of rows, by the suffixes of their files."""
+
+    CSV = "csv"
+    MCAP = "mcap"
+    PARQUET = "parquet"
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Rows (.csv, .mcap, .parquet) or frames (.log, .blf).")],
+    to: Annotated[RowFormat | None, option("FORMAT", "Write rows as csv, mcap or parquet beside FILE.", OUTPUT)] = None,
+    compare: Annotated[
+        bool, option(None, "Compute the set-points anew from the recorded feedback.", None, "--compare")
+    ] = False,
+    repair: Annotated[
+        bool, option(None, "Write an MCAP file that was cut off anew, with its index, beside FILE.", None, "--repair")
+    ] = False,
+    plot: PlotOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Summarise a recording; draw, convert, compare or repair it.
+
+    With --compare, the recorded feedback goes through today's cycle. The exit status is 1 when a set-point differs.
+    """
+    from haptic_fieldbus.recordings.reading import read_recording
+
+    check_plot(plot)
+    if repair and file.suffix != ".mcap":
+        raise UsageError("--repair: only an MCAP file has an index")
+    found = read_recording(file)
+    targets = [file.with_suffix(f".{to.value}")] if to else []
+    targets += [file.with_name(f"{file.stem}.repaired.mcap")] if repair else []
+    if taken := [str(target) for target in targets if target.exists()]:
+        raise UsageError(f"{', '.join(taken)}: exists; move it away")
+    for target in targets:
+        found.write(target)
+    difference = None
+    if compare:
+        from haptic_fieldbus.api.replaying import compare_recording
+
+        difference = compare_recording(found)
+    if plot is not None:
+        from haptic_fieldbus.api.replaying import shown
+        from haptic_fieldbus.report.plot import plot_run
+
+        result = shown(found)
+        draw(plot, lambda path: plot_run(result, path))
+    origin, kind = found.provenance, "rows" if found.rows else "frames"
+    duration = float(found.time[-1]) if len(found) else 0.0
+    if as_json:
+        told = {
+            "recording": str(file), "kind": kind, "count": len(found), "duration_s": duration,
+            "complete": found.complete, "columns": {name: found.units.get(name) for name in found.columns},
+            "scene": origin.scene_name if origin else None, "date": origin.date if origin else None,
+            "version": origin.version if origin else None, "written": [str(target) for target in targets],
+            "first_difference": asdict(difference) if difference else None,
+        }  # fmt: skip
+        print_json({key: plain(value) for key, value in told.items()})
+    else:
+        lines = [("recording", f"{len(found)} {kind}, {exactly(round(duration, 6))} s")]
+        lines += [] if found.complete else [("", "cut off: read up to the last whole part")]
+        lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}")] if origin else []
+        lines += [("written", str(target)) for target in targets]
+        lines += [("compare", str(difference or "all set-points are the same"))] if compare else []
+        show(lines)
+    sys.stdout.flush()
+    if difference is not None:
+        raise typer.Exit(DIFFERENT)

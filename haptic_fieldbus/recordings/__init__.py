@@ -1,0 +1,1 @@
+"""Recordings of runs: their provenance, and the formats of their rows."""

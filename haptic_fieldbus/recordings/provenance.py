@@ -1,0 +1,174 @@
+"""Provenance of a run: all that is needed to repeat it in simulation, and to know on what it was made.
+
+It is a part of the result, of `run --json`, of MCAP and Parquet files and of pictures. Formats that promise to be what
+other programs write (candump, BLF, CSV) have it in a file beside them, `NAME.provenance.json`. The texts are those that
+acted: settings, a part of the limit among them, are filled in, and a scene is one file with all that it includes. No
+value of an option or an argument whose name says token, password or secret is kept.
+"""
+
+import json
+import os
+import re
+import zlib
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
+from pathlib import Path, PurePath
+from typing import Any, Literal
+
+SIDE_SUFFIX = ".provenance.json"
+"""Added to the whole name of a file that cannot hold its provenance."""
+PICTURES = (".png", ".svg", ".pdf")
+METADATA = "haptic_fieldbus.provenance"
+"""Key of the metadata of MCAP and Parquet files, whose value is the JSON object."""
+MARK = "haptic-fieldbus provenance "
+"""In front of the compressed JSON object in the description of a picture."""
+SECRET = re.compile(r"token|password|passwd|secret", re.IGNORECASE)
+"""Names of options and arguments whose values are never kept."""
+HIDDEN = "left out"
+
+
+def digest(text: str | bytes) -> str:
+    """Return the SHA-256 of a text in UTF-8, in hexadecimal."""
+    return sha256(text.encode(errors="surrogateescape") if isinstance(text, str) else text).hexdigest()
+
+
+@dataclass(frozen=True)
+class RunText:
+    """The text of a file that gives what acted in the run."""
+
+    name: str
+    """File name, such as wall.toml."""
+    text: str
+    sha256: str
+    source: str | None = None
+    """Path of the file that the caller named; None: none, or left out."""
+    source_sha256: str | None = None
+    """Digest of that file as it was."""
+
+    @classmethod
+    def of(cls, name: str, text: str, source: str | Path | None = None) -> "RunText":
+        """Return the text with its digest, and with path and digest of the file that it comes from, if there is one."""
+        path = Path(source) if source else None
+        octets = path.read_bytes() if path is not None and path.is_file() else None
+        found = None if octets is None else str(path)
+        return cls(name, text, digest(text), found, None if octets is None else digest(octets))
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How the run was made: arguments of `run`, with their defaults filled in."""
+
+    rate: float
+    """[Hz]"""
+    duration: float
+    """[s]; of a run that was stopped, up to its end."""
+    hand: str
+    """"none": no hand."""
+    fade_in: float
+    """[s]"""
+    seed: int
+    force: bool = False
+    prove: bool = False
+    method: str | None = None
+    estimator: str | None = None
+    changes: tuple[tuple[float, dict[str, float | str | bool]], ...] = ()
+    """Times [s from operation enabled] and settings; those that were made, once the run is over."""
+    ramp: float | None = None
+    """Length of a change [s]."""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Texts, conditions, time, place and versions of a run."""
+
+    version: str
+    """Version of this package."""
+    versions: dict[str, str]
+    """Versions of Python and of the packages that a run uses."""
+    date: str
+    """Begin of the run in UTC, ISO 8601."""
+    command: tuple[str, ...]
+    """Command line of the process."""
+    system: str
+    """Operating system and machine."""
+    host: str | None
+    user: str | None
+    scene: RunText | None
+    """None: an element is an object of Python, which no file can give."""
+    rig: RunText
+    profiles: tuple[RunText, ...]
+    faults: RunText | None
+    settings: dict[str, Any]
+    """Settings as they were given; the texts have them filled in."""
+    conditions: Conditions
+    bus: str
+    """Name of the bus, or those of all buses."""
+    simulated: bool
+    drives: dict[str, dict[str, str | int | None]] = field(default_factory=dict)
+    """By axis: title, vendor, product, revision and serial number that the drive reported."""
+    schema: Literal[1] = 1
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        return {"schema": self.schema, **asdict(self)}
+
+    @property
+    def scene_name(self) -> str:
+        """Name of the scene; "scene of Python" where no file can give it."""
+        return "scene of Python" if self.scene is None else self.scene.name.removesuffix(".toml")
+
+    def text(self) -> str:
+        """Return the JSON object as a text in one line, with ASCII characters alone."""
+        return json.dumps(self.to_json())
+
+    def __repr__(self) -> str:
+        return f"Provenance({self.version}, {self.date}, scene={getattr(self.scene, 'name', None)!r})"
+
+    def ended(self, periods: int | None, changes: Sequence[tuple[float, Mapping[str, Any]]]) -> "Provenance":
+        """Return the provenance of a run that was stopped after so many periods (None: it was not), with its changes.
+
+        Of these the times are known to the period, so each is made in the same one again.
+        """
+        made = self.conditions if periods is None else replace(self.conditions, duration=periods / self.conditions.rate)
+        return replace(self, conditions=replace(made, changes=tuple((time, dict(each)) for time, each in changes)))
+
+    @property
+    def mark(self) -> str:
+        """Text for the description of a picture, from which `read_provenance` reads it back."""
+        return MARK + b64encode(zlib.compress(self.text().encode(), 9)).decode()
+
+
+def scrubbed(command: Sequence[str], *, paths: bool = True) -> tuple[str, ...]:
+    """Return a command line without the values of secret options; without folders unless `paths`."""
+    found: list[str] = []
+    hide = False
+    for word in command:
+        name, equals, _ = word.partition("=")
+        secret = word.startswith("-") and bool(SECRET.search(name))
+        shown = HIDDEN if hide else f"{name}={HIDDEN}" if secret and equals else word
+        found.append(shown if paths or os.sep not in shown else f"{PurePath(shown).name}")
+        hide = secret and not equals
+    return tuple(found)
+
+
+def without_secrets(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table without the values of secret keys, at any depth."""
+    return {
+        key: HIDDEN if SECRET.search(key) else without_secrets(value) if isinstance(value, Mapping) else value
+        for key, value in table.items()
+    }
+
+
+def side_file(path: Path) -> Path:
+    """Return the file beside a recording that holds its provenance."""
+    return path.with_name(path.name + SIDE_SUFFIX)
+
+
+def write_beside(path: Path, provenance: Provenance) -> None:
+    """Write the provenance beside a recording; raises OSError."""
+    target = side_file(path)
+    new = target.with_name(target.name + ".new")
+    new.write_text(json.dumps(provenance.to_json(), indent=1) + "\n", encoding="utf-8")
+    new.replace(target)

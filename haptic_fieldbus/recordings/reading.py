@@ -1,0 +1,258 @@
+"""Recordings read back: arrays by column, with units and the provenance; and rows written in another format."""
+
+import json
+import re
+import zlib
+from base64 import b64decode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.errors import UsageError, require, wrong_kind
+from haptic_fieldbus.recordings.mcap import McapFile, read_mcap
+from haptic_fieldbus.recordings.provenance import (
+    MARK,
+    METADATA,
+    PICTURES,
+    Provenance,
+    digest,
+    side_file,
+    write_beside,
+)
+from haptic_fieldbus.recordings.tables import UNIT, arrow_table, column_units, heading, row_line
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+FRAMES, ROWS = (".log", ".blf"), (".csv", ".mcap", ".parquet")
+"""Suffixes of recordings of frames, and of one row a period."""
+_FRAME = re.compile(r"\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*|R)$")
+
+
+# Provenance of any file that a run leaves.
+
+_MARKED = re.compile(MARK.encode() + rb"([A-Za-z0-9+/=]+)")
+
+
+def read_provenance(path: str | Path) -> Provenance:
+    """Return the provenance in a recording, a picture or the JSON object of a run, or in the file beside it.
+
+    Raises UsageError when there is none that this version can read.
+    """
+    if not isinstance(path, str | Path):
+        raise wrong_kind("path", "that of a recording, a picture or a JSON object", path)
+    path = Path(path)
+    try:
+        found = _found(path)
+    except UsageError:
+        raise
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}") from error
+    except (ValueError, zlib.error) as error:  # of JSON, UTF-8 or base64
+        raise UsageError(f"{path}: no provenance in it: {error}") from error
+    if found is None:
+        raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
+    return checked(found, path)
+
+
+def checked(found: object, path: Path) -> Provenance:
+    """Return the value of a JSON object; raises UsageError for one that no run has written."""
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        provenance = TypeAdapter(Provenance).validate_python(found)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"])) or "its provenance"
+        raise UsageError(f"{path}: {place}: {first['msg']}") from error
+    texts = [text for text in (provenance.scene, provenance.rig, *provenance.profiles, provenance.faults) if text]
+    for text in texts:
+        if PurePath(text.name).name != text.name or digest(text.text) != text.sha256:
+            raise UsageError(f"{path}: {text.name} was changed after the run: its text does not have its SHA-256")
+    return provenance
+
+
+def _found(path: Path) -> Any:
+    """Return the JSON object for a file; None where there is none. Raises OSError or ValueError."""
+    if path.suffix == ".json":
+        table = json.loads(path.read_text(encoding="utf-8"))
+        return table.get("provenance", table) if isinstance(table, dict) else None
+    octets = path.read_bytes() if path.suffix in PICTURES else b""
+    if marked := _MARKED.search(octets):
+        return json.loads(zlib.decompress(b64decode(marked[1])))
+    if path.suffix == ".mcap":
+        text = read_mcap(path)[3]
+        return json.loads(text) if text else None
+    if path.suffix == ".parquet":
+        require("pyarrow", "data")
+        from pyarrow import parquet
+
+        kept = (parquet.read_schema(path).metadata or {}).get(METADATA.encode())
+        return json.loads(kept) if kept else None
+    path.stat()
+    beside = side_file(path)
+    return json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else None
+
+
+# Rows and frames.
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """A recording: arrays of one length by column, with units and provenance."""
+
+    path: Path
+    columns: dict[str, NDArray[Any]]
+    """Columns of rows, or `time`, `channel`, `can_id` and `data` of frames; CAN-IDs have the flags of SocketCAN."""
+    units: dict[str, str]
+    """Units of the columns that have one."""
+    provenance: Provenance | None
+    complete: bool
+    """False for a file that was cut off; what came before is here."""
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        return self.columns[column]
+
+    @property
+    def rows(self) -> bool:
+        """True for one row a period, False for frames."""
+        return "t_ns" in self.columns
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Times from the first row or frame [s]."""
+        times = self.columns["t_ns"] * 1e-9 if self.rows else self.columns["time"]
+        return np.asarray(times - times[0] if len(times) else times, float)
+
+    def table(self) -> NDArray[np.float64]:
+        """Return the rows as `(n_rows, n_columns)`; raises UsageError for frames."""
+        if not self.rows:
+            raise UsageError(f"{self.path}: frames, not rows; expected one of {', '.join(ROWS)}")
+        return np.column_stack(list(self.columns.values()))
+
+    def to_arrow(self) -> "pyarrow.Table":
+        """Return a table of Arrow, with units and provenance in its metadata; raises UsageError without pyarrow."""
+        return arrow_table(self.columns, self.units, self.provenance)
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Return a frame of pandas; raises UsageError without pandas."""
+        require("pandas", "data")
+        return self.to_arrow().to_pandas()
+
+    def write(self, path: Path) -> None:
+        """Write the rows as .csv, .mcap or .parquet; raises OSError or UsageError."""
+        table = self.table()
+        if path.suffix == ".csv":
+            path.write_bytes(heading(list(self.columns)) + b"".join(row_line(row) for row in table.tolist()))
+            if self.provenance is not None:
+                write_beside(path, self.provenance)
+        elif path.suffix == ".mcap":
+            text = "" if self.provenance is None else self.provenance.text()
+            file = McapFile(path, list(self.columns), self.units, text)
+            for first in range(0, len(table), 1000):
+                file.take(table[first : first + 1000].tolist())
+            file.close(text)
+        elif path.suffix == ".parquet":
+            written = self.to_arrow()
+            from pyarrow import parquet
+
+            parquet.write_table(written, path)
+        else:
+            raise UsageError(f"{path}: expected one of {', '.join(ROWS)}")
+
+
+def read_recording(path: str | Path) -> RecordedRun:
+    """Return the recording of a run: rows (.csv, .mcap, .parquet) or frames (.log, .blf).
+
+    A file that was cut off is read up to its last whole chunk, or its last whole line. Raises UsageError for a file
+    that cannot be read, and without the library of its format.
+    """
+    if not isinstance(path, str | Path):
+        raise wrong_kind("path", "that of a recording", path)
+    path = Path(path)
+    readers = {".csv": _csv, ".mcap": _mcap, ".parquet": _parquet, ".log": _candump, ".blf": _blf}
+    if path.suffix not in readers:
+        raise UsageError(f"{path}: expected a recording, one of {', '.join(readers)}")
+    try:
+        return readers[path.suffix](path)
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}") from error
+    except (ValueError, KeyError) as error:
+        if isinstance(error, UsageError):
+            raise
+        raise UsageError(f"{path}: no recording of this format: {error}") from error
+
+
+def _beside(path: Path) -> Provenance | None:
+    return read_provenance(path) if side_file(path).is_file() else None
+
+
+def _of(path: Path, columns: Mapping[str, Any], provenance: Provenance | None, complete: bool) -> RecordedRun:
+    return RecordedRun(path, dict(columns), column_units(columns, provenance), provenance, complete)
+
+
+def _csv(path: Path) -> RecordedRun:
+    octets = path.read_bytes()
+    whole = octets[: octets.rfind(b"\n") + 1].decode()
+    head, _, body = whole.partition("\n")
+    names = head.split(",")
+    table = np.loadtxt(StringIO(body), delimiter=",", ndmin=2) if body else np.empty((0, len(names)))
+    if table.shape[1] != len(names):
+        raise ValueError(f"{table.shape[1]} values in a line, {len(names)} names")
+    columns = {name: table[:, place] for place, name in enumerate(names)}
+    return _of(path, columns, _beside(path), len(whole) > 0 and octets.endswith(b"\n"))
+
+
+def _mcap(path: Path) -> RecordedRun:
+    names, units, table, text, complete = read_mcap(path)
+    provenance = checked(json.loads(text), path) if text else None
+    return RecordedRun(path, {name: table[:, place] for place, name in enumerate(names)}, units, provenance, complete)
+
+
+def _parquet(path: Path) -> RecordedRun:
+    require("pyarrow", "data")
+    from pyarrow import parquet
+
+    table = parquet.read_table(path)
+    text = (table.schema.metadata or {}).get(METADATA.encode())
+    units = {each.name: each.metadata[UNIT].decode() for each in table.schema if UNIT in (each.metadata or {})}
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    return RecordedRun(path, columns, units, checked(json.loads(text), path) if text else None, complete=True)
+
+
+def _candump(path: Path) -> RecordedRun:
+    text = path.read_text(encoding="ascii")
+    found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
+    if not all(found):
+        raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")
+    frames = [each.groups() for each in found if each is not None]
+    columns = {
+        "time": np.array([float(time) for time, *_ in frames]),
+        "channel": np.array([channel for _, channel, *_ in frames], object),
+        "can_id": np.array([int(can_id, 16) for _, _, can_id, _ in frames], np.int64),
+        "data": np.array([b"" if data == "R" else bytes.fromhex(data) for *_, data in frames], object),
+    }
+    return _of(path, columns, _beside(path), text.endswith("\n"))
+
+
+def _blf(path: Path) -> RecordedRun:
+    from can.io import BLFReader
+
+    with BLFReader(path) as reader:
+        frames = list(reader)
+    columns = {
+        "time": np.array([each.timestamp for each in frames], float),
+        "channel": np.array([str(each.channel) for each in frames], object),
+        "can_id": np.array([each.arbitration_id for each in frames], np.int64),
+        "data": np.array([bytes(each.data) for each in frames], object),
+    }
+    return _of(path, columns, _beside(path), complete=True)

@@ -1,0 +1,73 @@
+"""Rows of a run: their units, their lines in a text, their pieces on the way to a writing process, tables of Arrow."""
+
+import struct
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from haptic_fieldbus.errors import require
+from haptic_fieldbus.recordings.provenance import METADATA, Provenance
+
+if TYPE_CHECKING:
+    import pyarrow
+
+UNIT = b"unit"
+"""Key of the metadata of a field."""
+
+
+def arrow_table(
+    columns: Mapping[str, Any], units: Mapping[str, str], provenance: Provenance | None = None
+) -> "pyarrow.Table":
+    """Return columns of one length as a table of Arrow; raises UsageError without pyarrow."""
+    require("pyarrow", "data")
+    import pyarrow
+
+    arrays = {name: pyarrow.array(values) for name, values in columns.items()}
+    fields = [
+        pyarrow.field(name, array.type, metadata={UNIT: units[name].encode()} if units.get(name) else None)
+        for name, array in arrays.items()
+    ]
+    kept = {} if provenance is None else {METADATA.encode(): provenance.text().encode()}
+    return pyarrow.table(list(arrays.values()), schema=pyarrow.schema(fields, metadata=kept))
+
+
+UNITS = {
+    "linear": {"position": "m", "velocity": "m/s", "force": "N", "command": "N"},
+    "rotary": {"position": "rad", "velocity": "rad/s", "force": "N·m", "command": "N·m"},
+}
+"""Units of computed columns by the mechanism of their axis; other columns are raw values of the drive."""
+
+
+def column_units(columns: Iterable[str], provenance: Provenance | None) -> dict[str, str]:
+    """Return the unit of each column that has one; those of positions and forces follow from the rig."""
+    axes = {} if provenance is None else tomllib.loads(provenance.rig.text)["axis"]
+    found = {"t_ns": "ns", "time": "s"}
+    for column in columns:
+        axis, _, name = column.rpartition(".")
+        kind = axes.get(axis, {}).get("mechanism", {}).get("kind", "")
+        unit = "ns" if name == "age_ns" else UNITS.get(kind, {}).get(name, "")
+        if unit:
+            found[column] = unit
+    return {column: found[column] for column in columns if column in found}
+
+
+def heading(columns: Sequence[str]) -> bytes:
+    """Return the first line of a file of rows."""
+    return (",".join(columns) + "\n").encode()
+
+
+def row_line(row: Sequence[float]) -> bytes:
+    """Return the line of a row: the shortest texts that read back as the same numbers, whole ones without ".0"."""
+    return (",".join([repr(value).removesuffix(".0") for value in row]) + "\n").encode()
+
+
+# Pieces on the way to the process that writes an MCAP file.
+
+ROWS, LAST = b"r", b"p"
+"""A piece of doubles of this machine, whole rows; the provenance at the end of the run."""
+HEAD = struct.Struct("<cI")
+
+
+def piece(kind: bytes, octets: bytes) -> bytes:
+    """Return a piece as the process reads it."""
+    return HEAD.pack(kind, len(octets)) + octets

@@ -1,0 +1,294 @@
+"""A session beside the run that it cuts open, and every way to leave it: torque-free."""
+
+import math
+import re
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptic_fieldbus import (
+    LiveSession,
+    PlanError,
+    SafetyTripError,
+    UnstableSceneError,
+    UsageError,
+    load_rig,
+    repeat,
+    run,
+    session,
+)
+from haptic_fieldbus.drive.power import PowerState
+
+ENABLED, RELEASED = b"0F00", b"0000"
+"""Controlwords in the RPDO of the reference drive: operation enabled, and without voltage."""
+
+
+def rpdos(record: Path) -> list[bytes]:
+    """The octets of each RPDO of node 1 in a candump file."""
+    return re.findall(rb" 201#(\w+)", record.read_bytes())
+
+
+def ends_torque_free(record: Path) -> bool:
+    """Whether torque was on, and the last set-points are 0 without operation enabled."""
+    sent = rpdos(record)
+    return any(each.startswith(ENABLED) for each in sent) and sent[-1][4:8] == RELEASED and sent[-1][:4] != ENABLED
+
+
+@pytest.fixture
+def usual_handler() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.thorough("runs each kind twice", quick=("wall", "virtual_shaft"))
+@pytest.mark.parametrize("scene", ["wall", "virtual_shaft", "damped_wall", "sprung_mass"])
+def test_the_frames_are_those_of_a_run(scene: str, tmp_path: Path) -> None:
+    told = run(scene, duration=0.3, record=tmp_path / "a.log")
+    with session(scene, duration=0.3, record=tmp_path / "b.log") as live:
+        states = list(live)
+    assert (tmp_path / "a.log").read_bytes() == (tmp_path / "b.log").read_bytes()
+    assert live.result is not None
+    assert live.result.verdict == told.verdict
+    assert len(states) == told.cycles == 300
+    assert [state.time for state in states[:3]] == pytest.approx([0.0, 0.001, 0.002])
+
+
+def test_a_state_says_what_the_period_did() -> None:
+    with session("damped_wall", duration=0.7, settings={"wall.position": 0.001}) as live:
+        states = list(live)
+    last = states[-1]
+    assert last.drive is PowerState.OPERATION_ENABLED
+    assert last.lateness == 0.0
+    assert last.position > 0.001
+    assert last.effort < 0.0
+    assert last.given == pytest.approx(last.effort, abs=0.1)
+    speed = (last.position - states[-11].position) / 0.010
+    assert last.velocity == pytest.approx(speed, abs=0.02)
+    assert states[0] is not last  # a list of states keeps each of them
+    with session("wall", duration=0.01) as live:
+        assert next(live).velocity is None
+
+
+def test_several_axes_have_names() -> None:
+    with session("virtual_shaft", duration=0.01) as live:
+        state = next(live)
+        assert set(state.axes) == {"left", "right"}
+        with pytest.raises(UsageError, match=r"state\.axes\['left'\]"):
+            _ = state.position
+
+
+def test_a_pause_between_two_periods_changes_nothing(tmp_path: Path) -> None:
+    """As of a breakpoint: another run goes through meanwhile, and takes the time that it takes."""
+    run("wall", duration=0.02, record=tmp_path / "a.log")
+    with session("wall", duration=0.02, record=tmp_path / "b.log") as live:
+        for state in live:
+            if state.time == pytest.approx(0.01):
+                run("wall", duration=0.02, seed=5)
+    assert (tmp_path / "a.log").read_bytes() == (tmp_path / "b.log").read_bytes()
+
+
+def by_break(live: LiveSession) -> None:
+    for state in live:
+        if state.time > 0.02:
+            break
+
+
+def by_stop(live: LiveSession) -> None:
+    for state in live:
+        if state.time > 0.02:
+            live.stop()
+
+
+def by_a_signal(live: LiveSession) -> None:
+    for state in live:
+        if state.time > 0.02:
+            signal.raise_signal(signal.SIGINT)
+
+
+def by_a_generator(live: LiveSession) -> None:
+    def inside() -> Iterator[float]:
+        with live:
+            for state in live:
+                yield state.time
+
+    states = inside()
+    while next(states) < 0.02:
+        pass
+    states.close()
+
+
+@pytest.mark.usefixtures("usual_handler")
+@pytest.mark.parametrize("leave", [by_break, by_stop, by_a_signal, by_a_generator])
+def test_however_the_block_is_left_the_drive_is_torque_free(
+    leave: Callable[[LiveSession], None], tmp_path: Path
+) -> None:
+    live = session("wall", record=tmp_path / "a.log")
+    if leave is by_a_generator:
+        leave(live)
+    else:
+        with live:
+            leave(live)
+    assert ends_torque_free(tmp_path / "a.log")
+    assert live.result is not None
+    assert live.result.cycles in (21, 22)
+    assert (live.result.stopped is not None) == (leave is by_a_signal)
+    with pytest.raises(StopIteration):
+        next(live)
+    repeat(tmp_path / "a.log", record=tmp_path / "b.log")
+    assert (tmp_path / "a.log").read_bytes() == (tmp_path / "b.log").read_bytes()
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("mine"), SystemExit(3), UsageError("mine")])
+def test_an_error_in_the_block_ends_it_torque_free_and_passes(error: BaseException, tmp_path: Path) -> None:
+    live = session("wall", record=tmp_path / "a.log")
+
+    def fail() -> None:
+        with live:
+            for state in live:
+                if state.time > 0.02:
+                    raise error
+
+    with pytest.raises(type(error)) as raised:
+        fail()
+    assert raised.value is error
+    assert ends_torque_free(tmp_path / "a.log")
+    assert live.result is None
+
+
+def test_nothing_is_enabled_before_the_first_step(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="inside its block"):
+        next(session("wall", record=tmp_path / "a.log"))
+    with session("wall", record=tmp_path / "a.log") as live:
+        pass
+    assert live.result is not None
+    assert live.result.cycles in (None, 0)
+    assert rpdos(tmp_path / "a.log") == []
+    with pytest.raises(UsageError, match="has been used"), live:
+        pass
+
+
+def test_a_change_is_made_as_by_run(tmp_path: Path) -> None:
+    run("wall", duration=0.2, record=tmp_path / "a.csv", changes=[(0.05, {"wall.stiffness": 300.0})], hand="none",
+        settings={"wall.position": 0.0})  # fmt: skip
+    with session("wall", duration=0.2, record=tmp_path / "b.csv", hand="none", settings={"wall.position": 0.0}) as live:
+        for state in live:
+            if state.time == pytest.approx(0.049):
+                live.set("wall.stiffness", 300.0)
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert live.result is not None
+    assert [change.settings for change in live.result.changes] == [{"wall.stiffness": 300.0}]
+    repeat(tmp_path / "b.csv", record=tmp_path / "c.csv")
+    assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
+
+
+def test_a_change_that_is_refused_leaves_the_session_running() -> None:
+    with session("wall", duration=0.05) as live:
+        next(live)
+        with pytest.raises(UnstableSceneError):
+            live.set("wall.stiffness", 5000.0)
+        assert len(list(live)) == 49
+    with pytest.raises(UsageError, match="while it runs"):
+        live.set("wall.stiffness", 300.0)
+
+
+# A function of one's own in the place of a scene.
+
+
+def spring(feedback: Any) -> float:
+    return -200.0 * feedback.position - 2.0 * feedback.velocity  # type: ignore[no-any-return]
+
+
+def test_a_function_of_ones_own_is_rendered() -> None:
+    needs = ("velocity", "position", "time")
+    with session(effort=spring, needs=needs, stiffness=200.0, damping=2.0, duration=2.0) as live:
+        *_, last = live
+    assert last.effort == pytest.approx(-200.0 * last.position - 2.0 * (last.velocity or 0.0))
+    assert live.result is not None
+    # The hand pushes with 6 N, and Coulomb friction of the shipped bench takes up to 0.25 N.
+    assert 200.0 * last.position == pytest.approx(6.0, abs=0.3)
+    assert live.result.verdict is not None
+    assert live.result.verdict.startswith("Feels right")
+
+
+def test_none_is_no_force() -> None:
+    with session(effort=lambda feedback: None, duration=0.3, hand="none") as live:
+        assert {state.given for state in live} == {0.0}
+
+
+def test_what_declares_nothing_gets_a_twentieth_of_rated_torque() -> None:
+    with session(effort=lambda feedback: -500.0 * feedback.position, duration=0.9) as live:
+        given = [abs(state.given) for state in live]
+    # The shipped bench: 0.4 N·m, 0.05 m a revolution.
+    assert max(given) == pytest.approx(0.05 * 0.4 * 2 * math.pi / 0.05, rel=0.02)
+
+
+def test_a_function_that_declares_too_much_is_refused() -> None:
+    with pytest.raises(UnstableSceneError), session(effort=spring, needs=("position", "velocity"), stiffness=1e5):
+        pass
+
+
+def test_not_a_number_and_an_error_trip() -> None:
+    def wrong(feedback: Any) -> float:
+        return math.nan if feedback.time > 0.01 else 0.0
+
+    with (
+        pytest.raises(SafetyTripError, match="finite"),
+        session(effort=wrong, needs=("time",)) as live,
+    ):
+        list(live)
+
+    def fails(feedback: Any) -> float:
+        raise RuntimeError("mine")
+
+    with pytest.raises(SafetyTripError, match="RuntimeError: mine"), session(effort=fails) as live:
+        list(live)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({}, UsageError, "either a scene or effort="),
+        ({"scene": "wall", "effort": spring}, UsageError, "either a scene or effort="),
+        ({"effort": 3}, TypeError, "session() effort: expected a function"),
+        ({"effort": spring, "needs": ("speed",)}, TypeError, "session() needs: expected some of position, velocity"),
+        ({"effort": spring, "stiffness": -1.0}, TypeError, "session() stiffness: expected a number of 0 or more"),
+        ({"scene": "wall", "duration": "1"}, TypeError, "session() duration: expected a number in s"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=re.escape(message)):
+        session(**arguments)
+
+
+def test_a_function_renders_the_only_axis_of_a_rig(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    axis = """
+        [axis.{name}]
+        bus = "can"
+        node = {node}
+        profile = "maxon_epos4"
+        rated_torque = 0.4
+        encoder_counts_per_revolution = 4096
+        inertia = 4e-5
+        viscous_damping = 1e-4
+        emergency_stop = "power"
+        mechanism = {{ kind = "rotary", gear_ratio = 1.0 }}
+        limits = {{ speed = 100.0 }}
+    """
+    bus = '[bus.can]\ninterface = "haptic_sim"\nchannel = "can"\n'
+    rig.write_text(bus + axis.format(name="knob", node=3))
+    with session(effort=lambda feedback: None, rig=rig, duration=0.01) as live:
+        assert set(next(live).axes) == {"knob"}
+    rig.write_text(rig.read_text() + axis.format(name="other", node=4))
+    with pytest.raises(UsageError, match="renders one axis; the rig has knob, other"):
+        session(effort=spring, rig=load_rig(rig))
+
+
+def test_a_real_bus_needs_a_yes(tmp_path: Path) -> None:
+    """It is told before anything is written; here the bench is unknown already."""
+    with pytest.raises(PlanError, match="bench"), session("wall", bus="udp_multicast:239.74.163.2@1000000"):
+        pass

@@ -1,0 +1,3 @@
+"""Fixtures of the tests of recordings."""
+
+from tests.cli.conftest import command as command

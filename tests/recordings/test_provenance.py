@@ -1,0 +1,214 @@
+"""The provenance of a run, in every file that holds it, and the run again that it describes."""
+
+import json
+import platform
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import haptic_fieldbus
+from haptic_fieldbus import Provenance, UsageError, read_provenance, repeat, run
+from haptic_fieldbus.api import provenance as gathering
+from haptic_fieldbus.planning.request import RECORD_SUFFIXES
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.recordings.provenance import HIDDEN, PICTURES, digest, scrubbed, side_file, without_secrets
+from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.cli.command import Command
+
+SHORT = 0.05
+RIG = """
+[bus.left]
+interface = "haptic_sim"
+channel = "left"
+bitrate = 500000
+[axis.handle]
+bus = "left"
+node = 9
+profile = "mine.toml"
+rated_torque = 0.4
+encoder_counts_per_revolution = 2000
+inertia = 5e-5
+viscous_damping = 1e-4
+coulomb_friction = 1e-3
+emergency_stop = "power"
+mechanism = { kind = "linear", metres_per_revolution = 0.04, sign = -1 }
+limits = { speed = 3.0, position = [-0.1, 0.1] }
+"""
+SCENE = """
+include = ["wall"]
+hand = "sine"
+[axis.handle]
+workspace = "linear"
+[[element]]
+kind = "damper"
+axis = "handle"
+damping = 0.5
+"""
+
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "settings": {"settings": {"wall.stiffness": "max/2", "wall.position": 0.001}, "rate": 500.0, "hand": "none"},
+    "faults": {"faults": "random@3", "seed": 7},
+    "changes": {"changes": [(0.02, {"wall.stiffness": 300.0})]},
+    "modbus": {"bus": "sim-modbus-tcp"},
+}
+
+
+def recorded(path: Path, **arguments: Any) -> haptic_fieldbus.Result:
+    return run(arguments.pop("scene", "wall"), duration=SHORT, record=path, **arguments)
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_a_recorded_run_is_repeated_row_by_row(name: str, tmp_path: Path) -> None:
+    result = recorded(tmp_path / "a.csv", **ARGUMENTS[name])
+    again = repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert again.warnings == result.warnings
+    assert (again.drive, again.bus) == (result.drive, result.bus)
+    assert again.provenance is not None
+    assert result.provenance is not None
+    assert again.provenance.scene == result.provenance.scene
+    assert again.provenance.conditions == result.provenance.conditions
+
+
+def test_the_files_of_a_bench_need_not_be_there_any_more(tmp_path: Path) -> None:
+    bench = tmp_path / "bench"
+    bench.mkdir()
+    (bench / "mine.toml").write_text(Path(load_profile("maxon_epos4").source).read_text())
+    (bench / "rig.toml").write_text(RIG)
+    (bench / "own.toml").write_text(SCENE)
+    record = tmp_path / "a.log"
+    recorded(record, scene=bench / "own.toml", rig=bench / "rig.toml", axes={"handle": "handle"})
+    found = read_provenance(record)
+    assert found.rig.source == str(bench / "rig.toml")
+    assert found.rig.source_sha256 == digest(RIG)
+    assert found.conditions.hand == "sine"
+    for path in bench.iterdir():
+        path.unlink()
+    repeat(found, record=tmp_path / "b.log")
+    assert record.read_bytes() == (tmp_path / "b.log").read_bytes()
+
+
+@pytest.mark.thorough("runs every scene of the library twice")
+@pytest.mark.parametrize("scene", scene_names())
+def test_each_scene_of_the_library_is_repeated(scene: str, tmp_path: Path) -> None:
+    recorded(tmp_path / "a.csv", scene=scene)
+    repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_run_from_takes_every_file_that_a_run_leaves(command: Command, tmp_path: Path) -> None:
+    told = command("run", "wall", "--duration", "0.05", "--json", "--record", str(tmp_path / "a.log"))
+    sources = [tmp_path / "a.json", tmp_path / "a.log", side_file(tmp_path / "a.log")]
+    sources[0].write_text(told.out)
+    for suffix in (".blf", ".csv"):
+        sources.append(tmp_path / f"a{suffix}")
+        command("run", "wall", "--duration", "0.05", "--record", str(sources[-1]))
+    for suffix in PICTURES:
+        sources.append(tmp_path / f"a{suffix}")
+        command("run", "wall", "--duration", "0.05", "--plot", str(sources[-1]))
+    for source in sources:
+        finished = command("run", "--from", str(source), "--record", str(tmp_path / "b.log"))
+        assert (finished.status, finished.err) == (0, ""), source
+        assert (tmp_path / "a.log").read_bytes() == (tmp_path / "b.log").read_bytes(), source
+
+
+def test_a_run_from_a_file_takes_no_option_that_the_file_decides(command: Command, tmp_path: Path) -> None:
+    recorded(tmp_path / "a.csv")
+    refused = command("run", "wall", "--from", str(tmp_path / "a.csv"), "--rate", "500", "--set", "wall.stiffness=1")
+    assert refused.status == 2
+    assert "omit SCENE, --rate, --set" in refused.err
+    assert "expected SCENE or --from FILE" in command("run").err
+
+
+def test_another_version_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    recorded(tmp_path / "a.csv")
+    now = gathering.versions()
+    monkeypatch.setattr(gathering, "versions", lambda: {**now, "haptic-fieldbus": "99.0", "numpy": "98.0"})
+    told = " ".join(repeat(tmp_path / "a.csv").warnings)
+    assert f"recorded with haptic-fieldbus {now['haptic-fieldbus']}, repeated with 99.0" in told
+    assert "repeated with 98.0" in told
+
+
+def test_it_tells_who_made_the_run_unless_that_is_left_out(
+    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("USER", "ada")
+    rig = tmp_path / "mine" / "rig.toml"
+    rig.parent.mkdir()
+    rig.write_text(RIG.replace("mine.toml", "maxon_epos4"))
+    words = ["run", "wall", "--rig", str(rig), "--duration", "0.05", "--json"]
+    monkeypatch.setattr("sys.argv", ["/opt/bin/haptic-fieldbus", *words, "--token", "5ecret", "--token=5ecret"])
+    named = json.loads(command(*words).out)["provenance"]
+    assert (named["host"], named["user"]) == (platform.node(), "ada")
+    assert named["rig"]["source"] == str(rig)
+    assert named["command"][:5] == ["/opt/bin/haptic-fieldbus", *words[:4]]
+    assert "5ecret" not in json.dumps(named)
+    bare = json.dumps(json.loads(command(*words, "--anonymous").out)["provenance"])
+    for private in (f'"{platform.node()}"', '"ada"', str(tmp_path), "/opt/bin", "5ecret"):
+        assert private not in bare
+
+
+def test_secrets_are_left_out() -> None:
+    assert scrubbed(["x", "--token", "a", "--api-token=b", "c"]) == (
+        "x",
+        "--token",
+        HIDDEN,
+        f"--api-token={HIDDEN}",
+        "c",
+    )
+    assert scrubbed(["/a/b/x", "c/d.toml"], paths=False) == ("x", "d.toml")
+    table = {"can0": {"channel": "x", "arguments": {"password": "a", "port": 1}}}
+    assert without_secrets(table) == {"can0": {"channel": "x", "arguments": {"password": HIDDEN, "port": 1}}}
+
+
+def test_an_element_of_python_is_told_and_not_repeated(tmp_path: Path) -> None:
+    from haptic_fieldbus import load_scene
+    from haptic_fieldbus.scenes.wall import Wall
+
+    class Mine(Wall):
+        """A class that no file can name."""
+
+    scene = load_scene("wall")
+    own = type(scene)("own", "", scene.axes, (Mine("handle", 300.0, 0.02),))
+    recorded(tmp_path / "a.csv", scene=own)
+    assert read_provenance(tmp_path / "a.csv").scene is None
+    with pytest.raises(UsageError, match="object of Python"):
+        repeat(tmp_path / "a.csv")
+
+
+def test_a_run_that_is_stopped_is_repeated_up_to_its_end() -> None:
+    found = run("wall", duration=SHORT).provenance
+    assert found is not None
+    assert found.ended(20, []).conditions.duration == 0.02
+    assert found.ended(None, [(0.01, {"wall.stiffness": 1.0})]).conditions.changes == ((0.01, {"wall.stiffness": 1.0}),)
+
+
+def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.csv")
+    beside = side_file(tmp_path / "a.csv")
+    table = json.loads(beside.read_text())
+    for change, message in (
+        ({"scene": {**table["scene"], "text": "x"}}, "changed after the run"),
+        ({"rig": {**table["rig"], "name": "../rig.toml"}}, "changed after the run"),
+        ({"conditions": 3}, "conditions: "),
+    ):
+        beside.write_text(json.dumps(table | change))
+        with pytest.raises(UsageError, match=message):
+            read_provenance(tmp_path / "a.csv")
+    beside.write_text("[1")
+    with pytest.raises(UsageError, match="no provenance in it"):
+        read_provenance(tmp_path / "a.csv")
+    beside.unlink()
+    with pytest.raises(UsageError, match=r"nor in a file a\.csv\.provenance\.json beside it"):
+        read_provenance(tmp_path / "a.csv")
+    with pytest.raises(UsageError, match="No such file"):
+        read_provenance(tmp_path / "nothing.log")
+    (tmp_path / "a.png").write_bytes(b"haptic-fieldbus provenance AAAA")
+    with pytest.raises(UsageError, match="no provenance in it"):
+        read_provenance(tmp_path / "a.png")
+    with pytest.raises(TypeError, match="path: expected"):
+        read_provenance(3)  # type: ignore[arg-type]
+    assert isinstance(Provenance, type)
+    assert {".log", ".blf", ".csv"} <= set(RECORD_SUFFIXES)

@@ -1,0 +1,282 @@
+"""Recordings read back: by us, by the libraries of their formats, and after they were cut off anywhere."""
+
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from haptic_fieldbus import RecordedRun, UsageError, compare_recording, read_provenance, read_recording, repeat, run
+from haptic_fieldbus.recordings.provenance import side_file
+from tests.cli.command import Command
+
+DURATION, FADE_IN = 0.6, 0.1
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that changes in all formats; the file is a folder's `run` with each suffix."""
+    folder = tmp_path_factory.mktemp("recorded")
+    for suffix in (".mcap", ".csv", ".log", ".blf"):
+        run("damped_wall", duration=DURATION, fade_in=FADE_IN, record=folder / f"run{suffix}",
+            settings={"wall.position": 0.001}, changes=[(0.2, {"wall.stiffness": 300.0})])  # fmt: skip
+    read_recording(folder / "run.mcap").write(folder / "run.parquet")
+    return folder / "run"
+
+
+def of(recorded: Path, suffix: str) -> Path:
+    return recorded.with_suffix(suffix)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".parquet"])
+def test_every_format_of_rows_has_the_numbers_of_the_text(suffix: str, recorded: Path) -> None:
+    text, found = read_recording(of(recorded, ".csv")), read_recording(of(recorded, suffix))
+    assert list(found.columns) == list(text.columns)
+    assert np.array_equal(found.table(), text.table())
+    assert found.units == text.units
+    assert found.units["handle.position"] == "m"
+    assert found.units["handle.force"] == "N"
+    assert found.complete
+    assert found.provenance is not None
+    assert found.provenance.conditions.changes == ((0.2, {"wall.stiffness": 300.0}),)
+    assert found.provenance.drives["handle"]["title"] == "maxon EPOS4"
+
+
+def test_the_library_of_mcap_decodes_each_period_by_its_schema(recorded: Path) -> None:
+    rows = read_recording(of(recorded, ".csv"))
+    with of(recorded, ".mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(rows)
+        decoded = list(reader.iter_decoded_messages())
+        metadata = [json.loads(each.metadata["json"]) for each in reader.iter_metadata()]
+    assert [each.name for each in summary.schemas.values()] == ["haptic_fieldbus.Period"]
+    for row, (_, channel, message, period) in enumerate(decoded):
+        assert channel.topic == "run"
+        assert message.log_time == rows["t_ns"][row]
+        assert period.handle_position == rows["handle.position"][row]
+        assert period.handle_target_torque == rows["handle.target torque"][row]
+    assert metadata[-1] == json.loads(side_file(of(recorded, ".csv")).read_text()) | {
+        "date": metadata[-1]["date"]
+    }  # fmt: skip
+
+
+def test_pyarrow_and_pandas_read_the_parquet_file(recorded: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_parquet(of(recorded, ".parquet"))
+    found = read_recording(of(recorded, ".mcap")).to_frame()
+    assert frame.equals(found)
+
+
+def test_frames_are_those_that_tshark_and_python_can_read(recorded: Path) -> None:
+    text, binary = read_recording(of(recorded, ".log")), read_recording(of(recorded, ".blf"))
+    assert np.array_equal(text["can_id"], binary["can_id"])
+    assert text["data"].tolist() == binary["data"].tolist()
+    assert not text.rows
+    targets = [struct.unpack("<Hh", data)[1] for data in text["data"][text["can_id"] == 0x201]]
+    rows = read_recording(of(recorded, ".csv"))
+    # The loop writes one RPDO a period; the end of the run adds torque-free ones.
+    assert targets[: len(rows)] == [int(each) for each in rows["handle.target torque"]]
+    with pytest.raises(UsageError, match="frames, not rows"):
+        text.table()
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".parquet", ".csv"])
+def test_a_run_is_repeated_from_any_recording(suffix: str, recorded: Path, tmp_path: Path) -> None:
+    repeat(of(recorded, suffix), record=tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == of(recorded, ".csv").read_bytes()
+
+
+def test_a_file_that_was_cut_off_anywhere_is_read_up_to_its_last_whole_chunk(recorded: Path, tmp_path: Path) -> None:
+    whole, octets = read_recording(of(recorded, ".mcap")), of(recorded, ".mcap").read_bytes()
+    path = tmp_path / "cut.mcap"
+    chunks = 0
+
+    @settings(max_examples=25, deadline=None)
+    @given(st.integers(0, len(octets) - 1))
+    def cut(size: int) -> None:
+        nonlocal chunks
+        path.write_bytes(octets[:size])
+        try:
+            found = read_recording(path)
+        except UsageError:
+            assert size < 40_000  # the first provenance and chunk
+            return
+        assert not found.complete
+        assert np.array_equal(found.table(), whole.table()[: len(found)]) or not len(found)
+        chunks = max(chunks, len(found))
+
+    cut()
+    path.write_bytes(octets[:-1])
+    assert len(read_recording(path)) == len(whole)
+    # Each tenth of a second is on the disk by itself.
+    path.write_bytes(octets[: int(len(octets) * 0.7)])
+    assert len(whole) - len(read_recording(path)) <= 250
+
+
+def test_a_text_that_was_cut_off_is_read_up_to_its_last_whole_line(recorded: Path, tmp_path: Path) -> None:
+    for suffix in (".csv", ".log"):
+        octets = of(recorded, suffix).read_bytes()
+        (tmp_path / f"cut{suffix}").write_bytes(octets[:-7])
+        found = read_recording(tmp_path / f"cut{suffix}")
+        assert len(found) == octets.count(b"\n") - (2 if suffix == ".csv" else 1)
+        assert not found.complete
+        assert found.provenance is None
+
+
+def test_another_process_writes_the_same_file(recorded: Path, tmp_path: Path) -> None:
+    """As on a real bus: rows go through a pipe."""
+    from haptic_fieldbus.assessing.loop_report import Record
+    from haptic_fieldbus.running.rows import ProcessMcap
+
+    found = read_recording(of(recorded, ".mcap"))
+    assert found.provenance is not None
+    record = Record(list(found.columns), len(found))
+    file = ProcessMcap(tmp_path / "b.mcap", record.columns, found.units, found.provenance.text())
+    for row in found.table().tolist():
+        record.push(row)
+        if record.pushed % 100 == 0:
+            file.take(record)
+    file.take(record)
+    file.close(found.provenance.text())
+    again = read_recording(tmp_path / "b.mcap")
+    assert again.complete
+    assert np.array_equal(again.table(), found.table())
+    assert again.provenance == found.provenance
+
+
+# `replay`.
+
+
+def test_a_recording_is_summarised_converted_and_drawn(recorded: Path, command: Command, tmp_path: Path) -> None:
+    source = tmp_path / "run.mcap"
+    source.write_bytes(of(recorded, ".mcap").read_bytes())
+    done = command("replay", str(source), "--to", "csv", "--plot", str(tmp_path / "run.png"))
+    assert done.status == 0
+    assert "rows, 0.6" in done.out
+    assert "damped_wall" in done.out
+    assert (tmp_path / "run.csv").read_bytes() == of(recorded, ".csv").read_bytes()
+    assert read_provenance(tmp_path / "run.png") == read_provenance(source)
+    refused = command("replay", str(source), "--to", "csv")
+    assert (refused.status, "exists" in refused.err) == (2, True)
+    told = json.loads(command("replay", str(source), "--json").out)
+    assert told["complete"] is True
+    assert told["columns"]["handle.velocity"] == "m/s"
+
+
+def test_a_cut_file_is_written_anew_with_its_index(recorded: Path, command: Command, tmp_path: Path) -> None:
+    source = tmp_path / "run.mcap"
+    octets = of(recorded, ".mcap").read_bytes()
+    source.write_bytes(octets[: len(octets) * 3 // 4])
+    done = command("replay", str(source), "--repair")
+    assert "cut off" in done.out
+    mended = read_recording(tmp_path / "run.repaired.mcap")
+    assert mended.complete
+    assert len(mended) == len(read_recording(source)) > 100
+    with (tmp_path / "run.repaired.mcap").open("rb") as stream:
+        assert make_reader(stream).get_summary() is not None
+    assert command("replay", str(of(recorded, ".csv")), "--repair").status == 2
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".parquet", ".csv"])
+def test_recorded_feedback_gives_the_recorded_set_points(suffix: str, recorded: Path) -> None:
+    assert compare_recording(of(recorded, suffix)) is None
+
+
+def test_a_controller_that_was_changed_by_one_line_differs_from_a_named_period(
+    recorded: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The planted change: the wall is stiffer by 2 %."""
+    from haptic_fieldbus.scenes.wall import Wall
+
+    rows = read_recording(of(recorded, ".mcap"))
+    forces = np.flatnonzero(rows["handle.target torque"])
+    law: Callable[..., float] = Wall.force
+
+    monkeypatch.setattr(Wall, "force", lambda self, *feedback: 1.02 * law(self, *feedback))
+    difference = compare_recording(rows)
+    assert difference is not None
+    assert difference.column == "handle.target torque"
+    assert forces[0] <= difference.period <= forces[-1]
+    assert difference.recorded == rows["handle.target torque"][difference.period]
+    assert difference.today != difference.recorded
+    told = command("replay", str(of(recorded, ".mcap")), "--compare", "--json")
+    assert told.status == 1
+    assert json.loads(told.out)["first_difference"]["period"] == difference.period
+
+
+def test_faults_are_compared_too(tmp_path: Path) -> None:
+    run("wall", duration=0.5, record=tmp_path / "a.mcap", faults="random@4", settings={"wall.position": 0.002})
+    assert compare_recording(tmp_path / "a.mcap") is None
+
+
+def test_what_cannot_be_compared_is_said(recorded: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="frames, not rows"):
+        compare_recording(of(recorded, ".log"))
+    (tmp_path / "bare.csv").write_bytes(of(recorded, ".csv").read_bytes())
+    with pytest.raises(UsageError, match="no provenance"):
+        compare_recording(tmp_path / "bare.csv")
+    found = read_recording(of(recorded, ".csv"))
+    columns = {name: values for name, values in found.columns.items() if name != "handle.statusword"}
+    with pytest.raises(UsageError, match=r"today's plan needs handle\.statusword, not recorded"):
+        compare_recording(RecordedRun(found.path, columns, found.units, found.provenance, complete=True))
+
+
+def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
+    for name, octets, message in (
+        ("a.txt", b"", "expected a recording"),
+        ("a.mcap", b"no", "no MCAP file"),
+        ("a.csv", b"t_ns,x\n1,2,3\nx", "no recording of this format|number of columns"),
+        ("a.log", b"no\n", "line 1 is not as candump -L writes it"),
+    ):
+        (tmp_path / name).write_bytes(octets)
+        with pytest.raises(UsageError, match=message):
+            read_recording(tmp_path / name)
+    with pytest.raises(UsageError, match="No such file"):
+        read_recording(tmp_path / "none.csv")
+    with pytest.raises(TypeError, match="path: expected"):
+        read_recording(3)  # type: ignore[arg-type]
+
+
+WITHOUT = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("pandas", "pyarrow", "mcap", "distributed", "matplotlib"):
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Blocked())
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name: None if name in ("pandas", "pyarrow", "mcap", "distributed") else found(name)
+import haptic_fieldbus as h
+h.run("wall", duration=0.01, record="a.csv")
+h.run("wall", duration=0.01, record="a.log")
+h.repeat("a.csv")
+assert len(h.read_recording("a.csv"))
+with h.session("wall", duration=0.01) as live:
+    list(live)
+assert h.compare_recording("a.csv") is None
+for call in (lambda: h.run("wall", duration=0.01, record="a.mcap"), lambda: h.read_recording("a.csv").to_arrow()):
+    try:
+        call()
+    except h.UsageError as error:
+        print(error)
+"""
+
+
+def test_without_the_extras_all_else_works_and_they_are_named(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines() == [
+        'this needs mcap, of the extra "data": pip install mcap',
+        'this needs pyarrow, of the extra "data": pip install pyarrow',
+    ], done.stderr
