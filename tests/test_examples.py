@@ -28,7 +28,36 @@ def shown_by(name: str, capsys: pytest.CaptureFixture[str]) -> tuple[str, list[f
 
 
 def test_every_example_is_run_here() -> None:
-    assert FILES.keys() == {"own_element", "own_memory", "wall_in_python"}
+    assert FILES.keys() == {
+        "own_controller",
+        "own_element",
+        "own_memory",
+        "recording_to_pandas",
+        "replay_as_a_test",
+        "wall_in_python",
+    }
+
+
+@pytest.mark.thorough("a run of seconds")
+def test_the_controller_of_ones_own_bears_the_hand(capsys: pytest.CaptureFixture[str]) -> None:
+    text, (rest,) = shown_by("own_controller", capsys)
+    assert abs(200.0 * rest - PUSH) <= FRICTION
+    assert text.startswith("Feels right: ")
+
+
+@pytest.mark.thorough("a run of seconds")
+def test_the_frame_has_the_stiffness_of_the_wall(capsys: pytest.CaptureFixture[str]) -> None:
+    text, _ = shown_by("recording_to_pandas", capsys)
+    assert float(text.splitlines()[-1].split()[1]) == pytest.approx(600.0, rel=0.03)
+    assert "seed 0" in text
+
+
+@pytest.mark.thorough("a run of seconds")
+def test_the_changed_line_is_found_in_contact_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    text, _ = shown_by("replay_as_a_test", capsys)
+    same, other = text.splitlines()
+    assert same == "first difference: None"
+    assert re.match(r"first difference: period \d+, 0\.\d+ s after the first: handle\.target torque is", other)
 
 
 def test_the_wall_made_in_python_bears_the_hand(capsys: pytest.CaptureFixture[str]) -> None:

@@ -188,6 +188,8 @@ class LiveSession:
         self._steps: Steps[Result] | None = None
         self._judged: list[Future[Change]] = []
         self._judging: ThreadPoolExecutor | None = None
+        self._aside = False
+        """Whether another thread judges changes."""
         self._views: dict[str, Callable[[], AxisView]] = {}
         self.result: Result | None = None
 
@@ -200,6 +202,7 @@ class LiveSession:
         if self._run is not None:
             raise UsageError("this session has been used; make a new one")
         self._run, place = prepare_run(self._task, self._trial, share=self._share)
+        self._aside = not self._run.plan.simulated
         self._steps = self._run.steps(place, self._caller)
         self._advance()
         return self
@@ -246,7 +249,7 @@ class LiveSession:
         """
         if self._run is None or self._steps is None:
             raise UsageError("a session is changed inside its block, while it runs")
-        if self._run.plan.simulated:
+        if not self._aside:
             done: Future[Change] = Future()
             done.set_result(self._changes.request({name: value}))
             return done

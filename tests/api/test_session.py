@@ -195,6 +195,33 @@ def test_a_change_that_is_refused_leaves_the_session_running() -> None:
         live.set("wall.stiffness", 300.0)
 
 
+def test_another_thread_judges_the_changes_of_a_real_bus() -> None:
+    """Here in virtual time: it goes on until the other thread has judged."""
+    with session("wall") as live:
+        next(live)
+        live._aside = True
+        asked = live.set("wall.stiffness", 300.0)
+        for _ in live:
+            if asked.done() and live._run is not None and live._run.report.changes:
+                break
+        refused = live.set("wall.stiffness", 5000.0)
+        with pytest.raises(UnstableSceneError):
+            list(live)
+        assert refused.done()
+        next(live)
+    assert live.result is not None
+    assert [change.settings for change in live.result.changes] == [{"wall.stiffness": 300.0}]
+
+
+def test_progress_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    run("wall", duration=0.2, progress=True)
+    shown = capsys.readouterr().err
+    assert shown.startswith("\r 50%, ")
+    assert shown.endswith(" s left \n")
+    run("wall", duration=0.2, progress=False)
+    assert capsys.readouterr().err == ""
+
+
 # A function of one's own in the place of a scene.
 
 

@@ -78,7 +78,7 @@ def test_pyarrow_and_pandas_read_the_parquet_file(recorded: Path) -> None:
     assert frame.equals(found)
 
 
-def test_frames_are_those_that_tshark_and_python_can_read(recorded: Path) -> None:
+def test_frames_are_the_same_in_both_formats(recorded: Path) -> None:
     text, binary = read_recording(of(recorded, ".log")), read_recording(of(recorded, ".blf"))
     assert np.array_equal(text["can_id"], binary["can_id"])
     assert text["data"].tolist() == binary["data"].tolist()
@@ -280,3 +280,20 @@ def test_without_the_extras_all_else_works_and_they_are_named(tmp_path: Path) ->
         'this needs mcap, of the extra "data": pip install mcap',
         'this needs pyarrow, of the extra "data": pip install pyarrow',
     ], done.stderr
+
+
+@pytest.mark.thorough("ends a process in the middle of its run")
+def test_a_run_that_is_killed_leaves_its_whole_chunks(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    command = [sys.executable, "-m", "haptic_fieldbus", "run", "wall", "--duration", "10000", "--record", str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while not (path.exists() and path.stat().st_size > 300_000):
+            assert process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
+    found = read_recording(path)
+    assert not found.complete
+    assert len(found) > 1000
+    assert compare_recording(found) is None
