@@ -142,7 +142,7 @@ def _profiles(rig: Rig, task: Task) -> dict[str, RunText]:
     """
     found: dict[str, RunText] = {}
     for name in dict.fromkeys(axis.profile for axis in rig.axis.values()):
-        file = name.partition(" of ")[0]
+        file = name if Path(name).is_file() or " of " not in name else name.rpartition(" of ")[0]
         path = Path(file) if is_path(file) else profile_file(file, task.profiles)
         text = RunText.of(path.name, path.read_text(encoding="utf-8", errors="surrogateescape"), path)
         taken = {each.name: each.sha256 for each in found.values()}

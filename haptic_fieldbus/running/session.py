@@ -114,7 +114,7 @@ class Session:
         assessment: Assessment | None = None
         started = perf_counter()
         try:
-            with place as site, _rights(plan) as self._host:
+            with self._accounted(report, cycle, caller), place as site, _rights(plan) as self._host:
                 self._bus = bus = next(iter(site.buses.values())) if len(site.buses) == 1 else BusGroup(site.buses)
                 run = Run(
                     plan, self.bus_name, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand
@@ -161,7 +161,6 @@ class Session:
             error.result = self._told_with(known if assessment is None else assessment.with_travel(known))
             raise
         finally:
-            self._end_provenance(report, cycle, stepped=caller is not None)
             rows.close(self.provenance)
             if report.released:
                 ending.freed()
@@ -187,16 +186,23 @@ class Session:
             drawing=self.drawing,
         )
 
-    def _end_provenance(self, report: LoopReport, cycle: Cycle, *, stepped: bool) -> None:
-        """Complete the provenance by what only the run could tell: drives, changes, and its length if it stopped."""
-        if self.provenance is None:
-            return
+    @contextmanager
+    def _accounted(self, report: LoopReport, cycle: Cycle, caller: Caller | None) -> Iterator[None]:
+        """Complete the provenance after the block, however it ends, before any result is made of it."""
+        try:
+            yield
+        finally:
+            if self.provenance is not None:
+                self._complete(self.provenance, report, cycle, stepped=caller is not None)
+
+    def _complete(self, provenance: Provenance, report: LoopReport, cycle: Cycle, *, stepped: bool) -> None:
+        """Add what only the run could tell to its provenance: drives, changes, and its length if it stopped."""
         facts = {} if self._bus is None else self._bus.facts
         drives = {name: {"title": each.title, **vars(each.identity)} for name, each in facts.items()}
         changes = [(each.time, each.change.settings) for each in report.changes]
         early = 0 < report.cycles < max(1, round(self.duration * self.plan.rate)) and cycle.trip is None
         periods = report.cycles if early and (stepped or report.interrupted) else None
-        self.provenance = replace(self.provenance.ended(periods, changes), drives=drives)
+        self.provenance = replace(provenance.ended(periods, changes), drives=drives)
         with suppress(OSError):  # the file that was written before the run stays
             self._keep_provenance()
 

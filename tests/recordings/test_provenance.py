@@ -2,13 +2,15 @@
 
 import json
 import platform
+import re
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus import Provenance, UsageError, read_provenance, repeat, run
+from haptic_fieldbus import HapticFieldbusError, Provenance, UsageError, read_provenance, repeat, run
 from haptic_fieldbus.api import provenance as gathering
 from haptic_fieldbus.planning.request import RECORD_SUFFIXES
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -183,6 +185,29 @@ def test_a_run_that_is_stopped_is_repeated_up_to_its_end() -> None:
     assert found is not None
     assert found.ended(20, []).conditions.duration == 0.02
     assert found.ended(None, [(0.01, {"wall.stiffness": 1.0})]).conditions.changes == ((0.01, {"wall.stiffness": 1.0}),)
+
+
+def test_a_run_on_real_drives_is_repeated_in_simulation(tmp_path: Path) -> None:
+    """Of which the rig alone is another one: its bus."""
+    found = run("wall", duration=SHORT, record=tmp_path / "a.csv").provenance
+    assert found is not None
+    text = found.rig.text.replace('interface = "haptic_sim"', 'interface = "socketcan"')
+    real = replace(found, simulated=False, rig=replace(found.rig, text=text, sha256=digest(text)))
+    again = repeat(real, record=tmp_path / "b.csv")
+    assert again.clock == "virtual"
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_the_result_of_a_trip_has_the_whole_provenance(tmp_path: Path) -> None:
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "emergency"\nat = 0.02\ncode = 0x2310\n')
+    with pytest.raises(HapticFieldbusError) as tripped:
+        run("wall", duration=1.0, faults=faults, record=tmp_path / "a.csv")
+    result = cast(Any, tripped.value.result)
+    assert result.provenance.drives["handle"]["title"] == "maxon EPOS4"
+    with pytest.raises(HapticFieldbusError, match=re.escape(str(tripped.value))):
+        repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
