@@ -72,7 +72,8 @@ class OwnEffort:
 
     def begin(self, period: float) -> Law:
         """Return the function of the signals; what it remembers is its own."""
-        own, feedback = self.law, namedtuple("Feedback", self.names)  # type: ignore[misc]
+        own = self.law
+        feedback: Any = namedtuple("Feedback", self.names)  # type: ignore[misc]
         factors = [SIGNALS[name][1] for name in self.names]
 
         def law(*values: float) -> float:

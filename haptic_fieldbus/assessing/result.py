@@ -356,8 +356,8 @@ class Result:
         columns = {"time": trace.times, "position": trace.position, "force": trace.force, "ideal": trace.ideal}
         columns |= {f"{name}.position": position for name, position in trace.virtual.items()}
         units = dict.fromkeys(columns, length) | {"time": "s", "force": effort, "ideal": effort}
-        known = {name: values for name, values in columns.items() if values is not None}
-        return arrow_table(known, units, self.provenance)
+        given = {name: values for name, values in columns.items() if values is not None}
+        return arrow_table(given, units, self.provenance)
 
     def to_frame(self, axis: str | None = None) -> "pandas.DataFrame":
         """Return the trace of an axis as a frame of pandas, as `to_arrow`; raises UsageError without pandas."""

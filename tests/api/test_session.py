@@ -3,7 +3,7 @@
 import math
 import re
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +110,7 @@ def by_a_signal(live: LiveSession) -> None:
 
 
 def by_a_generator(live: LiveSession) -> None:
-    def inside() -> Iterator[float]:
+    def inside() -> Generator[float, None, None]:
         with live:
             for state in live:
                 yield state.time
