@@ -277,14 +277,17 @@ def keep(path: Path, words: list[str]) -> None:
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.errors import HapticFieldbusError
     from haptic_fieldbus.planning.request import Task
+    from haptic_fieldbus.recordings.provenance import Provenance
 
     def kept(result: Result | None) -> None:
         if result is not None and result.periods is not None:
             np.save(path, 1e6 * result.periods.lateness)
 
-    def noted(task: Task, trial: api.Trial, run: Callable[[Task, api.Trial], Result] = api.run_task) -> Result:
+    run = api.run_task
+
+    def noted(task: Task, trial: api.Trial, repeats: Provenance | None = None) -> Result:
         try:
-            result = run(task, trial)
+            result = run(task, trial, repeats)
         except HapticFieldbusError as error:
             kept(getattr(error, "result", None))
             raise
