@@ -21,7 +21,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import parsed
-from haptic_fieldbus.protocols.catalogue import profile_file
+from haptic_fieldbus.protocols.catalogue import load_rig, profile_file
 from haptic_fieldbus.recordings.provenance import (
     Conditions,
     Provenance,
@@ -170,8 +170,11 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
             path = Path(folder, provenance.faults.name)
             path.write_text(provenance.faults.text, encoding="utf-8")
             faults = load_faults(path)
+        rig = load_rig(Path(folder, provenance.rig.name))
+        if provenance.rig.source_sha256 is None:  # no file then: it is judged as that bench was, with exact values
+            rig = replace(rig, source="")
         task = Task(
-            Path(folder, provenance.scene.name), Path(folder, provenance.rig.name), rate=made.rate,
+            Path(folder, provenance.scene.name), rig, rate=made.rate,
             method=made.method, estimator=made.estimator,
             bus=SIMULATION if simulated and not provenance.simulated else None,
         )  # fmt: skip

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from haptic_fieldbus.protocols.traffic import Json
 
 if TYPE_CHECKING:
     from haptic_fieldbus.planning.live_changes import Change, RampingChange
@@ -129,3 +131,66 @@ class LoopReport:
             return 0.0
         # `last_ns` is the beginning of the last period, so that period itself is added.
         return (self.last_ns + self.period_ns - self.enabled_at_ns) * 1e-9
+
+
+# What a report of these times shows: their distributions, and for the picture of the run each period.
+
+
+@dataclass(frozen=True)
+class Percentiles:
+    """Percentiles and maximum of a time [µs]."""
+
+    p50: float
+    p99: float
+    p999: float
+    max: float
+
+    @classmethod
+    def of(cls, values_ns: ArrayLike) -> "Percentiles | None":
+        """Return the percentiles of durations [ns] of shape `(n,)`; None when there are none."""
+        values = np.asarray(values_ns, dtype=float)
+        if values.size == 0:
+            return None
+        p50, p99, p999, largest = np.percentile(values, [50, 99, 99.9, 100]) / 1e3
+        return cls(float(p50), float(p99), float(p999), float(largest))
+
+    def to_json(self) -> Json:
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Distributions [µs] of the period, of the age of the feedback at its use, of the computing time and of the
+    lateness.
+
+    None without periods in operation enabled. The computing time is a report only: simulations use the constant of the
+    plan. For a run of more than 500000 periods, the distributions cover the last 500000.
+    """
+
+    period_us: Percentiles | None
+    age_us: Percentiles | None
+    compute_us: Percentiles | None
+    lateness_us: Percentiles | None = None
+    late: int = 0
+    """Number of periods that began more than a tenth of the period late."""
+
+    def to_json(self) -> Json:
+        times = {name: each.to_json() if isinstance(each, Percentiles) else None for name, each in vars(self).items()}
+        return {**times, "late": self.late}
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodTimes:
+    """Lateness of each period, and age of its feedback at its use [s]; all of shape `(n_periods,)`."""
+
+    times: NDArray[np.float64]
+    """[s from *operation enabled*]"""
+    lateness: NDArray[np.float64]
+    age: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, report: LoopReport) -> "PeriodTimes":
+        """Return the times of the periods that the report holds; of a very long run these are the last ones."""
+        lengths = report.sample("period_ns")
+        times = report.duration - np.cumsum(lengths[::-1])[::-1] * 1e-9
+        return cls(times, report.sample("lateness_ns") * 1e-9, report.sample("age_ns") * 1e-9)

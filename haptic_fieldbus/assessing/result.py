@@ -10,8 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from haptic_fieldbus.assessing.loop_report import LoopReport, Percentiles, PeriodTimes, Timing
 from haptic_fieldbus.assessing.passivity import Passivity, cost_text, forgiven_text
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
     from matplotlib.figure import Figure
-
-    from haptic_fieldbus.assessing.loop_report import LoopReport
 
 
 # What a run in real time asked of its computer, and what it got.
@@ -110,26 +109,6 @@ class Proof:
         return {"axis": self.axis, "guard_ms": 1e3 * self.guard, "measured_ms": measured}
 
 
-# How punctual each period of a run in real time was, for the picture of the run.
-
-
-@dataclass(frozen=True, eq=False)
-class PeriodTimes:
-    """Lateness of each period, and age of its feedback at its use [s]; all of shape `(n_periods,)`."""
-
-    times: NDArray[np.float64]
-    """[s from *operation enabled*]"""
-    lateness: NDArray[np.float64]
-    age: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, report: "LoopReport") -> "PeriodTimes":
-        """Return the times of the periods that the report holds; of a very long run these are the last ones."""
-        lengths = report.sample("period_ns")
-        times = report.duration - np.cumsum(lengths[::-1])[::-1] * 1e-9
-        return cls(times, report.sample("lateness_ns") * 1e-9, report.sample("age_ns") * 1e-9)
-
-
 Array = NDArray[np.float64]
 FIGURES = (
     "scene", "drive", "bus", "rate", "clock", "cycles", "missed_cycles", "duration", "bus_load", "torque_error",
@@ -138,49 +117,6 @@ FIGURES = (
 """Fields in the `repr` of a `Result`; large ones, such as plan and traces, are left out."""
 WIDEST = 120
 """Longest line of that text [characters]."""
-
-
-@dataclass(frozen=True)
-class Percentiles:
-    """Percentiles and maximum of a time [µs]."""
-
-    p50: float
-    p99: float
-    p999: float
-    max: float
-
-    @classmethod
-    def of(cls, values_ns: ArrayLike) -> "Percentiles | None":
-        """Return the percentiles of durations [ns] of shape `(n,)`; None when there are none."""
-        values = np.asarray(values_ns, dtype=float)
-        if values.size == 0:
-            return None
-        p50, p99, p999, largest = np.percentile(values, [50, 99, 99.9, 100]) / 1e3
-        return cls(float(p50), float(p99), float(p999), float(largest))
-
-    def to_json(self) -> Json:
-        return dict(vars(self))
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Distributions [µs] of the period, of the age of the feedback at its use, of the computing time and of the
-    lateness.
-
-    None without periods in operation enabled. The computing time is a report only: simulations use the constant of the
-    plan. For a run of more than 500000 periods, the distributions cover the last 500000.
-    """
-
-    period_us: Percentiles | None
-    age_us: Percentiles | None
-    compute_us: Percentiles | None
-    lateness_us: Percentiles | None = None
-    late: int = 0
-    """Number of periods that began more than a tenth of the period late."""
-
-    def to_json(self) -> Json:
-        times = {name: each.to_json() if isinstance(each, Percentiles) else None for name, each in vars(self).items()}
-        return {**times, "late": self.late}
 
 
 @dataclass(frozen=True)
@@ -566,7 +502,7 @@ def _finite(value: Json) -> Json:
 
 
 def known_before(
-    plan: Plan, bus: str, report: "LoopReport | None" = None, trip: safety.Trip | None = None, message: str = ""
+    plan: Plan, bus: str, report: LoopReport | None = None, trip: safety.Trip | None = None, message: str = ""
 ) -> Result:
     """Return the known figures of a run that has not begun (no report), or ended early by a trip or an error.
 
@@ -600,7 +536,7 @@ def known_before(
     )
 
 
-def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[TripRecord]:
+def _trips(report: LoopReport, trip: safety.Trip | None, message: str) -> Iterator[TripRecord]:
     """Yield the record of a safety trip, or of an error that ended the run in operation enabled; nothing otherwise."""
     begin_ns = report.enabled_at_ns
     if trip is not None:

@@ -170,7 +170,7 @@ class BigCodec(WireCodec):
 
     def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
         super().__init__(start, signals, places)
-        self._rest = struct.Struct(">" + "".join(mapped.type.code for mapped in signals))
+        self._rest = PlainCodec(">" + "".join(mapped.type.code for mapped in signals))
         self._values = tuple(places.index(place) for place in range(len(places)))
         """Value at each place on the wire."""
 

@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, Trace
+from haptic_fieldbus.assessing.loop_report import PeriodTimes
+from haptic_fieldbus.assessing.result import Array, Result, Trace
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, percent, rounded_limit
 from haptic_fieldbus.report.drawing import (

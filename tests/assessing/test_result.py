@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan, response, run
-from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.loop_report import LoopReport, Percentiles, Timing
 from haptic_fieldbus.assessing.result import (
     WIDEST,
-    Percentiles,
     Result,
-    Timing,
     TorqueError,
     TripRecord,
     finite,
@@ -27,7 +25,9 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.builders import shipped
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -155,6 +155,21 @@ def test_a_result_is_copied_and_sent_to_another_process(finished: Result) -> Non
         assert copy.to_json() == finished.to_json()
         assert copy.provenance == finished.provenance
         assert copy.plot().get_size_inches() == pytest.approx(finished.plot().get_size_inches())
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [name for protocol in ("canopen", "modbus") for name in shipped(protocol) if load_profile(name).drive.usable],
+)
+def test_the_result_of_each_shipped_drive_is_sent_to_another_process(drive: str) -> None:
+    """With the codecs of its process image, which differ between the protocols."""
+    bus = "sim" if load_profile(drive).drive.protocol == "canopen" else "sim-modbus-rtu@115200"
+    finished = run("wall", drive=drive, bus=bus, duration=0.02, settings={"wall.stiffness": "max/2"})
+    copy = pickle.loads(pickle.dumps(finished))
+    assert copy.to_json() == finished.to_json()
+    assert finished.plan is not None
+    image = bytes(range(finished.plan.image.input_size))
+    assert copy.plan.image.input.unpack(image) == finished.plan.image.input.unpack(image)
 
 
 @pytest.mark.thorough("plans every scene", quick=("teleoperation", "wall"))

@@ -66,6 +66,7 @@ def test_a_recorded_run_is_repeated_row_by_row(name: str, tmp_path: Path) -> Non
     result = recorded(tmp_path / "a.csv", **ARGUMENTS[name])
     again = repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert again.to_json()["limit"] == result.to_json()["limit"]
     assert again.warnings == result.warnings
     assert (again.drive, again.bus) == (result.drive, result.bus)
     assert again.provenance is not None
@@ -81,14 +82,16 @@ def test_the_files_of_a_bench_need_not_be_there_any_more(tmp_path: Path) -> None
     (bench / "rig.toml").write_text(RIG)
     (bench / "own.toml").write_text(SCENE)
     record = tmp_path / "a.log"
-    recorded(record, scene=bench / "own.toml", rig=bench / "rig.toml", axes={"handle": "handle"})
+    result = recorded(record, scene=bench / "own.toml", rig=bench / "rig.toml", axes={"handle": "handle"})
     found = read_provenance(record)
     assert found.rig.source == str(bench / "rig.toml")
     assert found.rig.source_sha256 == digest(RIG)
     assert found.conditions.hand == "sine"
     for path in bench.iterdir():
         path.unlink()
-    repeat(found, record=tmp_path / "b.log")
+    again = repeat(found, record=tmp_path / "b.log")
+    assert again.to_json()["limit"] == result.to_json()["limit"]
+    assert again.warnings == result.warnings
     assert record.read_bytes() == (tmp_path / "b.log").read_bytes()
 
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, TorqueError, Trace
+from haptic_fieldbus.assessing.loop_report import PeriodTimes
+from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
 from haptic_fieldbus.report.drawing import BINS, held, thin
 from haptic_fieldbus.report.plot import (
     ZOOM_AFTER,

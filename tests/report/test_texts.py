@@ -5,12 +5,10 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.api.stability_limits import judge_scene
+from haptic_fieldbus.assessing.loop_report import Percentiles, PeriodTimes, Timing
 from haptic_fieldbus.assessing.result import (
-    Percentiles,
-    PeriodTimes,
     Result,
     Right,
-    Timing,
     TorqueError,
     TripRecord,
     energy_text,
