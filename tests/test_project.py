@@ -20,8 +20,11 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.api.site import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
+from haptic_fieldbus.numerics.estimators import GROUP as ESTIMATOR_GROUP
+from haptic_fieldbus.numerics.integrators import GROUP as METHOD_GROUP
 from haptic_fieldbus.protocols.registry import GROUP
 from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP
+from haptic_fieldbus.sim.hand import GROUP as HAND_GROUP
 from tests.cases import every
 from tests.source import modules, nodes_of, reads_the_source, tree_of
 
@@ -35,7 +38,7 @@ DOCUMENTS = sorted(
 CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
 PLACEHOLDER = re.compile(r"NAME|KIND|\bname\b")
-ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP}
+ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP, ESTIMATOR_GROUP, METHOD_GROUP, HAND_GROUP}
 LONGEST_FILE = 600
 REFUSED = 4
 

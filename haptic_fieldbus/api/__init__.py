@@ -25,6 +25,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_NODE,
     DEFAULT_SEED,
 )
+from haptic_fieldbus.documents.own_parts import OwnName, name_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
@@ -38,9 +39,11 @@ from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.faults import Fault, load_faults
-from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.hand import Hand, hand_named
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
+    from haptic_fieldbus.numerics.estimators import Estimator
+    from haptic_fieldbus.numerics.integrators import Integrator
     from haptic_fieldbus.running.changes import Changes, Scheduled
     from haptic_fieldbus.running.session import Session, Site
 
@@ -56,7 +59,8 @@ class Trial:
     duration: float = DEFAULT_DURATION
     """Time from *operation enabled* on [s]."""
     hand: str | None = None
-    """Simulated hand: push, tap, sine, guide, shake, release or none; None: the hand of the scene, otherwise push."""
+    """Simulated hand: push, tap, sine, guide, shake, release, none, or a `Hand` of your own; None: the hand of the
+    scene, otherwise push."""
     fade_in: float = DEFAULT_FADE_IN
     """Time from *operation enabled* to the full limit of the force [s]."""
     seed: int = DEFAULT_SEED
@@ -92,8 +96,8 @@ def plan(
     *,
     rate: float | None = None,
     settings: Mapping[str, Setting] | None = None,
-    method: str | None = None,
-    estimator: str | None = None,
+    method: "str | Integrator | None" = None,
+    estimator: "str | Estimator | None" = None,
     drive: str | None = None,
     bus: str | None = None,
     node: int = DEFAULT_NODE,
@@ -107,7 +111,7 @@ def plan(
     is in Hz. Raises DocumentError, UsageError or PlanError.
     """
     task = Task(
-        scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
         drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
     )  # fmt: skip
     check_arguments("plan", task)
@@ -120,8 +124,8 @@ def stability(
     *,
     rate: float | None = None,
     settings: Mapping[str, Setting] | None = None,
-    method: str | None = None,
-    estimator: str | None = None,
+    method: "str | Integrator | None" = None,
+    estimator: "str | Estimator | None" = None,
     drive: str | None = None,
     bus: str | None = None,
     node: int = DEFAULT_NODE,
@@ -142,7 +146,7 @@ def stability(
     required; omitted values are 0. Raises the same errors as `plan`.
     """
     task = Task(
-        scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
         drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
     )  # fmt: skip
     device = Device(mass=mass, damping=damping, coulomb=coulomb, resolution=resolution, delay=delay)
@@ -156,8 +160,8 @@ def run(
     *,
     rate: float | None = None,
     settings: Mapping[str, Setting] | None = None,
-    method: str | None = None,
-    estimator: str | None = None,
+    method: "str | Integrator | None" = None,
+    estimator: "str | Estimator | None" = None,
     drive: str | None = None,
     bus: str | None = None,
     node: int = DEFAULT_NODE,
@@ -165,7 +169,7 @@ def run(
     zero: str | None = None,
     profiles: str | Path | None = None,
     duration: float = DEFAULT_DURATION,
-    hand: str | None = None,
+    hand: str | Hand | None = None,
     fade_in: float = DEFAULT_FADE_IN,
     seed: int = DEFAULT_SEED,
     faults: str | Path | Sequence[Fault] | None = None,
@@ -189,11 +193,11 @@ def run(
     Ctrl-C, SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the result names the signal.
     """
     task = Task(
-        scene, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
         drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
     )  # fmt: skip
     trial = Trial(
-        duration=duration, hand=hand, fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
+        duration=duration, hand=name_of(hand), fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
         changes=changes, prove=prove, confirm=confirm, instruct=instruct, progress=progress, announce=announce,
         anonymous=anonymous,
     )  # fmt: skip
@@ -256,9 +260,10 @@ def prepare_run(
     from haptic_fieldbus.api.site import site_of
     from haptic_fieldbus.running.session import Session
 
+    held = "none" if hand is None else name_of(hand) if isinstance(trial.hand, OwnName) else hand.name
     on_bus = repeats.bus if repeats and repeats.simulated else selection.bus.text
     provenance = provenance_of(
-        plan, task, _conditions(plan, task, trial, changes, "none" if hand is None else hand.name), faults, on_bus,
+        plan, task, _conditions(plan, task, trial, changes, held), faults, on_bus,
         anonymous=trial.anonymous, repeats=repeats,
     )  # fmt: skip
     session = Session(

@@ -6,10 +6,12 @@ fits is checked where it is used.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from importlib import import_module
 from numbers import Integral, Rational, Real
 from pathlib import Path
 from typing import Any, cast
 
+from haptic_fieldbus.documents.own_parts import OwnName
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.errors import wrong_kind
 from haptic_fieldbus.scenes.scene import Scene
@@ -37,6 +39,13 @@ def _is_number(value: object) -> bool:
 def _is_name(value: object) -> bool:
     """Return whether a value is a text that is not empty."""
     return isinstance(value, str) and value != ""
+
+
+def _is_part(value: object, module: str, kind: str) -> bool:
+    """Return whether a value is a name, or an object of Python of this class, which is imported for one alone."""
+    if not isinstance(value, OwnName):
+        return _is_name(value)
+    return isinstance(value.part, getattr(import_module(f"haptic_fieldbus.{module}"), kind))
 
 
 def _is_settings(value: object) -> bool:
@@ -78,7 +87,10 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     **dict.fromkeys(("mass", "damping", "coulomb", "resolution", "amplitude"), ("a number", _is_number)),
     **dict.fromkeys(("node", "seed"), ("a whole number", _is_whole)),
     **dict.fromkeys(("force", "prove", "anonymous"), ("True or False", lambda value: isinstance(value, bool))),
-    **dict.fromkeys(("method", "estimator", "drive", "bus", "zero", "hand"), ("a name", _is_name)),
+    "method": ("a name or an Integrator", lambda value: _is_part(value, "numerics.integrators", "Integrator")),
+    "estimator": ("a name or an Estimator", lambda value: _is_part(value, "numerics.estimators", "Estimator")),
+    "hand": ("a name or a Hand", lambda value: _is_part(value, "sim.hand", "Hand")),
+    **dict.fromkeys(("drive", "bus", "zero"), ("a name", _is_name)),
     **dict.fromkeys(("profiles", "record", "input", "file"), ("a path", lambda value: isinstance(value, PATH))),
     "faults": ("a path, random@SEED or a list of faults", _is_faults),
     # Into a list `Changes` looks itself; most runs do not import it.
@@ -99,6 +111,7 @@ def check_arguments(function: str, *asked: Any) -> None:
         expected, holds = KINDS.get(field.name, ("", None))
         value = getattr(each, field.name)
         if holds and not (value is None and field.default is None) and not holds(value):
-            wrong.append(str(wrong_kind(f"{function}() {field.name}", expected, value)))
+            given = value.part if isinstance(value, OwnName) else value
+            wrong.append(str(wrong_kind(f"{function}() {field.name}", expected, given)))
     if wrong:
         raise TypeError("\n".join(wrong))

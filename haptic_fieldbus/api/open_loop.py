@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_MOTION_DURATION,
     DEFAULT_RATE,
 )
+from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
@@ -33,6 +34,10 @@ from haptic_fieldbus.scenes.element import CouplingElement, DynamicElement, Elem
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.numerics.estimators import Estimator
+    from haptic_fieldbus.numerics.integrators import Integrator
 
 # Prescribed motions of the puck: a step, a ramp, a sine, or the rows of a file.
 
@@ -168,8 +173,8 @@ def response(
     *,
     rate: float | None = None,
     settings: Mapping[str, Setting] | None = None,
-    method: str | None = None,
-    estimator: str | None = None,
+    method: "str | Integrator | None" = None,
+    estimator: "str | Estimator | None" = None,
     input: str | Path = DEFAULT_MOTION,
     amplitude: float = DEFAULT_AMPLITUDE,
     duration: float | None = None,
@@ -180,7 +185,7 @@ def response(
     position; `amplitude` multiplies the positions. `rate` is in Hz, `duration` in s; a file has a duration of its own.
     Raises DocumentError or UsageError.
     """
-    task = Task(scene, rate=rate, settings=settings, method=method, estimator=estimator)
+    task = Task(scene, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator))
     motion = OpenLoop(input=input, amplitude=amplitude, duration=duration)
     check_arguments("response", task, motion)
     return open_loop(task, motion)

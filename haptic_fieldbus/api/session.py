@@ -14,13 +14,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.cycle.axis import AxisCycle
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
+from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
 from haptic_fieldbus.errors import UsageError, wrong_kind
@@ -39,6 +40,11 @@ from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 from haptic_fieldbus.sim.faults import Fault
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.numerics.estimators import Estimator
+    from haptic_fieldbus.numerics.integrators import Integrator
+    from haptic_fieldbus.sim.hand import Hand
 
 # A force of the caller in the place of a scene.
 
@@ -293,8 +299,8 @@ def session(
     damping: float | None = None,
     rate: float | None = None,
     settings: Mapping[str, Setting] | None = None,
-    method: str | None = None,
-    estimator: str | None = None,
+    method: "str | Integrator | None" = None,
+    estimator: "str | Estimator | None" = None,
     drive: str | None = None,
     bus: str | None = None,
     node: int = DEFAULT_NODE,
@@ -302,7 +308,7 @@ def session(
     zero: str | None = None,
     profiles: str | Path | None = None,
     duration: float = LONGEST,
-    hand: str | None = None,
+    hand: "str | Hand | None" = None,
     fade_in: float = DEFAULT_FADE_IN,
     seed: int = DEFAULT_SEED,
     faults: str | Path | Sequence[Fault] | None = None,
@@ -331,11 +337,11 @@ def session(
         share = HOLDING_SHARE if stiffness is None and damping is None else math.inf
     chosen: Any = scene
     task = Task(
-        chosen, rig, rate=rate, settings=settings, method=method, estimator=estimator,
+        chosen, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
         drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
     )  # fmt: skip
     trial = Trial(
-        duration=duration, hand=hand, fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
+        duration=duration, hand=name_of(hand), fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
         changes=changes, prove=prove, confirm=confirm or (_told if yes else None), instruct=instruct,
         anonymous=anonymous,
     )  # fmt: skip

@@ -43,9 +43,9 @@ class Task:
     settings: Mapping[str, Setting] | None = None
     """Parameters of the scene, such as {"wall.stiffness": 800.0}, "0.8 N/mm" or "max/2"."""
     method: str | None = None
-    """Integrator of virtual states, by name."""
+    """Integrator of virtual states: a name, or an `Integrator` of your own."""
     estimator: str | None = None
-    """Velocity estimator, by name."""
+    """Velocity estimator: a name, or an `Estimator` of your own."""
     drive: str | None = None
     """Profile of the shipped bench, by name or path; None: the default profile of the protocol."""
     bus: str | None = None

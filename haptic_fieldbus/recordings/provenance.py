@@ -111,8 +111,11 @@ class Provenance:
     schema: Literal[1] = 1
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON object."""
-        return {"schema": self.schema, **asdict(self)}
+        """Return the JSON object; of an object of Python that acted, its name."""
+        table = asdict(self)
+        names = {key: table["conditions"][key] for key in ("hand", "method", "estimator")}
+        table["conditions"] |= {key: None if name is None else str(name) for key, name in names.items()}
+        return {"schema": self.schema, **table}
 
     @property
     def scene_name(self) -> str:

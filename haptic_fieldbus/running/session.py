@@ -212,7 +212,7 @@ class Session:
             write_beside(self.record, self.provenance)
 
     def _confirmed(self, bus: Bus) -> dict[str, str]:
-        """Inspect the drives without writing to them, ask, and return the axes whose guards are due to be proved.
+        """Inspect the drives without writing to them, ask, and return the axes whose watchdogs are due.
 
         Raises UsageError, BusError or DriveFaultError.
         """
@@ -222,7 +222,7 @@ class Session:
         return due
 
     def _start(self, bus: Bus, clock: Clock, due: dict[str, str], ending: EndSignals) -> None:
-        """Prove the guards that are due, see the direction, and configure and start the drives, torque-free.
+        """Test the due watchdogs, confirm the direction, and configure and start the drives, torque-free.
 
         Raises UsageError, PlanError, RigError, BusError, DriveFaultError or SafetyTripError.
         """

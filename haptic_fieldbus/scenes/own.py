@@ -8,17 +8,24 @@ break other scenes.
 import re
 import sys
 from collections.abc import Container, Iterator
-from contextlib import redirect_stdout
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from traceback import walk_tb
-from typing import Any, cast, get_type_hints
+from typing import TYPE_CHECKING, Any, cast, get_type_hints
 
 from haptic_fieldbus.documents import schema_of
+from haptic_fieldbus.documents.own_parts import (
+    own_entry_points,
+    own_part,
+    package_of,
+    places_of,
+    told_at,
+    value_of,
+)
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.scenes.element import LAWS, STRICT, AnyElement
-from haptic_fieldbus.scenes.own_faults import shape_fault, told
+from haptic_fieldbus.scenes.own_faults import shape_fault
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "haptic_fieldbus.elements"
 _KIND = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
@@ -35,55 +42,37 @@ class OwnElement:
     fault: str | None
 
 
-def own_entry_points() -> dict[str, tuple[EntryPoint, ...]]:
-    """Return the entry points of the group by their kind, several where packages disagree; nothing is imported."""
-    return _entry_points_on(tuple(sys.path))
-
-
-@cache  # a scene asks several times for each of its elements
-def _entry_points_on(path: tuple[str, ...]) -> dict[str, tuple[EntryPoint, ...]]:
-    found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
-    for entry in entry_points(group=GROUP):
-        found.setdefault(entry.name, {})[_package(entry), entry.value] = entry
-    return {kind: tuple(entries.values()) for kind, entries in found.items()}
-
-
 def own_type(kind: str) -> type[AnyElement]:
     """Import the class of a kind; KeyError for an unknown one, UsageError that names package, entry point and fault."""
-    entries, cause = own_entry_points()[kind], None
+    entries = own_entry_points(GROUP)[kind]
     if not _KIND.fullmatch(kind):
-        found, faults = None, ["its name is no kind; expected a letter, then letters, digits, _, - or ."]
-    elif len(entries) > 1:
-        found, faults = None, ["several packages provide it; uninstall all but one"]
-    else:
-        found, faults, cause = _loaded(entries[0])
-    if faults:
-        raise UsageError(f'element "{kind}" of {_places(entries)}: {"; ".join(faults)}') from cause
-    return cast(type[AnyElement], found)
+        fault = "its name is no kind; expected a letter, then letters, digits, _, - or ."
+        raise UsageError(f'element "{kind}" of {places_of(entries)}: {fault}')
+    return cast(type[AnyElement], own_part(GROUP, "element", kind, _faults))
 
 
 def own_kind(element: type[AnyElement]) -> str | None:
     """Return the kind of a class that has been imported; None where no entry point names it."""
-    return next((kind for kind, entries in own_entry_points().items() if _present(entries[0]) is element), None)
+    return next((kind for kind, entries in own_entry_points(GROUP).items() if _present(entries[0]) is element), None)
 
 
 def described(taken: Container[str]) -> list[OwnElement]:
     """Describe every element of the group, in the order of their kinds; a kind in `taken` is a shipped one."""
-    return [_described(kind, taken) for kind in sorted(own_entry_points())]
+    return [_described(kind, taken) for kind in sorted(own_entry_points(GROUP))]
 
 
 def _described(kind: str, taken: Container[str]) -> OwnElement:
     """Describe one kind, and import its class unless its name is taken."""
-    entries, fault = own_entry_points()[kind], None
+    entries, fault = own_entry_points(GROUP)[kind], None
     if kind in taken:
-        fault = f'element "{kind}" of {_places(entries)}: a shipped element has this name and is used instead'
+        fault = f'element "{kind}" of {places_of(entries)}: a shipped element has this name and is used instead'
     else:
         try:
             own_type(kind)
         except UsageError as error:
             fault = str(error)
-    packages = dict.fromkeys(map(_package, entries))
-    return OwnElement(kind, ", ".join(packages), ", ".join(map(_value, entries)), fault)
+    packages = dict.fromkeys(map(package_of, entries))
+    return OwnElement(kind, ", ".join(packages), ", ".join(map(value_of, entries)), fault)
 
 
 def check_own(element: AnyElement) -> None:
@@ -91,24 +80,14 @@ def check_own(element: AnyElement) -> None:
     try:
         fault = shape_fault(element)
     except Exception as error:  # any exception of foreign code is a fault of the element
-        raise UsageError(f"its needs or linearised() end in {_told(error)}") from error
+        raise UsageError(f"its needs or linearised() end in {told_at(error)}") from error
     if fault:
         raise UsageError(fault)
 
 
-def _loaded(entry: EntryPoint) -> tuple[object, list[str], BaseException | None]:
-    """Import the object of an entry point, list what is wrong with it, and return the error of the import if any."""
-    try:
-        with redirect_stdout(sys.stderr):  # standard output may be one JSON object and nothing else
-            found = entry.load()
-    except (Exception, SystemExit) as error:  # a foreign module may do anything
-        return None, [f"it cannot be imported: {_told(error)}"], error
-    return found, list(_faults(found)), None
-
-
-def _present(entry: EntryPoint) -> object:
+def _present(entry: "EntryPoint") -> object:
     """Return the object of an entry point whose module has been imported, else None."""
-    module, _, names = _value(entry).partition("[")[0].partition(":")
+    module, _, names = value_of(entry).partition("[")[0].partition(":")
     found: object = sys.modules.get(module)
     for name in names.split("."):
         found = getattr(found, name, None)
@@ -135,30 +114,4 @@ def _faults(found: Any) -> Iterator[str]:
         get_type_hints(found, include_extras=True)
         schema_of(found)
     except Exception as error:  # annotations are evaluated here, and may name anything
-        yield f"its fields cannot be read from a file: {_told(error)}"
-
-
-def _told(error: BaseException) -> str:
-    """Return type and first line of an error, and the file and line of the foreign code that raised it."""
-    ours = ("haptic_fieldbus", "importlib", "pydantic")
-    places = [
-        f" ({frame.f_code.co_filename}, line {line})"
-        for frame, line in walk_tb(error.__traceback__)
-        if str(frame.f_globals.get("__name__")).partition(".")[0] not in ours
-    ]
-    return told(error) + (places[-1] if places and not isinstance(error, SyntaxError) else "")
-
-
-def _places(entries: tuple[EntryPoint, ...]) -> str:
-    """Return the packages and their entry points, for a sentence."""
-    return " and ".join(f"{_package(entry)} (entry point {_value(entry)})" for entry in entries)
-
-
-def _package(entry: EntryPoint) -> str:
-    """Return name and version of the distribution that an entry point belongs to."""
-    return "an unknown package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
-
-
-def _value(entry: EntryPoint) -> str:
-    """Return an entry point as its package writes it, `module:Class`."""
-    return "".join(entry.value.split())
+        yield f"its fields cannot be read from a file: {told_at(error)}"

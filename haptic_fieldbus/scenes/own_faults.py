@@ -11,6 +11,7 @@ from inspect import getattr_static
 from traceback import walk_tb
 from types import FrameType
 
+from haptic_fieldbus.documents.own_parts import told
 from haptic_fieldbus.errors import Fault, HapticFieldbusError, SceneError, UsageError
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
@@ -69,12 +70,6 @@ def _name(owner: object) -> str:
 
 def _is_own(module: str) -> bool:
     return module.partition(".")[0] != "haptic_fieldbus"
-
-
-def told(error: BaseException) -> str:
-    """Return the type of an error and the first line of its message."""
-    words = str(error).strip().partition("\n")[0]
-    return f"{type(error).__name__}{': ' * bool(words)}{words}"
 
 
 def _owner(frame: FrameType, elements: tuple[AnyElement, ...]) -> object:

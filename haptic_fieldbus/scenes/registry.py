@@ -95,9 +95,10 @@ def element_type(kind: str) -> type[AnyElement]:
 
 def kind_names() -> list[str]:
     """Return every kind that a scene file can name, without importing any; a shipped kind comes before its namesake."""
-    from haptic_fieldbus.scenes.own import own_entry_points
+    from haptic_fieldbus.documents.own_parts import entry_point_names
+    from haptic_fieldbus.scenes.own import GROUP
 
-    return [*ELEMENTS, *sorted(set(own_entry_points()) - set(ELEMENTS))]
+    return [*ELEMENTS, *(kind for kind in entry_point_names(GROUP) if kind not in ELEMENTS)]
 
 
 def kind_of(element: type[AnyElement]) -> str | None:

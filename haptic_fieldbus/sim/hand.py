@@ -10,8 +10,11 @@ On a linear mechanism, hand and handle move in metres. On a rotary one the hand 
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import cast
 
+from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, instance_faults, object_of_python, own_part
 from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
 from haptic_fieldbus.errors import UsageError
 
@@ -135,11 +138,39 @@ LEADING_NS = 8_000_000_000
 """Time after which that hand repeats itself."""
 
 
+GROUP = "haptic_fieldbus.hands"
+"""Entry points of other packages; each names a `Hand`."""
+
+
+def hand_faults(hand: Hand) -> Iterator[str]:
+    """Yield each reason why a hand cannot be simulated."""
+    for name, zero in (("mass", False), ("stiffness", False), ("damping", True), ("angular_frequency", True)):
+        value = getattr(hand, name)
+        if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
+            yield f"{name} is {value}; expected a finite number {'from 0 up' if zero else 'above 0'}"
+    starts = [piece.start for piece in hand.pieces]
+    if starts != sorted(set(starts)) or any(start < 0.0 for start in starts):
+        yield f"its pieces start at {starts} s; expected times from 0 up, each later than the one before"
+    if not all(math.isfinite(value) for piece in hand.pieces for value in vars(piece).values()):
+        yield "a piece has a start, force or slope that is not a finite number"
+    if hand.release is not None and not hand.release >= 0.0:
+        yield f"release is {hand.release} s; expected a time from 0 up, or None"
+
+
 def hand_named(name: str) -> Hand | None:
     """Return the hand of this name, None for `none`; raises UsageError for an unknown name."""
-    if name not in HANDS:
-        raise UsageError(f'no hand "{name}"; hands are: {", ".join(HANDS)}')
-    return HANDS[name]
+    if isinstance(name, OwnName):
+        own = cast(Hand, object_of_python(name, "hand", Hand, HANDS))
+        faults = "; ".join(hand_faults(own))
+        if faults:
+            raise UsageError(f'hand "{name}": {faults}')
+        return own
+    if name in HANDS:
+        return HANDS[name]
+    added = entry_point_names(GROUP)
+    if name in added:
+        return cast(Hand, own_part(GROUP, "hand", name, instance_faults(name, Hand, hand_faults)))
+    raise UsageError(f'no hand "{name}"; hands are: {", ".join([*HANDS, *added])}')
 
 
 def grip(hand: Hand, mechanism: LinearMechanism | RotaryMechanism) -> Grip:

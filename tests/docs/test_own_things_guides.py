@@ -1,5 +1,6 @@
 """Examples of the guides to things of one's own work as they stand there, and name what is to be written."""
 
+import importlib
 import os
 import re
 import shlex
@@ -10,14 +11,15 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.cli import main
+from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.protocols.catalogue import profile_folder
 from tests.new_things import THINGS
 
 PROJECT = Path(__file__).resolve().parents[2]
 HOW_TO = PROJECT / "docs" / "how-to"
-ELEMENT, PROFILES, PACKAGE = (
+ELEMENT, PROFILES, PACKAGE, PARTS = (
     (HOW_TO / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("write_your_own_element", "keep_your_own_profiles", "add_to_the_package")
+    for name in ("write_your_own_element", "keep_your_own_profiles", "add_to_the_package", "use_your_own_parts")
 )
 
 
@@ -57,6 +59,23 @@ def test_the_element_of_the_guide_is_named_in_a_scene_file(
         assert status(words) == 0, capsys.readouterr().err
     assert "own_memory:Clay" in capsys.readouterr().out
     sys.modules.pop("own_memory")
+
+
+def test_the_parts_of_the_guide_run_as_objects_and_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (toml,) = blocks(PARTS, "toml")
+    info = tmp_path / "my_parts-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-parts\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(re.sub(r"project\.entry-points\.\"(.*)\"", r"\1", toml).replace('"', ""))
+    (tmp_path / "my_parts.py").write_text("\n".join(blocks(PARTS, "python")))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    parts = importlib.import_module("my_parts")
+    assert parts.result.plan.axes[0].estimator == name_of(parts.MEAN_OF_TWO)
+    ((_, *words),) = commands(PARTS)
+    assert status(words) == 0, capsys.readouterr().err
+    sys.modules.pop("my_parts")
 
 
 @pytest.fixture

@@ -29,10 +29,12 @@ class Own:
 """The text of a module with an element that holds."""
 
 
-def install(folder: Path, package: str, entry_points: str, module: str = CLASS) -> None:
+def install(
+    folder: Path, package: str, entry_points: str, module: str = CLASS, group: str = "haptic_fieldbus.elements"
+) -> None:
     """Put a package of one module, and the metadata by which it is found, into a folder of the path."""
     info = folder / f"{package}-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[haptic_fieldbus.elements]\n{entry_points}\n")
+    (info / "entry_points.txt").write_text(f"[{group}]\n{entry_points}\n")
     (folder / f"{package}.py").write_text(module)

@@ -12,8 +12,10 @@ costs delay, and delay costs stiffness; docs/reference/estimators.md has both fi
 import math
 from dataclasses import dataclass
 from importlib import import_module
+from typing import cast
 
 from haptic_fieldbus.documents import nearest
+from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, instance_faults, object_of_python, own_part
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
@@ -47,6 +49,8 @@ ESTIMATORS = {
     "tick-interval": "ticks",
 }
 """Module of the family of each estimator, by name."""
+GROUP = "haptic_fieldbus.estimators"
+"""Entry points of other packages; each names an `Estimator`."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +78,13 @@ class ChosenEstimator:
 
 def estimator_named(name: str) -> Estimator:
     """Return the estimator of this name, without parameters; raises UsageError for an unknown name."""
+    if isinstance(name, OwnName):
+        return cast(Estimator, object_of_python(name, "estimator", Estimator, ESTIMATORS))
     if name not in ESTIMATORS:
-        raise UsageError(_unknown(f'no estimator "{name}"', name, list(ESTIMATORS)))
+        added = entry_point_names(GROUP)
+        if name in added:
+            return cast(Estimator, own_part(GROUP, "estimator", name, instance_faults(name, Estimator)))
+        raise UsageError(_unknown(f'no estimator "{name}"', name, [*ESTIMATORS, *added]))
     module = import_module(f"{__name__}.{ESTIMATORS[name]}")
     found: Estimator = next(estimator for estimator in module.ESTIMATORS if estimator.name == name)
     return found
@@ -83,6 +92,8 @@ def estimator_named(name: str) -> Estimator:
 
 def chosen(spec: str) -> ChosenEstimator:
     """Parse NAME[:key=value,…]; raises UsageError for an unknown name or key, a repeated key, a bad value."""
+    if isinstance(spec, OwnName):
+        return ChosenEstimator(estimator_named(spec), {})
     name, _, written = spec.partition(":")
     estimator = estimator_named(name.strip())
     known = {parameter.key: parameter for parameter in estimator.parameters}

@@ -8,10 +8,13 @@ There are two kinds of stability: that of a method on an oscillator of its own (
 the sampled loop with a hand (`margins`). A method that preserves energy does not make the loop stable.
 """
 
+from typing import cast
+
 import numpy as np
 
 from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.documents import nearest
+from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, instance_faults, object_of_python, own_part
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
@@ -46,18 +49,25 @@ METHODS = {
         one_step.EXACT_FOH,
     )
 }
+GROUP = "haptic_fieldbus.methods"
+"""Entry points of other packages; each names an `Integrator`."""
 
 
 def method_named(name: str) -> Integrator:
     """Return the method of this name; raises UsageError for an unknown name."""
-    if name not in METHODS:
-        raise UsageError(_unknown(name))
-    return METHODS[name]
+    if isinstance(name, OwnName):
+        return cast(Integrator, object_of_python(name, "method", Integrator, METHODS))
+    if name in METHODS:
+        return METHODS[name]
+    added = entry_point_names(GROUP)
+    if name in added:
+        return cast(Integrator, own_part(GROUP, "method", name, instance_faults(name, Integrator)))
+    raise UsageError(_unknown(name, [*METHODS, *added]))
 
 
-def _unknown(name: str) -> str:
-    near = nearest(name, METHODS)
-    return f'no method "{name}"; {f"nearest: {near[0]}; " if near else ""}there are: {", ".join(METHODS)}'
+def _unknown(name: str, known: list[str]) -> str:
+    near = nearest(name, known)
+    return f'no method "{name}"; {f"nearest: {near[0]}; " if near else ""}there are: {", ".join(known)}'
 
 
 def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> OneStep:

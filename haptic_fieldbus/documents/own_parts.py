@@ -1,0 +1,157 @@
+"""Parts that are not of this package: objects of Python, and parts that other packages add by entry points.
+
+The name of an entry point is the name of the part, and its object is the part. A package is imported when its part is
+named, and not before. A fault in it becomes one sentence with package and entry point: a broken package must not stop
+what does not use it. An object of Python travels as `OwnName`, wherever the name of a shipped part would.
+"""
+
+import pickle
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
+from functools import cache
+from traceback import walk_tb
+from typing import TYPE_CHECKING, Any
+
+from haptic_fieldbus.errors import UsageError, wrong_kind
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+Faults = Callable[[Any], Iterable[str]]
+"""Function that returns each reason why an object cannot be used."""
+
+
+class OwnName(str):
+    """Name of a part that is an object of Python, with that object; equal only to a name with an equal object."""
+
+    part: Any
+
+    def __new__(cls, name: str, part: Any) -> "OwnName":
+        found = super().__new__(cls, name)
+        found.part = part
+        return found
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, OwnName) and str(self) == str(other) and bool(self.part == other.part)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    __hash__ = str.__hash__
+
+    def __deepcopy__(self, memo: object) -> "OwnName":
+        return self
+
+    def __reduce__(self) -> tuple[type[str], tuple[str, ...]]:
+        """Send the object along with its name; the name alone where it cannot be sent, such as one with a lambda."""
+        try:
+            pickle.dumps(self.part)
+        except Exception:  # a foreign object may raise anything
+            return str, (str(self),)
+        return OwnName, (str(self), self.part)
+
+
+def name_of(part: Any) -> Any:
+    """Return the name of an object of Python together with the object; a text, None or anything else as it is."""
+    name = getattr(part, "name", None)
+    return OwnName(name, part) if isinstance(name, str) and not isinstance(part, str) else part
+
+
+def object_of_python(name: str, sort: str, expected: type, taken: Iterable[str]) -> Any:
+    """Return the object that a name has with it; raises TypeError for another class, UsageError for a taken name."""
+    part = name.part if isinstance(name, OwnName) else name
+    if not isinstance(part, expected):
+        raise wrong_kind(sort, f"an object of {expected.__name__}", part)
+    if str(name) in [str(each) for each in taken]:
+        raise UsageError(f'{sort} "{name}": a shipped one has this name; give yours another')
+    return part
+
+
+def instance_faults(name: str, expected: type, further: Faults = lambda found: ()) -> Faults:
+    """Return the function that says why an object is not the `expected` part of this name; `further` looks into it."""
+
+    def faults(found: Any) -> Iterable[str]:
+        if not isinstance(found, expected):
+            yield f"expected an object of {expected.__name__}, not {type(found).__name__}"
+        elif found.name != name:  # type: ignore[attr-defined]
+            yield f'its name is "{found.name}"; expected that of the entry point'  # type: ignore[attr-defined]
+        else:
+            yield from further(found)
+
+    return faults
+
+
+def entry_point_names(group: str) -> list[str]:
+    """Return the names of all entry points of a group in alphabetical order; nothing is imported."""
+    return sorted(own_entry_points(group))
+
+
+def own_entry_points(group: str) -> "dict[str, tuple[EntryPoint, ...]]":
+    """Return the entry points of a group by name, several where packages disagree; nothing is imported."""
+    return _entry_points_on(group, tuple(sys.path))
+
+
+@cache  # a scene asks several times for each of its elements
+def _entry_points_on(group: str, path: tuple[str, ...]) -> "dict[str, tuple[EntryPoint, ...]]":
+    from importlib.metadata import entry_points
+
+    found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
+    for entry in entry_points(group=group):
+        found.setdefault(entry.name, {})[package_of(entry), value_of(entry)] = entry
+    return {name: tuple(entries.values()) for name, entries in found.items()}
+
+
+def own_part(group: str, sort: str, name: str, faults: Faults) -> Any:
+    """Import the part of this name; KeyError for an unknown one, UsageError that names package, entry point, fault."""
+    entries, cause = own_entry_points(group)[name], None
+    found: Any = None
+    if len(entries) > 1:
+        told = ["several packages provide it; uninstall all but one"]
+    else:
+        found, told, cause = _loaded(entries[0], faults)
+    if told:
+        raise UsageError(f'{sort} "{name}" of {places_of(entries)}: {"; ".join(told)}') from cause
+    return found
+
+
+def _loaded(entry: "EntryPoint", faults: Faults) -> tuple[object, list[str], BaseException | None]:
+    """Import the object of an entry point, list what is wrong with it, and return the error of the import if any."""
+    try:
+        with redirect_stdout(sys.stderr):  # standard output may be one JSON object and nothing else
+            found = entry.load()
+    except (Exception, SystemExit) as error:  # a foreign module may do anything
+        return None, [f"it cannot be imported: {told_at(error)}"], error
+    return found, list(faults(found)), None
+
+
+def told(error: BaseException) -> str:
+    """Return the type of an error and the first line of its message."""
+    words = str(error).strip().partition("\n")[0]
+    return f"{type(error).__name__}{': ' * bool(words)}{words}"
+
+
+def told_at(error: BaseException) -> str:
+    """Return type and first line of an error, and the file and line of the foreign code that raised it."""
+    ours = ("haptic_fieldbus", "importlib", "pydantic")
+    places = [
+        f" ({frame.f_code.co_filename}, line {line})"
+        for frame, line in walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__")).partition(".")[0] not in ours
+    ]
+    return told(error) + (places[-1] if places and not isinstance(error, SyntaxError) else "")
+
+
+def places_of(entries: "tuple[EntryPoint, ...]") -> str:
+    """Return the packages and their entry points, for a sentence."""
+    return " and ".join(f"{package_of(entry)} (entry point {value_of(entry)})" for entry in entries)
+
+
+def package_of(entry: "EntryPoint") -> str:
+    """Return name and version of the distribution that an entry point belongs to."""
+    return "an unknown package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
+
+
+def value_of(entry: "EntryPoint") -> str:
+    """Return an entry point as its package writes it, `module:Class`."""
+    return "".join(entry.value.split())
