@@ -66,7 +66,7 @@ WRONG_KINDS: list[tuple[Callable[..., object], Mapping[str, Any], str]] = [
     (run, {"rate": "1kHz"}, r"run\(\) rate: expected a number in Hz, not '1kHz' \(str\)"),
     (plan, {"rate": Fraction(1000)}, r"plan\(\) rate: expected a number in Hz, not Fraction\(1000, 1\)"),
     (plan, {"rate": np.array([1e3])}, r"plan\(\) rate: expected a number in Hz, not array"),
-    (run, {"estimator": lambda position: position}, r"run\(\) estimator: expected a name or an Estimator, not <function"),
+    (run, {"estimator": lambda position: position}, r"run\(\) estimator: expected a name or an Estimator, not <f"),
     (run, {"method": 3}, r"run\(\) method: expected a name or an Integrator, not 3 \(int\)"),
     (run, {"drive": 3, "bus": 5}, r"run\(\) drive: .* not 3 \(int\)\nrun\(\) bus: .* not 5 \(int\)"),
     (run, {"bus": ""}, r"run\(\) bus: expected a name, not '' \(str\)"),
