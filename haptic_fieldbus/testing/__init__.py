@@ -1,4 +1,4 @@
-"""Simulated drives for the tests of other people's masters, and contracts for the tests of their own parts.
+"""Simulated drives for tests of masters, and contracts of own parts.
 
 `haptic_fieldbus.pytest_plugin` makes fixtures of the drives. Those on Modbus are in `testing.modbus`, so that tests on
 CAN do without pymodbus. `check_element`, `check_estimator`, `check_integrator` and `check_hand` hold a part to its
