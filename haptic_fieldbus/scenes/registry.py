@@ -8,6 +8,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast, get_type_hints
 
+from haptic_fieldbus.documents.own_parts import entry_point_names
 from haptic_fieldbus.documents.quantities import Quantity, annotations
 from haptic_fieldbus.scenes.element import AnyElement, Mark
 
@@ -95,7 +96,6 @@ def element_type(kind: str) -> type[AnyElement]:
 
 def kind_names() -> list[str]:
     """Return every kind that a scene file can name, without importing any; a shipped kind comes before its namesake."""
-    from haptic_fieldbus.documents.own_parts import entry_point_names
     from haptic_fieldbus.scenes.own import GROUP
 
     return [*ELEMENTS, *(kind for kind in entry_point_names(GROUP) if kind not in ELEMENTS)]
