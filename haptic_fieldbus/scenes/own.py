@@ -17,8 +17,8 @@ from haptic_fieldbus.documents.own_parts import (
     own_part,
     package_of,
     places_of,
+    target_of,
     told_at,
-    value_of,
 )
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.scenes.element import LAWS, STRICT, AnyElement
@@ -72,7 +72,7 @@ def _described(kind: str, taken: Container[str]) -> OwnElement:
         except UsageError as error:
             fault = str(error)
     packages = dict.fromkeys(map(package_of, entries))
-    return OwnElement(kind, ", ".join(packages), ", ".join(map(value_of, entries)), fault)
+    return OwnElement(kind, ", ".join(packages), ", ".join(map(target_of, entries)), fault)
 
 
 def check_own(element: AnyElement) -> None:
@@ -87,7 +87,7 @@ def check_own(element: AnyElement) -> None:
 
 def _present(entry: "EntryPoint") -> object:
     """Return the object of an entry point whose module has been imported, else None."""
-    module, _, names = value_of(entry).partition("[")[0].partition(":")
+    module, _, names = target_of(entry).partition("[")[0].partition(":")
     found: object = sys.modules.get(module)
     for name in names.split("."):
         found = getattr(found, name, None)

@@ -101,7 +101,7 @@ def _judge(part: Any, name: str, checks: Iterable[Check], *arguments: Any) -> No
 # An element.
 
 
-def axes_of(element: AnyElement) -> int:
+def axis_count(element: AnyElement) -> int:
     """Return the number of axes that an element acts on."""
     return 2 if isinstance(element, CouplingElement) else 1
 
@@ -113,7 +113,7 @@ def law(element: Any) -> Any:
 
 def feedback(element: AnyElement, values: list[float]) -> Iterator[list[Any]]:
     """Yield all combinations of the values for the signals that an element needs; time goes on."""
-    signals = element.needs * axes_of(element)
+    signals = element.needs * axis_count(element)
     for number, combination in enumerate(product(values, repeat=len(signals))):
         yield [
             1_000_000 * number if signal is Signal.ELAPSED_NS else value
@@ -127,7 +127,7 @@ def _numbers(found: Any) -> tuple[Any, ...]:
 
 def _motion(element: AnyElement) -> list[Signal]:
     """Return the signals of motion that an element needs, of each of its axes."""
-    return [each for each in element.needs * axes_of(element) if each is not Signal.ELAPSED_NS]
+    return [each for each in element.needs * axis_count(element) if each is not Signal.ELAPSED_NS]
 
 
 def _form(element: Any, reach: Reach) -> Iterator[str]:
@@ -148,7 +148,7 @@ def _needs_and_linear_model(element: AnyElement, reach: Reach) -> Iterator[str]:
         return
     if len(set(element.needs)) != len(element.needs):
         yield f"needs a signal twice: {', '.join(map(str, element.needs))}"
-    space, axes = element.linearised(), axes_of(element)
+    space, axes = element.linearised(), axis_count(element)
     expected = ((space.order, 2 * axes), (axes, space.order), (axes, 2 * axes))
     if (space.b.shape, space.c.shape, space.d.shape) != expected:
         yield f"linearised() has matrices B, C, D of the shapes {space.b.shape}, {space.c.shape}, {space.d.shape}"
@@ -198,8 +198,8 @@ def _force(element: AnyElement, reach: Reach) -> Iterator[str]:
     call = law(element)
     for values in feedback(element, [-1e3, -0.1, 0.0, 5e-324, 0.1, 1e3]):
         found = _numbers(call(*values))
-        if len(found) != axes_of(element) or not all(type(each) is float and math.isfinite(each) for each in found):
-            yield f"force {found} at {values}; expected {axes_of(element)} finite float"
+        if len(found) != axis_count(element) or not all(type(each) is float and math.isfinite(each) for each in found):
+            yield f"force {found} at {values}; expected {axis_count(element)} finite float"
             break
     motion = list(feedback(element, [-0.01, 0.02]))
     first, beside = law(element), law(element)
@@ -213,7 +213,7 @@ def _not_a_number(element: AnyElement, reach: Reach) -> Iterator[str]:
     """Check that not-a-number goes through and that a motion without end raises nothing: the cycle trips on both."""
     if not _motion(element):
         return
-    signals = element.needs * axes_of(element)
+    signals = element.needs * axis_count(element)
     found = law(element)(*[0 if signal is Signal.ELAPSED_NS else math.nan for signal in signals])
     if not any(math.isnan(each) for each in _numbers(found)):
         yield f"not-a-number becomes the force {found}; let it through, as max(x, 0.0 * x) does"

@@ -95,7 +95,7 @@ def test_notes_of_an_error_follow_its_sentence(capsys: pytest.CaptureFixture[str
         ("run wall --rate 1khz", "UsageError", 2, [(None, None, """Invalid value for '--rate': "1khz"; expected""")]),
         ("run wall --node x", "UsageError", 2, [(None, None, "Invalid value for '--node'")]),
         ("run wall --nope", "UsageError", 2, [(None, None, "No such option: --nope")]),
-        ("run", "UsageError", 2, [(None, None, "Missing argument 'SCENE'")]),
+        ("run", "UsageError", 2, [(None, None, "no scene: expected SCENE or --from FILE")]),
         ("nope", "UsageError", 2, [(None, None, "No such command 'nope'")]),
         ("run wall --hand foot --seed 1", "UsageError", 2, [(None, None, 'no hand "foot"')]),
         ("plan wall --rig nowhere.toml", "RigError", 2, [("nowhere.toml", None, "no such file")]),

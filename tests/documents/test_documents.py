@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from haptic_fieldbus.documents import Document, file_of, is_path, nearest, read_document, schema_of, suggestion
 from haptic_fieldbus.documents.document import key_text
 from haptic_fieldbus.documents.positions import Positions
-from haptic_fieldbus.errors import DocumentError, SceneError, UsageError
+from haptic_fieldbus.errors import DocumentError, SceneError, UsageError, VcanError, require
 
 STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
@@ -305,3 +305,13 @@ def test_a_path_is_told_from_a_name(tmp_path: Path) -> None:
 def test_what_the_loader_fills_in_is_not_in_the_exported_schema() -> None:
     assert "source" not in schema_of(Sample, loaded=("source",))["properties"]
     assert "source" in schema_of(Sample)["properties"]
+
+
+def test_a_package_that_is_missing_is_named_with_its_extra() -> None:
+    require("numpy", "data")
+    with pytest.raises(UsageError, match=r'^this needs no_such_package, of the extra "data": pip install no_such'):
+        require("no_such_package", "data")
+
+
+def test_a_command_that_could_not_run_beside_vcan_has_an_exit_status() -> None:
+    assert (VcanError("no guest kernel").status, VcanError("interrupted", 130).status) == (125, 130)

@@ -19,7 +19,7 @@ from haptic_fieldbus.scenes.element import (
     AnyElement,
 )
 from haptic_fieldbus.scenes.registry import ELEMENTS
-from haptic_fieldbus.testing.contracts import axes_of, check_element
+from haptic_fieldbus.testing.contracts import axis_count, check_element
 from tests.cases import Test, every
 from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
@@ -74,8 +74,8 @@ def moved_on(element: AnyElement, motion: Motion, axis: int, way: float, speed: 
     """The force at the end of a motion when one axis is then moved by so much, and sped up."""
     position = np.concatenate([motion.position, motion.position[-1:]])
     velocity = np.concatenate([motion.velocity, motion.velocity[-1:]])
-    position[-1] += way * np.eye(axes_of(element))[axis].squeeze()
-    velocity[-1] += speed * np.eye(axes_of(element))[axis].squeeze()
+    position[-1] += way * np.eye(axis_count(element))[axis].squeeze()
+    velocity[-1] += speed * np.eye(axis_count(element))[axis].squeeze()
     return np.atleast_1d(forces(element, Motion(motion.period, position, velocity))[-1])
 
 
@@ -125,7 +125,7 @@ class TestEveryElement:
         """Linear model by which stability is judged, beside difference quotients of the law; states stand still."""
         motion, way = SHEETS[kind].stiffest(element)
         before = moved_on(element, motion, 0, 0.0, 0.0)
-        for column in range(2 * axes_of(element)):
+        for column in range(2 * axis_count(element)):
             step = way * (FASTER if column % 2 else FURTHER)  # positions and velocities by turns
             steps = (0.0, step) if column % 2 else (step, 0.0)
             found = (moved_on(element, motion, column // 2, *steps) - before) / step
@@ -144,7 +144,7 @@ class TestEveryMotion:
     @given(data=st.data())
     def test_jumps_by_no_more_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
         sheet = SHEETS[kind]
-        motion = data.draw(motions(sheet, SMOOTH, 2000, axes_of(element)))
+        motion = data.draw(motions(sheet, SMOOTH, 2000, axis_count(element)))
         changes = np.abs(np.diff(forces(element, motion), axis=0))
         per_length, per_speed, per_second = sheet.steepness(element)
         ways = np.abs(motion.moves).reshape(len(changes), -1).sum(axis=1)
@@ -157,7 +157,7 @@ class TestEveryMotion:
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
         sheet = SHEETS[kind]
-        motion = data.draw(motions(sheet, SMOOTH, 5000, axes_of(element)))
+        motion = data.draw(motions(sheet, SMOOTH, 5000, axis_count(element)))
         force = forces(element, motion)
         exchanged = float(np.sum(np.abs(force[1:] * motion.moves)))
         given_away = given_to_the_hand(motion, force, held=False)
@@ -169,7 +169,7 @@ class TestEveryMotion:
         self, kind: str, element: AnyElement, data: st.DataObject
     ) -> None:
         sheet = SHEETS[kind]
-        motion = data.draw(motions(sheet, 1e-3, 400, axes_of(element)))
+        motion = data.draw(motions(sheet, 1e-3, 400, axis_count(element)))
         given_away = given_to_the_hand(motion, forces(element, motion), held=True)
         bound = sheet.sampled(element, motion)
         assert given_away <= bound + 1e-9 * abs(bound) + 1e-12

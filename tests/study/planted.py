@@ -232,7 +232,7 @@ PLANTED = {
         "(-(0.6**0.5), 0.0, 0.6**0.5)",
         "(0.0,)",
         ("magnet-outside",),
-        (f"{CONTRACT}::TestEveryElement::test_its_bounds_hold_between_any_two_places",),
+        (f"{CONTRACT}::TestEveryElement::test_keeps_the_contract_that_others_hold_theirs_to",),
     ),
     "damping of the controller halved": Planted(
         "haptic_fieldbus/cycle/energy.py",
