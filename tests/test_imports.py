@@ -66,6 +66,7 @@ DOES_WITHOUT = {
         " report.texts sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
+        "cli.view": "running.live sim.mechanics.pointer view.description view.server",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
         "cli.app": "vcan.runner",
         "running.ending": "assessing.result",
@@ -158,6 +159,11 @@ FENCED = {
         "cli.report",
     ),
     "vcan": ("", "cli.app"),
+    "view": (
+        "margins.group numerals planning.axis_plan planning.explain planning.plan report.texts running.live"
+        " running.ring scenes.registry scenes.scene signals",
+        "cli.view",
+    ),
 }
 """Rooms that stand beside the product: which modules each may import beside the public ones, and what imports it."""
 MOST_MODULES = 15

@@ -27,6 +27,7 @@ from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP
 from haptic_fieldbus.sim.hand import GROUP as HAND_GROUP
 from tests.cases import every
 from tests.source import modules, nodes_of, reads_the_source, tree_of
+from tests.view.served import serving
 
 PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "haptic_fieldbus"
@@ -63,7 +64,9 @@ def shown_commands() -> Iterator[tuple[Path, str]]:
 
 def is_quick(command: str) -> bool:
     """Whether it neither measures, nor draws, nor renders for seconds."""
-    return not {"report", "--plot"} & set(words := command.split()) and (words[1] != "run" or "--duration 1" in command)
+    return not {"report", "--plot", "demo"} & set(words := command.split()) and (
+        words[1] != "run" or "--duration 1" in command
+    )
 
 
 OWN_COMMANDS = sorted({command for _, command in shown_commands() if command.startswith("haptic-fieldbus ")})
@@ -81,6 +84,9 @@ def test_every_command_in_the_documents_does_what_they_say(
     if command.split()[1] == "report":
         subprocess.run([sys.executable, "-m", "haptic_fieldbus", *command.split()[1:]], check=True)
         return
+    if command.split()[1] == "demo":  # lasts until it is stopped
+        with serving(*command.split()[1:], "--no-browser", "--port", "0"):
+            return
     with pytest.raises(SystemExit) as stopped:
         main(command.split()[1:])
     assert (stopped.value.code or 0) == (REFUSED if "stiffness=3000" in command else 0)
@@ -295,10 +301,14 @@ def test_every_import_is_a_declared_dependency_and_the_other_way_round() -> None
     project = SETTINGS["project"]
     required = [
         *project["dependencies"],
-        *(each for extra in ("data", "plot") for each in project["optional-dependencies"][extra]),
+        *(each for extra in ("data", "plot", "view") for each in project["optional-dependencies"][extra]),
     ]
-    declared = {re.split(r"[\[<>=,;]", requirement)[0] for requirement in required}
+    declared = {re.split(r"[\[<>=,;]", requirement)[0] for requirement in required} | PARTS_OF_NICEGUI
     assert {DISTRIBUTIONS.get(name, name.replace("_", "-")) for name in imported()} == declared
+
+
+PARTS_OF_NICEGUI = {"fastapi", "starlette", "uvicorn"}
+"""Packages that NiceGUI is made of; its version, of which one minor one is permitted, chooses theirs."""
 
 
 def contract(words: str, key: str = "modules") -> list[str]:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.numerics.estimators import Estimator
     from haptic_fieldbus.numerics.integrators import Integrator
     from haptic_fieldbus.running.changes import Changes, Scheduled
+    from haptic_fieldbus.running.live import Live
     from haptic_fieldbus.running.session import Session, Site
 
 
@@ -88,6 +89,8 @@ class Trial:
     """Called with the plan before any bus is opened."""
     anonymous: bool = False
     """Leave host, user and paths out of the provenance."""
+    live: "Live | None" = None
+    """View of the run while it goes on; in virtual time, the run then follows real time."""
 
 
 def plan(
@@ -182,15 +185,17 @@ def run(
     progress: Callable[[int, int], None] | bool | None = None,
     announce: Callable[[Plan], None] | None = None,
     anonymous: bool = False,
+    live: "Live | None" = None,
 ) -> Result:
     """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz], and return the result.
 
     The bench is selected as for `plan`. On simulated buses `hand` (default: the hand of the scene), `seed` and `faults`
     set the conditions. On a real bus nothing moves unless `confirm` returns True. `changes` are new settings for the
     running scene at seconds from *operation enabled*, [(2.0, {"wall.stiffness": 800.0})], or a `Changes` that other
-    threads use. Raises the same errors as `plan`, UnstableSceneError (unless `force`), BusError, DriveFaultError and
-    SafetyTripError. Torque is zero before any of them is raised; their `result` holds the results known at the error.
-    Ctrl-C, SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the result names the signal.
+    threads use. `live` shows the run while it goes on. Raises the same errors as `plan`, UnstableSceneError (unless
+    `force`), BusError, DriveFaultError and SafetyTripError. Torque is zero before any of them is raised; their `result`
+    holds the results known at the error. Ctrl-C, SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the
+    result names the signal.
     """
     task = Task(
         scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
@@ -199,7 +204,7 @@ def run(
     trial = Trial(
         duration=duration, hand=name_of(hand), fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
         changes=changes, prove=prove, confirm=confirm, instruct=instruct, progress=progress, announce=announce,
-        anonymous=anonymous,
+        anonymous=anonymous, live=live,
     )  # fmt: skip
     check_arguments("run", task, trial)
     return run_task(task, trial)
@@ -269,9 +274,10 @@ def prepare_run(
     session = Session(
         plan, on_bus, trial.duration, record=recording, changes=changes, prove=trial.prove,
         confirm=trial.confirm, instruct=trial.instruct, progress=_shown(trial.progress, plan),
-        provenance=provenance, drawing=DRAWING,
+        provenance=provenance, drawing=DRAWING, live=trial.live,
     )  # fmt: skip
-    return session, site_of(plan, recording, hand, trial.seed, faults)
+    time = None if trial.live is None else trial.live.time
+    return session, site_of(plan, recording, hand, trial.seed, faults, time)
 
 
 def _capped(plan: Plan, share: float) -> Plan:
@@ -368,11 +374,14 @@ def _checked(plan: Plan, trial: Trial) -> "Changes | None":
     """Refuse an unstable loop, and return the checked changes; None when there are none."""
     if not trial.force:
         check_stable(plan)
-    if trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes):
+    nothing = trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes)
+    if nothing and trial.live is None:
         # Nothing more is imported for a run in which nothing changes.
         return None
     from haptic_fieldbus.running.changes import Changes
 
-    wanted = trial.changes if isinstance(trial.changes, Changes) else Changes(trial.changes)
+    wanted = trial.changes if isinstance(trial.changes, Changes) else Changes(trial.changes or ())
     wanted.check(plan, trial.duration, force=trial.force)
+    if trial.live is not None:
+        trial.live.changes = wanted
     return wanted

@@ -45,15 +45,16 @@ def site_of(
     hand: Hand | None = None,
     seed: int = DEFAULT_SEED,
     faults: tuple[Fault, ...] = (),
+    time: VirtualClock | None = None,
 ) -> Iterator[Site]:
     """Open all buses of a plan, or none, and yield them as a site; frames are recorded if `record` is a file for them.
 
-    `hand`, `seed` (of all random numbers) and `faults` are the conditions on a simulated bench. Raises UsageError or
-    BusError.
+    `hand`, `seed` (of all random numbers), `faults` and `time` are the conditions on a simulated bench. Raises
+    UsageError or BusError.
     """
     if plan.simulated:
         _check_faults(faults, plan)
-    clock = _clock(plan, seed, faults) if plan.simulated else MonotonicClock()
+    clock = _clock(plan, seed, faults, time or VirtualClock()) if plan.simulated else MonotonicClock()
     buses: dict[str, StepwiseBus] = {}
     worlds: dict[str, Truth] = {}
     log_faults: list[str] = []
@@ -73,14 +74,14 @@ def site_of(
         yield Site(clock, buses, worlds, "" if hand is None else hand.name, log_faults)
 
 
-def _clock(plan: Plan, seed: int, faults: Sequence[Fault]) -> Clock:
+def _clock(plan: Plan, seed: int, faults: Sequence[Fault], time: VirtualClock) -> Clock:
     """Return the clock of a simulated run; only a host that is faulty, or late by chance, has one of its own."""
     most_ns = round(1e9 * max(plan.rig.bus[bus.name].lateness for bus in plan.buses))
     if most_ns:
         draw = Random(f"{seed}/host")
-        return HostClock(VirtualClock(), iter(lambda: draw.randrange(most_ns + 1), None))
+        return HostClock(time, iter(lambda: draw.randrange(most_ns + 1), None))
     faulty = any(isinstance(fault, HostFault) for fault in faults)
-    return HostClock(VirtualClock()) if faulty else VirtualClock()
+    return HostClock(time) if faulty else time
 
 
 def ask_rated_torques(rig: Rig) -> Rig:

@@ -29,7 +29,7 @@ class Record:
         # The whole ring is touched here, so that no push in the loop allocates memory.
         self._values = array("d", [0.0]) * (len(self.columns) * capacity)
         row = struct.Struct(f"{len(self.columns)}d")
-        self._pack_into, self._size = row.pack_into, row.size
+        self._pack_into, self._unpack_from, self._size = row.pack_into, row.unpack_from, row.size
 
     def __len__(self) -> int:
         return min(self.pushed, self.capacity)
@@ -41,6 +41,11 @@ class Record:
         """
         self._pack_into(self._values, self.pushed % self.capacity * self._size, *row)
         self.pushed += 1
+
+    @property
+    def last(self) -> tuple[float, ...]:
+        """The row pushed last; zeros before the first push."""
+        return self._unpack_from(self._values, (self.pushed - 1) % self.capacity * self._size)
 
     def rows(self) -> NDArray[np.float64]:
         """Return a copy of all rows held, oldest first, shape `(n_rows, n_columns)`."""

@@ -15,9 +15,10 @@ from haptic_fieldbus.cli.planning import estimate, plan, response, stability
 from haptic_fieldbus.cli.rehearse import rehearse
 from haptic_fieldbus.cli.replay import replay
 from haptic_fieldbus.cli.report import report
-from haptic_fieldbus.cli.run import run
+from haptic_fieldbus.cli.run import demo, run
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import simulate
+from haptic_fieldbus.cli.view import view
 from haptic_fieldbus.defaults import DEFAULT_VCAN
 from haptic_fieldbus.errors import UsageError, VcanError
 
@@ -100,7 +101,7 @@ START, BENCH_PANEL, STUDY, FILES = (
 )
 # `--help` lists the panels and their commands in this order.
 for panel, commands in {
-    START: (run, rehearse, plan),
+    START: (run, demo, view, rehearse, plan),
     BENCH_PANEL: (doctor, scan, watch, simulate),
     STUDY: (stability, response, estimate, replay, report),
 }.items():

@@ -37,7 +37,7 @@ P = ParamSpec("P")
 Options = TypeVar("Options")
 Asked = TypeVar("Asked")
 
-BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
+BENCH, RENDERING, SIMULATION, OUTPUT, VIEW = "Bench", "Rendering", "Simulation", "Output", "View"
 BUSES = (
     "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0; on Modbus sim-modbus-tcp, "
     "sim-modbus-rtu@BAUD, modbus-tcp:HOST:PORT or modbus-rtu:DEVICE@BAUD."
@@ -190,6 +190,14 @@ class SceneOptions:
         Path | None, option("PATH", "Record frames as .log (candump) or .blf, or rows as .csv or .mcap.", OUTPUT)
     ] = None
     plot: PlotOption = None
+    view: Annotated[
+        bool, option(None, "Show the run on a page in the browser; simulations run in real time.", VIEW, "--view")
+    ] = False
+    view_host: Annotated[str | None, option("HOST", "Serve the page to other computers.", VIEW)] = None
+    view_port: Annotated[int | None, option("PORT", "Port of the page.", VIEW, default="8765, or a free one")] = None
+    view_required: Annotated[
+        bool, option(None, "End the run when no page shows it any more.", VIEW, "--view-required")
+    ] = False
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
     anonymous: Annotated[
         bool, option(None, "Leave host, user and paths out of what is recorded.", OUTPUT, "--anonymous")
@@ -244,7 +252,10 @@ class RunOptions(SceneOptions):
 
 
 OF_A_BENCH = ("drive", "bus", "node", "rig", "axes", "zero", "profiles")
-OF_A_RUN = ("duration", "change", "force", "fade_in", "hand", "seed", "faults", "prove", "record", "yes", "anonymous")
+OF_A_RUN = (
+    "duration", "change", "force", "fade_in", "hand", "seed", "faults", "prove", "record", "yes", "anonymous",
+    "view", "view_host", "view_port", "view_required",
+)  # fmt: skip
 """Options of `run` that other commands leave out."""
 
 

@@ -1,16 +1,25 @@
-"""Command `run`: render a scene on a drive."""
+"""Commands `run`, which renders a scene on a drive, and `demo`, which does so without any hardware."""
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from haptic_fieldbus.cli.options import RunOptions, SceneOptions, check_plot, draw, note_assumed_bitrate, options_of
+from haptic_fieldbus.cli.options import (
+    RunOptions,
+    SceneOptions,
+    check_plot,
+    draw,
+    note_assumed_bitrate,
+    option,
+    options_of,
+)
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.screen import ProgressBar, print_json, show
+from haptic_fieldbus.cli.view import LOOPBACK, VIEWED_DURATION, viewed
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.running.ending import ended_by_signals
@@ -57,8 +66,19 @@ def _repeat(options: RunOptions) -> None:
         run_and_tell(options, task, replace(options.given(api.Trial), **conditions), provenance)
 
 
-def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: "Provenance | None" = None) -> None:
-    """Run a trial with the questions of a command, and print its result."""
+def run_and_tell(
+    options: SceneOptions, task: "Task", trial: "Trial", repeats: "Provenance | None" = None, *, browser: bool = False
+) -> None:
+    """Run a trial with the questions of a command, and print its result; `browser` opens the page of `--view`."""
+    if not (options.view or options.view_host or options.view_required):
+        _run_and_tell(options, task, trial, repeats)
+        return
+    duration = VIEWED_DURATION if options.duration is None else options.duration
+    with viewed(options.view_host or LOOPBACK, options.view_port, options.view_required, browser=browser) as live:
+        _run_and_tell(options, task, replace(trial, live=live, duration=duration), repeats)
+
+
+def _run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: "Provenance | None") -> None:
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.request import parse_changes
 
@@ -87,6 +107,8 @@ def run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: "
         finally:  # before any line is printed: the bar is drawn over its own line
             if progress is not None:
                 progress.close()
+    if trial.live is not None:
+        trial.live.end({"text": result.stopped.message if result.stopped else "its duration is over"})
     _tell(result, options)
     if options.plot is not None:
         from haptic_fieldbus.report.plot import plot_run
@@ -177,3 +199,27 @@ def _tell(result: "Result", options: SceneOptions) -> None:
 
         show(outcome(result, verbose=options.verbose))
     sys.stdout.flush()
+
+
+# Command `demo`: a run for the first minute.
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """Options of `demo`."""
+
+    scene: Annotated[str, option("SCENE", "Scene of the library or a scene file.", default="wall")] = "wall"
+    port: Annotated[int | None, option("PORT", "Port of the page.", default="8765, or a free one")] = None
+    duration: Annotated[float, option("S", "Duration in s.", default=VIEWED_DURATION)] = VIEWED_DURATION
+    no_browser: Annotated[bool, option(None, "Only print the address of the page.", None, "--no-browser")] = False
+
+
+@options_of(DemoOptions)
+def demo(options: DemoOptions) -> None:
+    """Touch a wall on a simulated drive with the mouse, on a page in the browser; no hardware is needed."""
+    from haptic_fieldbus import api
+
+    asked = SceneOptions(
+        scene=options.scene, hand="none", duration=options.duration, view=True, view_port=options.port
+    )  # fmt: skip
+    run_and_tell(asked, asked.task(), asked.given(api.Trial), browser=not options.no_browser)

@@ -32,6 +32,7 @@ from haptic_fieldbus.running.rows import Rows
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
+    from haptic_fieldbus.running.live import Live
 
 LONGEST_RECORD = 300_000
 """Largest number of kept rows of a run on real drives; files of rows are written during the run."""
@@ -74,6 +75,8 @@ class Session:
     """Texts, conditions and versions of the run; written beside or into its record."""
     drawing: str = ""
     """Module and function with which the result draws its picture."""
+    live: "Live | None" = None
+    """View of the run while it goes on."""
     _warnings: list[str] = field(default_factory=list, init=False)
     """Warnings about drive watchdogs and motor directions."""
     _proofs: tuple[Proof, ...] = field(default=(), init=False)
@@ -105,7 +108,8 @@ class Session:
         # The record has room for the periods until the drives are enabled.
         enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
         kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-        record = Record(columns(plan), min(cycles, kept) + enabling + 1)
+        room = min(cycles, kept) + enabling + 1
+        record = Record(columns(plan), room) if self.live is None else self.live.record(plan, columns(plan), room)
         try:
             self._keep_provenance()
             rows = Rows(record, self.record, simulated=plan.simulated, provenance=self.provenance)
@@ -121,6 +125,8 @@ class Session:
                 )  # fmt: skip
                 assessment = Assessment(run)
                 with _freed(bus, ending):
+                    if self.live is not None:
+                        self.live.begin(plan, cycle, report, site.worlds, ending)
                     due = self._confirmed(bus)
                     if caller is not None:
                         yield

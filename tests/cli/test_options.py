@@ -24,7 +24,7 @@ from tests.cases import every
 
 PAIRS = [(SceneOptions, Task), (SceneOptions, Trial), (StabilityOptions, Device), (ResponseOptions, OpenLoop)]
 """The options of each command, and the value of the API that they make."""
-PYTHON_ONLY = {"changes", "confirm", "progress", "announce", "instruct"}
+PYTHON_ONLY = {"changes", "confirm", "progress", "announce", "instruct", "live"}
 """The command line has words or ways of its own for them."""
 
 
@@ -104,9 +104,9 @@ CARRIERS = {
     "assessing/summary.py": {"Assessment"},
 }
 """Names under which a run is handed on between its command and the loop, by the file that has it."""
-OTHERS = {"Choice", "ExchangeLimit", "Traces", "Part", "AxisAssessment", "RunOptions", "Caller"}
-"""Classes of these files that check names, tell limits, and assess an axis; the options of `run` with --from; the
-caller of a session."""
+OTHERS = {"Choice", "ExchangeLimit", "Traces", "Part", "AxisAssessment", "RunOptions", "Caller", "DemoOptions"}
+"""Classes of these files that check names, tell limits, and assess an axis; the options of `run` with --from and of
+`demo`; the caller of a session."""
 ON_THE_WAY = (*CARRIERS, "cli/run.py", "api/arguments.py", "api/site.py", "planning/refusal.py", "running/loop.py")
 """Files that a run goes through on its way from the command to the loop."""
 

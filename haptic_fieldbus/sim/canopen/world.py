@@ -34,6 +34,7 @@ from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, Fault, HostFault, LineFault
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.host import HostClock
+from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
@@ -318,6 +319,10 @@ class World:
 
     def slave(self, node: int) -> Slave:
         return self._rack.slaves[node]
+
+    def body(self, node: int) -> Body:
+        """Return the shaft of a drive."""
+        return self._rack.slaves[node].drive.plant
 
     def trajectory(self, node: int) -> Trajectory:
         """Return the true motion of a shaft up to the present."""

@@ -30,6 +30,8 @@ class Body(ABC):
         """The hand that has released the handle, or waits for *operation enabled*; None without such a hand."""
         self._leader: Grip | None = None
         """The hand that moves the handle while the drive is off; None: no hand."""
+        self._guest: Grip | None = None
+        """The hand that has taken the handle while it moves; None: no hand."""
 
     @property
     def position(self) -> float:
@@ -92,14 +94,41 @@ class Body(ABC):
         self._leader = leader
         self.rest_hand()
 
+    # A hand that takes the handle while it moves, led by a pointer.
+
+    def is_held_by(self, grip: Grip) -> bool:
+        """Return whether this very hand holds the handle."""
+        return self._grip is grip
+
+    def lead(self, grip: Grip, force: float) -> None:
+        """Let this hand hold the handle from now on, with a force on its mass [N·m]; the one before is gone."""
+        self._agenda.clear()
+        if self._grip is not grip:
+            self._guest = grip
+            self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
+            self._hold(grip)
+        self._begin(Piece(0.0, force))
+
+    def let_go(self) -> None:
+        """Let the hand go that holds the handle, if one does."""
+        self._agenda.clear()
+        if self._grip is not None:
+            self._begin(None)
+
+    def plan_pieces(self, grip: Grip) -> None:
+        """Let the force of the hand that holds the handle follow the pieces of `grip`, its release included."""
+        begins = ((piece.start, piece) for piece in grip.pieces if grip.release is None or piece.start < grip.release)
+        ends = [] if grip.release is None else [(grip.release, None)]
+        self._agenda.extend((self.t_ns + round(start * 1e9), piece) for start, piece in (*begins, *ends))
+
     @property
     def led(self) -> bool:
         """Return whether the leading hand moves the handle, as it does while the drive is off."""
         return self._leader is not None and self._grip is self._leader
 
     def _holder(self, grip: Grip | None) -> int:
-        """Return the holder of the handle: 0 no hand, 1 the hand, 2 the hand that leads while the drive is off."""
-        return 0 if grip is None else 2 if grip is self._leader else 1
+        """Return the holder: 0 no hand, 1 the hand, 2 the hand that leads while the drive is off, 3 a guest."""
+        return 0 if grip is None else 2 if grip is self._leader else 3 if grip is self._guest else 1
 
     @abstractmethod
     def prepare(self) -> None:

@@ -29,6 +29,7 @@ from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.drive_faults import until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.host import HostClock, truth_of
+from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.station import RequestServer, ServerRequest
@@ -166,6 +167,10 @@ class SimulatedLine:
         """Do nothing: there is nothing to release."""
 
     # The true motion.
+
+    def body(self, node: int) -> Body:
+        """Return the shaft of a drive."""
+        return self._rack.units[node].drive.plant
 
     def trajectory(self, node: int) -> Trajectory:
         """Return the true motion of a shaft up to the present."""

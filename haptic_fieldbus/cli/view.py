@@ -1,0 +1,149 @@
+"""Command `view`, and the option `--view` of `run`: a page in the browser that shows a run."""
+
+import contextlib
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from haptic_fieldbus.cli.options import option, options_of
+from haptic_fieldbus.cli.screen import show
+from haptic_fieldbus.errors import BusError, UsageError
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.planning.plan import Plan
+    from haptic_fieldbus.running.live import Handle, Live
+
+LOOPBACK = "127.0.0.1"
+STARTING = 60.0
+"""Time in which the server must be ready [s]."""
+VIEWED_DURATION = 3600.0
+"""Duration of a run with a page and without `--duration` [s]."""
+EVERYWHERE = ("0.0.0.0", "::", "")
+
+
+def check_view(host: str) -> None:
+    """Raise UsageError when no page can be served there."""
+    wrong = []
+    if find_spec("nicegui") is None:
+        wrong.append("the view needs NiceGUI; in a checkout, run: pip install '.[view]'")
+    if host in EVERYWHERE:
+        wrong.append(f'host "{host}": give the address or the name of one interface of this computer')
+    if wrong:
+        raise UsageError("\n".join(wrong))
+
+
+@contextmanager
+def viewed(host: str, port: int | None, required: bool, *, browser: bool = False) -> Iterator["Live"]:
+    """Serve a page for the run in the block by a process of its own; its address goes to standard error.
+
+    Raises UsageError when the server does not start.
+    """
+    check_view(host)
+    from haptic_fieldbus.running.live import Live
+    from haptic_fieldbus.view.description import base_command, describe
+
+    with Live(describe, required=required, handles=_handles) as live:
+        live.command = ["haptic-fieldbus", *base_command(sys.argv[1:])]
+        child = _started(live.path, host, port)
+        # The server is waited for when the run is about to begin: it starts while the scene is compiled.
+        live.ready = lambda: _announce(_address(child), host, browser)
+        try:
+            yield live
+        except Exception as error:
+            live.end({"text": str(error)})
+            raise
+        except BaseException:
+            live.end({"text": "It was stopped."})
+            raise
+    if live.lost:
+        raise BusError("the page was lost, and --view-required ended the run; the drives are off")
+
+
+def _started(path: Path, host: str, port: int | None) -> "subprocess.Popen[str]":
+    """Start the server."""
+    program = "from haptic_fieldbus.view.server import main; main()"
+    arguments = [str(path), host, "" if port is None else str(port), ""]
+    # A session of its own, so that Ctrl-C at the terminal reaches the run alone.
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *arguments],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True,
+    )  # fmt: skip
+
+
+def _address(child: "subprocess.Popen[str]") -> str:
+    """Wait for the server and return the address of its page; raises UsageError when it does not start."""
+    if child.stdout is None or child.stderr is None:
+        raise UsageError("the server of the view has no output")
+    ready, _, _ = select.select([child.stdout], [], [], STARTING)
+    address = child.stdout.readline().strip() if ready else ""
+    if not address:
+        child.kill()
+        said = child.stderr.read().strip().splitlines()
+        raise UsageError(f"the server of the view did not start{': ' + said[-1] if said else ''}")
+    child.stdout.close()
+    child.stderr.close()
+    return address
+
+
+def _announce(address: str, host: str, browser: bool) -> None:
+    lines = [("view", address)]
+    if host not in (LOOPBACK, "localhost"):
+        lines.append(("warning", "every computer that reaches this address may steer and stop the run; keep it secret"))
+    show(lines, sys.stderr)
+    screen = sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if browser and screen:
+        import webbrowser
+
+        webbrowser.open(address)
+
+
+def _handles(plan: "Plan", worlds: Mapping[str, Any]) -> "Mapping[str, Handle]":
+    """Return the handles of a simulation that a pointer may lead."""
+    from haptic_fieldbus.sim.mechanics.pointer import PointedHandle
+
+    return {
+        axis.name: PointedHandle(worlds[axis.rig.bus].body(axis.node), axis.rig.mechanism)
+        for axis in plan.axes
+        if axis.rig.bus in worlds
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """Options of `view`."""
+
+    run: Annotated[
+        int | None, option("PID", "Process of the run.", default="the newest run of this user with --view")
+    ] = None
+    host: Annotated[str, option("HOST", "Address that the page is served at.", default=LOOPBACK)] = LOOPBACK
+    port: Annotated[int | None, option("PORT", "Port of the page.", default="8765, or a free one")] = None
+    token: Annotated[str | None, option("TOKEN", "Token of the address.", default="a random one")] = None
+
+
+@options_of(ViewOptions)
+def view(options: ViewOptions) -> None:
+    """Show a run of this computer that was begun with --view as a page in the browser, until the run ends."""
+    from haptic_fieldbus.running.live import sockets
+
+    check_view(options.host)
+    found = [path for path in sockets() if options.run is None or path.stem == str(options.run)]
+    if not found:
+        raise UsageError("no run to view; begin one with: haptic-fieldbus run SCENE --view")
+    with contextlib.suppress(OSError):
+        os.nice(5)
+    from haptic_fieldbus.view.server import serve
+
+    try:
+        serve(
+            found[0], host=options.host, port=options.port, token=options.token,
+            ready=lambda address: _announce(address, options.host, browser=False),
+        )  # fmt: skip
+    except OSError as error:
+        raise UsageError(f"the page cannot be served at {options.host}: {error.strerror or error}") from error

@@ -1,0 +1,183 @@
+"""The description of a run for a page: axes, parameters with their limits, the law that is felt, and units."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from haptic_fieldbus.margins.group import Group
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.explain import limit_text, milliseconds
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.report.texts import bench_text, scene_text
+from haptic_fieldbus.scenes.element import AnyElement, abilities
+from haptic_fieldbus.scenes.registry import kind_of, parameters, place_names, quantities
+from haptic_fieldbus.scenes.scene import axes_of
+from haptic_fieldbus.signals import Signal, Workspace
+
+Json = dict[str, Any]
+LAW_POINTS = 401
+"""Places at which the force of the scene is told."""
+UNITS = {
+    "age_ns": "ns",
+    "position": "m", "velocity": "m/s", "force": "N", "command": "N", "position counts": "counts",
+}  # fmt: skip
+ROTARY = {"m": "rad", "m/s": "rad/s", "N": "N·m"}
+OF_RUN = {"t": "s", "lateness_us": "µs", "compute_us": "µs", "energy": "J", "t_ns": "ns"}
+SPAN = {Workspace.LINEAR: 0.06, Workspace.ROTARY: math.pi}
+"""Half of the travel that is shown where neither the rig nor the scene limits it [m or rad]."""
+FROM_ZERO = {
+    "m": 0.01, "rad": 0.5, "s": 1.0, "N": 4.0, "N·m": 0.2, "N/m": 500.0, "N·m/rad": 0.5, "N·s/m": 5.0,
+    "N·m·s/rad": 0.01, "kg": 1.0, "kg·m²": 1e-4, "Hz": 20.0,
+}  # fmt: skip
+"""Upper end of the scale of a parameter that is 0, by its unit."""
+BEYOND_LIMIT, BEYOND_VALUE = 1.25, 4.0
+"""Upper end of a scale, as a multiple of the limit, or of the value where there is none."""
+
+
+def describe(plan: Plan) -> Json:
+    """Return what a page needs to know of a plan, as JSON."""
+    limits = limits_of_parameters(plan)
+    return {
+        "scene": plan.scene.name,
+        "scene_text": scene_text(plan),
+        "bench": bench_text(plan),
+        "simulated": plan.simulated,
+        "rate": plan.rate,
+        "bus_load": max(bus.traffic.load for bus in plan.buses),
+        "energy_limit": _finite(min(axis.limits.energy for axis in plan.axes)),
+        "stop_within": milliseconds(max(each.seconds for each in plan.deadlines)),
+        "limits": [*_limit_lines(plan)],
+        "axes": [_axis(plan, axis) for axis in plan.axes],
+        "parameters": [each for element in plan.scene.elements for each in _parameters(plan, element, limits)],
+        "units": {**OF_RUN, **{name: unit for axis in plan.axes for name, unit in _units(axis)}},
+    }
+
+
+def limits_of_parameters(plan: Plan) -> dict[str, float]:
+    """Return the limit of each parameter that has one, by `element.parameter`: stable for every value that is open.
+
+    These are the stiffness of the stiffest element of each axis, or the parameters from which it follows.
+    """
+    found: dict[str, float] = {}
+    for axis in plan.axes:
+        if axis.group is not None and axis.stability is not None:
+            found |= _limits(axis.group, axis.stability.limit.value)
+    return found
+
+
+def _limit_lines(plan: Plan) -> Iterator[str]:
+    """Yield the line of `run` on the limit, of each group of axes."""
+    for axis in plan.axes:
+        if axis.group is None or axis.group.reference_axis == axis.name:
+            yield limit_text(axis.stability)
+
+
+def _limits(group: Group, limit: float) -> dict[str, float]:
+    element = group.stiffest
+    if element is None or not 0.0 < limit < math.inf:
+        return {}
+    graded = abilities(element).with_stiffness
+    if graded is None:
+        return {f"{element.name}.stiffness": limit}
+    softer, names = graded(limit), quantities(type(element))
+    changed = {name: getattr(softer, name) for name in names if getattr(softer, name) != getattr(element, name)}
+    return {f"{element.name}.{name}": value for name, value in changed.items() if isinstance(value, float)}
+
+
+def _axis(plan: Plan, axis: AxisPlan) -> Json:
+    low, high = _travel(axis)
+    return {
+        "name": axis.name,
+        "rotary": axis.workspace is Workspace.ROTARY,
+        "unit": axis.workspace.length_unit,
+        "effort_unit": axis.workspace.effort_unit,
+        "drive": axis.profile.title,
+        "travel": [low, high],
+        "effort": axis.limits.effort,
+        "actual_unit": axis.shown_unit * axis.rig.mechanism.sign,
+        "law": _law(axis, low, high),
+        "surfaces": [each for element in axis.elements for each in _surfaces(element)],
+        "partner": next((name for each in axis.couplings for name in each.axes if name != axis.name), None),
+        "state": f"{axis.name}.statusword",
+    }
+
+
+def _travel(axis: AxisPlan) -> tuple[float, float]:
+    """Return the places between which the handle is shown [m or rad]: round all places of the scene, in the limits."""
+    places = [abs(getattr(each, name)) for each in axis.elements for name in place_names(type(each))]
+    span = max(SPAN[axis.workspace], 1.5 * max((place for place in places if math.isfinite(place)), default=0.0))
+    limits = axis.rig.limits.position
+    return (-span, span) if limits is None else (max(-span, limits[0]), min(span, limits[1]))
+
+
+def _law(axis: AxisPlan, low: float, high: float) -> list[float | None]:
+    """Return the force on a handle at rest at places from `low` to `high`; only elements without memory count."""
+    laws = [each for each in axis.elements if hasattr(type(each), "force") and _is_static(each)]
+    step = (high - low) / (LAW_POINTS - 1)
+    return [_finite(sum(_at_rest(each, low + step * number) for each in laws)) for number in range(LAW_POINTS)]
+
+
+def _is_static(element: AnyElement) -> bool:
+    return bool(element.needs) and {*element.needs} <= {Signal.POSITION, Signal.VELOCITY}
+
+
+def _at_rest(element: Any, position: float) -> float:
+    values = {Signal.POSITION: position, Signal.VELOCITY: 0.0}
+    return float(element.force(*(values[signal] for signal in element.needs)))
+
+
+def _surfaces(element: AnyElement) -> Iterator[Json]:
+    """Yield the surfaces of an element that has some, with the side of its material."""
+    if abilities(element).penetration is not None:
+        for name in place_names(type(element)):
+            yield {"at": getattr(element, name), "side": getattr(element, "side", "positive"), "name": element.name}
+
+
+def _parameters(plan: Plan, element: AnyElement, limits: dict[str, float]) -> Iterator[Json]:
+    """Yield each parameter of an element that has a quantity or a choice."""
+    workspace = plan.axis(axes_of(element)[0]).workspace
+    units = {name: quantity.unit(workspace) for name, quantity in quantities(type(element)).items()}
+    for name in parameters(type(element)):
+        value = getattr(element, name)
+        if isinstance(value, bool | str):
+            continue
+        if isinstance(value, int | float) and math.isfinite(value):
+            limit = limits.get(f"{element.name}.{name}")
+            low, high = _scale(plan, element, name, float(value), limit, FROM_ZERO.get(units.get(name, ""), 1.0))
+            yield {
+                "name": f"{element.name}.{name}", "kind": kind_of(type(element)), "value": value, "limit": limit,
+                "unit": units.get(name, ""), "low": low, "high": high, "whole": isinstance(value, int),
+            }  # fmt: skip
+
+
+def _scale(
+    plan: Plan, element: AnyElement, name: str, value: float, limit: float | None, usual: float
+) -> tuple[float, float]:
+    """Return the ends of the scale of a parameter."""
+    if name in place_names(type(element)):
+        low, high = _travel(plan.axis(axes_of(element)[0]))
+        return min(low, value), max(high, value)
+    high = BEYOND_LIMIT * limit if limit else BEYOND_VALUE * abs(value)
+    return min(0.0, BEYOND_VALUE * value), max(high, value) or usual
+
+
+def _units(axis: AxisPlan) -> Iterator[tuple[str, str]]:
+    rotary = axis.workspace is Workspace.ROTARY
+    for name, unit in UNITS.items():
+        yield f"{axis.name}.{name}", ROTARY.get(unit, unit) if rotary else unit
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def base_command(arguments: list[str]) -> list[str]:
+    """Return a command line without the options of the view and of the parameters, which a page adds anew."""
+    kept: list[str] = []
+    words = iter(arguments)
+    for word in words:
+        if word in ("--set", "--view-host", "--view-port"):
+            next(words, None)
+        elif not word.startswith(("--set=", "--view")):
+            kept.append(word)
+    return kept

@@ -1,0 +1,232 @@
+"""The page: NiceGUI draws its controls, `assets/client.js` its pictures.
+
+A control sends its command through the WebSocket of the page (`haptic.send` of the script), so that one place decides
+who steers. Answers come back here: `Controls.show` sets the values that are in force.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any, Protocol
+
+from nicegui import app, ui
+
+from haptic_fieldbus.numerals import rounded, rounded_limit
+from haptic_fieldbus.running.live import HANDS
+
+ASSETS = Path(__file__).parent / "assets"
+STEPS = 400
+"""Steps of a slider over its scale."""
+SPEEDS = {1.0: "real time", 0.25: "1/4", 0.1: "1/10", 0.02: "1/50"}
+STARTING = 60.0
+"""Time for which a page waits for the run to begin [s]."""
+HANDS_SHOWN = {"none": "none (drag the handle)", "push": "push", "tap": "tap", "release": "push, then release"}
+FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
+CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
+
+
+class Source(Protocol):
+    """Description of the run from which a page is made, once it is known."""
+
+    hello: dict[str, Any]
+    first: dict[str, float]
+    controls: dict[str, "Controls"]
+    known: asyncio.Event
+
+
+def build(hub_of: Callable[[], Source]) -> None:
+    """Register the page; `hub_of` returns what is between it and the run."""
+    app.add_static_files("/assets", ASSETS)
+
+    @ui.page("/", response_timeout=STARTING)
+    async def page() -> None:
+        hub = hub_of()
+        await asyncio.wait_for(hub.known.wait(), STARTING - 1.0)
+        client = ui.context.client
+        controls = Controls(hub.hello, hub.first)
+        hub.controls[client.id] = controls
+        client.on_delete(lambda: hub.controls.pop(client.id, None))
+        ui.add_head_html('<link rel="stylesheet" href="/assets/page.css">')
+        ui.add_body_html(
+            f'<script>window.hapticClient = "{client.id}";</script><script src="/assets/client.js"></script>'
+        )
+
+
+class Controls:
+    """The controls of one page."""
+
+    def __init__(self, hello: dict[str, Any], first: dict[str, float]) -> None:
+        """Draw them in the present context of NiceGUI."""
+        self._sliders: dict[str, tuple[ui.slider, ui.number, ui.html]] = {}
+        self._first = first
+        self._steered: list[Any] = []
+        ui.query(".nicegui-content").classes("page")
+        with ui.element("header"):
+            self._head(hello)
+        ui.html('<div id="lost" role="alert" hidden></div><div id="trip" role="alert" hidden></div>', sanitize=False)
+        with ui.element("main"):
+            self._pictures(hello)
+            with ui.element("aside"):
+                self._facts(hello)
+                self._parameters(hello)
+                if hello["simulated"]:
+                    self._simulation(hello)
+
+    def _head(self, hello: dict[str, Any]) -> None:
+        bench, scene = hello["bench"], escape(hello["scene_text"], quote=True)
+        kind = "simulation" if hello["simulated"] else "real drive"
+        ui.html(
+            f"<h1 title='{scene}'>{scene}</h1><p title='{escape(bench, quote=True)}'>"
+            f"<b class='is-{kind.split()[0]}'>{kind}</b> {escape(bench)}</p>",
+            sanitize=False,
+        ).classes("title")
+        ui.html('<span id="state" role="status">–</span><span id="time">–</span>', sanitize=False).classes("state")
+        _button("contrast", "Light or dark", "haptic.theme()")
+        ui.html(
+            '<button id="stop" type="button">STOP<small>Esc</small></button>'
+            "<small>no emergency stop: it needs this page and the computer</small>",
+            sanitize=False,
+        ).classes("stop")
+
+    def _pictures(self, hello: dict[str, Any]) -> None:
+        with ui.element("section").classes("pictures"):
+            with ui.element("div").classes("handles"):
+                for axis in hello["axes"]:
+                    _canvas("handle", axis["name"], f"Handle of axis {axis['name']} and what it touches")
+            with ui.element("div").classes("laws"):
+                for axis in hello["axes"]:
+                    _canvas("law", axis["name"], f"Force over position of axis {axis['name']}")
+            with ui.element("div").classes("charts"):
+                with ui.element("div").classes("tools"):
+                    _button("pause", "Hold the charts; the run goes on (key H)", "haptic.hold()", "hold")
+                    _button("table_view", "Save the window as CSV", "haptic.saveCsv()")
+                    _button("image", "Save the window as PNG", "haptic.savePng()")
+                    ui.html('<span id="cursor"></span>', sanitize=False)
+                    span = ui.select({2: "2 s", 5: "5 s", 10: "10 s"}, value=5).props("dense borderless")
+                    span.props('aria-label="Time that is shown"').on("update:model-value", js_handler=_JS_SPAN)
+                for name, title in CHARTS:
+                    with ui.element("div").classes("chart"):
+                        _canvas("chart", name, title)
+                        _columns(name, hello["columns"])
+
+    def _facts(self, hello: dict[str, Any]) -> None:
+        rows = "".join(f"<dt>{name}</dt><dd id='fact-{name.replace(' ', '-')}'>–</dd>" for name in FACTS)
+        ui.html(f"<h2>State</h2><dl>{rows}</dl>", sanitize=False).classes("card facts")
+
+    def _parameters(self, hello: dict[str, Any]) -> None:
+        with ui.element("div").classes("card parameters"):
+            ui.html("<h2>Parameters</h2><p id='role' role='status'></p>", sanitize=False)
+            self._limits = ui.html(_limits(hello), sanitize=False)
+            for each in hello["parameters"]:
+                self._parameter(each)
+            ui.html('<p id="answer" role="status" aria-live="polite"></p>', sanitize=False)
+            with ui.element("div").classes("buttons"):
+                self._steered += [_button("undo", "Back to the values of the file", "haptic.reset()", text="reset")]
+                _button("content_copy", "Copy the command line with these values", "haptic.copy()", text="copy command")
+
+    def _parameter(self, told: dict[str, Any]) -> None:
+        """Draw name, number, slider and scale of one parameter."""
+        name = told["name"]
+        step = 1 if told["whole"] else (told["high"] - told["low"]) / STEPS
+        with ui.element("div").classes("parameter"):
+            ui.html(f"<label>{escape(name)}</label>", sanitize=False)
+            number = ui.number(value=told["value"], suffix=told["unit"], format="%.6g").props(
+                f'dense borderless step=any input-aria-label="{name}" aria-label="{name}"'
+            )
+            slider = ui.slider(min=told["low"], max=told["high"], step=step, value=told["value"])
+            slider.props(f'dense aria-label="{name}" data-name="{name}"')
+            scale = ui.html(_scale(told), sanitize=False).classes("scale")
+        asked = json.dumps(name)
+        slider.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
+        slider.on("update:model-value", js_handler=f"(value) => haptic.preview({asked}, value)")
+        number.on("change", js_handler=f"(value) => haptic.change({asked}, Number(value))")
+        self._sliders[name] = slider, number, scale
+        self._steered += [slider, number]
+
+    def _simulation(self, hello: dict[str, Any]) -> None:
+        with ui.element("div").classes("card simulation"):
+            ui.html("<h2>Simulation</h2>", sanitize=False)
+            with ui.element("div").classes("buttons"):
+                self._steered += [
+                    _button("pause", "Pause or go on (key P)", "haptic.pause()", "pause", text="pause"),
+                    _button("skip_next", "One period forward (key N)", "haptic.step()", text="step"),
+                ]
+            speed = ui.select(SPEEDS, value=hello["speed"] if hello["speed"] in SPEEDS else 1.0, label="Speed")
+            speed.on("update:model-value", js_handler=_JS_SPEED)
+            hand = ui.select({name: HANDS_SHOWN[name] for name in HANDS}, value="none", label="Hand")
+            hand.on("update:model-value", js_handler=_JS_HAND)
+            for each in (speed, hand):
+                each.props("dense outlined options-dense")
+            self._steered += [speed, hand]
+
+    # What comes back.
+
+    def show(self, hello: dict[str, Any], message: dict[str, Any]) -> None:
+        """Show the values in force after a change, or after one that was refused."""
+        if "scene" in message or "refused" in message:
+            self._limits.set_content(_limits(hello))
+            for told in hello["parameters"]:
+                slider, number, scale = self._sliders[told["name"]]
+                for each in (slider, number):
+                    each.set_value(told["value"])
+                    each.update()  # also where the page has moved it meanwhile
+                scale.set_content(_scale(told))
+
+    def enable(self, steers: bool) -> None:
+        """Let the controls act, or not, in a page that only looks."""
+        for each in self._steered:
+            each.set_enabled(steers)
+
+
+_JS_SPAN = "(option) => haptic.span(Number(option.label.split(' ')[0]))"
+_JS_SPEED = (
+    "(option) => haptic.send({speed: " + json.dumps({each: key for key, each in SPEEDS.items()}) + "[option.label]})"
+)
+_JS_HAND = (
+    "(option) => haptic.send({hand: "
+    + json.dumps({each: key for key, each in HANDS_SHOWN.items()})
+    + "[option.label]})"
+)
+
+
+def _button(icon: str, label: str, script: str, name: str = "", *, text: str = "") -> ui.button:
+    """Return a small button that runs a script; the label is its tooltip and its name for a screen reader."""
+    button = ui.button(text, icon=icon, color=None).props(f'flat dense no-caps aria-label="{label}" title="{label}"')
+    if name:
+        button.props(f'id="{name}"')
+    return button.on("click", js_handler=f"() => {script}")
+
+
+def _canvas(kind: str, name: str, label: str) -> None:
+    attributes = f'data-kind="{kind}" data-name="{escape(name, quote=True)}" aria-label="{escape(label, quote=True)}"'
+    ui.html(f"<canvas {attributes} role='img' tabindex='0'></canvas>", sanitize=False).classes(f"picture {kind}")
+
+
+def _columns(chart: str, columns: list[str]) -> None:
+    """Draw the choice of the columns of a chart."""
+    choice = ui.select(columns, multiple=True).props('dense options-dense borderless display-value="columns"')
+    choice.props(f'aria-label="Columns of the chart {chart}"').classes("columns")
+    script = f"(options) => haptic.columns({json.dumps(chart)}, options.map((each) => each.label))"
+    choice.on("update:model-value", js_handler=script)
+
+
+def _limits(hello: dict[str, Any]) -> str:
+    """Return the limits of the scene, a line for each group of axes."""
+    return "".join(f"<p class='limit'>Limit: {escape(text)}</p>" for text in hello["limits"])
+
+
+def _scale(told: dict[str, Any]) -> str:
+    """Return the scale below a slider: its ends, and the limit with the part above it hatched."""
+    low, high, limit = told["low"], told["high"], told["limit"]
+    marks = f"<i>{rounded(low)}</i><i class='end'>{rounded(high)}</i>"
+    if limit is None or not low < limit < high:
+        return marks
+    place = 100.0 * (limit - low) / (high - low)
+    title = f"limit {rounded_limit(limit)} {told['unit']}".rstrip()
+    return (
+        f"<s style='left:{place:.2f}%'></s>"
+        f"<b style='left:{place:.2f}%' data-limit='{limit!r}'>{escape(title)}</b>"
+        f"<i>{rounded(low)}</i>"
+    )

@@ -1,0 +1,379 @@
+"""The process that serves the page: it reads the ring, passes commands on, and lets in whom it knows.
+
+Each page has a WebSocket of ours beside that of NiceGUI. The server sends a page the rows since the last ones, and
+nothing more until the page has drawn them. A page that stands still therefore makes nothing grow, and gets the newest
+rows when it goes on.
+
+`Entrance` stands before everything else, HTTP and WebSocket alike: it wants a known `Host`, the `Origin` of the page
+itself where there is one (always for a WebSocket), and the token of this server, once in the address and then in a
+cookie.
+"""
+
+import asyncio
+import contextlib
+import hmac
+import http.cookies
+import json
+import os
+import secrets
+import socket
+import sys
+import threading
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+import numpy as np
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from haptic_fieldbus.running.live import LiveReader
+from haptic_fieldbus.running.ring import RingReader
+from haptic_fieldbus.view.page import Controls, build
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+LOOPBACK = ("127.0.0.1", "localhost")
+PICTURE_TIME = 1 / 60
+"""Shortest time between two pictures of a page [s]."""
+MOST_ROWS = 4000
+"""Rows in one picture; of more, every second, third … is sent."""
+OLDEST = 12.0
+"""Longest time before the present of which rows are sent to a new page [s]."""
+WAITING = 64
+"""Messages that wait for a page; of more, the oldest are dropped."""
+STEERING_TIME = 5.0
+"""Time without an answer after which a page steers no more [s]."""
+STEERING = ("change", "number", "pull", "hand", "speed", "paused", "step")
+"""Commands of the page that steers; every page may stop."""
+SIGN_OF_LIFE = 0.3
+"""Time between two words to a run that ends without a page [s]."""
+FAREWELL = 1.0
+"""Time in which the pages are told how the run ended [s]."""
+
+
+class Entrance:
+    """An ASGI application that passes on what comes from our own page, and refuses all else."""
+
+    def __init__(self, application: Any, hosts: Iterable[str], token: str, cookie: str) -> None:
+        self._application = application
+        self._hosts, self._token, self._cookie = frozenset(hosts), token, cookie
+        self._origins = {f"http://{host}" for host in self._hosts}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._application(scope, receive, send)
+            return
+        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        refused = self._refused(scope, given)
+        if refused:
+            await _refuse(scope, send, refused)
+            return
+
+        async def with_cookie(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                headers = [*message.get("headers", []), *_HEADERS]
+                if given:
+                    value = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+                    headers.append((b"set-cookie", value.encode()))
+                message = {**message, "headers": headers}
+            await send(message)
+
+        await self._application(scope, receive, with_cookie)
+
+    def _refused(self, scope: Scope, given: str) -> str:
+        """Return why a request is refused; empty for one that is not."""
+        headers: dict[str, list[str]] = {}
+        for name, value in scope["headers"]:
+            headers.setdefault(name.decode("latin-1").lower(), []).append(value.decode("latin-1"))
+        hosts, origins = headers.get("host", []), headers.get("origin", [])
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
+            return "unknown host"
+        needs_origin = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        if len(origins) > 1 or (origins and origins[0].lower() not in self._origins) or (needs_origin and not origins):
+            return "another origin"
+        kept = given or self._of_cookie(headers.get("cookie", []))
+        return "" if hmac.compare_digest(kept.encode(), self._token.encode()) else "no valid token in the address"
+
+    def _of_cookie(self, cookies: list[str]) -> str:
+        for text in cookies:
+            with contextlib.suppress(http.cookies.CookieError):
+                found = http.cookies.SimpleCookie(text).get(self._cookie)
+                if found is not None:
+                    return found.value
+        return ""
+
+
+_HEADERS = (
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"content-security-policy", b"frame-ancestors 'none'; object-src 'none'; base-uri 'none'; form-action 'none'"),
+)
+"""No other page may frame ours, and the token leaves in no Referer."""
+
+
+async def _refuse(scope: Scope, send: Send, reason: str) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 4403, "reason": reason})
+        return
+    body = f"refused: {reason}\n".encode()
+    headers = [(b"content-type", b"text/plain"), (b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
+
+
+@dataclass(eq=False)
+class Page:
+    """A page with its WebSocket."""
+
+    socket: WebSocket
+    client: str
+    wake: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when there may be something to send."""
+    drawn: bool = True
+    """Whether the page has drawn its last picture."""
+    waiting: deque[str] = field(default_factory=lambda: deque(maxlen=WAITING))
+    next_row: int = -1
+    answered: float = 0.0
+
+
+class Hub:
+    """Connection between the run and its pages."""
+
+    def __init__(self, path: Path) -> None:
+        """Connect to a run; raises OSError."""
+        self.run = LiveReader(path)
+        self.hello: dict[str, Any] = {}
+        self.first: dict[str, float] = {}
+        """Values of the parameters when the run began."""
+        self.controls: dict[str, Controls] = {}
+        self.known = asyncio.Event()
+        self.over = asyncio.Event()
+        self._ring: RingReader | None = None
+        self._pages: list[Page] = []
+        self._steers: Page | None = None
+
+    def follow(self) -> None:
+        """Take the messages of the run in a thread of their own, until the run ends."""
+        loop = asyncio.get_running_loop()
+
+        def work() -> None:
+            for message, fd in self.run.messages():
+                loop.call_soon_threadsafe(self.take, message, fd)
+            with contextlib.suppress(RuntimeError):  # the server ended first
+                loop.call_soon_threadsafe(self.over.set)
+
+        threading.Thread(target=work, name="messages of the run", daemon=True).start()
+
+    async def vouch(self) -> None:
+        """Say again and again to a run that requires a page that one is shown."""
+        while True:
+            await asyncio.sleep(SIGN_OF_LIFE)
+            shown = sum(_now() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages)
+            if self.hello.get("required") and shown:
+                self._send({"pages": shown})
+
+    def take(self, message: dict[str, Any], fd: int | None) -> None:
+        """Take a message of the run and pass it on to the pages and their controls."""
+        if fd is not None:
+            self._ring = RingReader(fd)
+            os.close(fd)
+            self.hello = message["hello"]
+            self.first = self.first or {each["name"]: each["value"] for each in self.hello["parameters"]}
+            for page in self._pages:
+                page.next_row = -1
+            self.known.set()
+        self.hello |= message.get("scene", {}) | message.get("pace", {})
+        for kind in ("ended", "trip"):
+            if kind in message:
+                self.hello[kind] = message[kind]
+        for controls in [*self.controls.values()]:
+            controls.show(self.hello, message)
+        self.tell(message)
+
+    def tell(self, message: dict[str, Any], page: Page | None = None) -> None:
+        """Queue a message for one page, or for all."""
+        text = json.dumps(message)
+        for each in self._pages if page is None else [page]:
+            each.waiting.append(text)
+            each.wake.set()
+
+    def _send(self, command: dict[str, Any]) -> None:
+        try:
+            self.run.send(command)
+        except OSError:
+            self.over.set()
+
+    # A page.
+
+    async def serve(self, websocket: WebSocket) -> None:
+        """Serve one page until it leaves."""
+        await self.known.wait()
+        await websocket.accept()
+        page = Page(websocket, websocket.query_params.get("client", ""), answered=_now())
+        self._pages.append(page)
+        self._choose()
+        self.tell({"hello": self.hello, "first": self.first, "steers": self._steers is page}, page)
+        sender = asyncio.create_task(self._pictures(page))
+        try:
+            while True:
+                self._obey(page, await websocket.receive_json())
+        except (WebSocketDisconnect, ValueError, KeyError, TypeError, AttributeError, RuntimeError):
+            pass
+        finally:
+            sender.cancel()
+            self._pages.remove(page)
+            if self._steers is page:
+                self._steers = None
+                for axis in self.hello.get("axes", ()):
+                    self._send({"pull": [axis["name"], None]})
+            self._choose()
+            with contextlib.suppress(RuntimeError):
+                await websocket.close()
+
+    async def _pictures(self, page: Page) -> None:
+        """Send what a page has not seen, whenever it has drawn what came before."""
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
+            while True:
+                while page.waiting:
+                    await page.socket.send_text(page.waiting.popleft())
+                picture = self._picture(page) if page.drawn else None
+                if picture is not None:
+                    page.drawn = False
+                    await page.socket.send_bytes(picture)
+                await asyncio.sleep(PICTURE_TIME)
+                if not page.drawn and not page.waiting:
+                    page.wake.clear()
+                    await page.wake.wait()
+
+    def _picture(self, page: Page) -> bytes | None:
+        """Return the numbers of the first row and of the next one, and the rows; None when there is no new row."""
+        ring = self._ring
+        if ring is None:
+            return None
+        oldest = ring.pushed - round(OLDEST * self.hello.get("rate", 1000.0))
+        first, rows = ring.since(max(page.next_row, oldest))
+        if not len(rows):
+            return None
+        page.next_row = first + len(rows)
+        stride = 1 + len(rows) // MOST_ROWS
+        chosen = rows[(len(rows) - 1) % stride :: stride]
+        return np.concatenate(([first, page.next_row], chosen.ravel())).tobytes()
+
+    def _obey(self, page: Page, command: dict[str, Any]) -> None:
+        """Pass on a command of a page; one that only looks may stop the run, and ask to steer."""
+        page.answered = _now()
+        if "ack" in command:
+            page.drawn = True
+            page.wake.set()
+        if "stop" in command:
+            self._send({"stop": True})
+        if "steer" in command and (self._steers is None or _now() - self._steers.answered > STEERING_TIME):
+            self._steers = page
+            self._tell_roles()
+        if page is self._steers:
+            passed = {name: command[name] for name in STEERING if name in command}
+            if passed:
+                self._send(passed)
+
+    def _choose(self) -> None:
+        """Let the only page steer."""
+        if self._steers is None and len(self._pages) == 1:
+            self._steers = self._pages[0]
+        self._tell_roles()
+
+    def _tell_roles(self) -> None:
+        for page in self._pages:
+            self.tell({"steers": page is self._steers}, page)
+            if page.client in self.controls:
+                self.controls[page.client].enable(page is self._steers)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+def listening(host: str, port: int | None) -> socket.socket:
+    """Return a socket that listens; without a port at the usual one, or at any where that is taken. Raises OSError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for wanted in (port,) if port is not None else (8765, 0):
+        found = socket.socket(family)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            found.bind((host, wanted))
+        except OSError:
+            found.close()
+            if wanted == 0 or port is not None:
+                raise
+        else:
+            found.listen(64)
+            return found
+    raise OSError("no port is free")
+
+
+def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: Callable[[str], None]) -> None:
+    """Serve the run behind a socket until it ends; `ready` is called with the address of the page. Raises OSError."""
+    token = token or secrets.token_urlsafe(24)
+    door = listening(host, port)
+    number = door.getsockname()[1]
+    shown = f"[{host}]" if ":" in host else host
+    hosts = {f"{name}:{number}" for name in ({*LOOPBACK} if host in LOOPBACK else {shown.lower(), *LOOPBACK})}
+    application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+    hub: list[Hub] = []
+
+    async def stream(websocket: WebSocket) -> None:
+        await hub[0].serve(websocket)
+
+    application.add_api_websocket_route("/stream", stream)
+    build(lambda: hub[0])
+    ui.run_with(application, title="haptic_fieldbus", dark=None, reconnect_timeout=300.0, show_welcome_message=False,
+                tailwind=False, message_history_length=100)  # fmt: skip
+    guarded = Entrance(application, hosts, token, f"haptic_fieldbus_{number}")
+    config = uvicorn.Config(
+        guarded, log_level="error", access_log=False, ws_ping_interval=None, ws_max_size=65_536, server_header=False,
+        timeout_graceful_shutdown=1, lifespan="on",
+    )  # fmt: skip
+
+    async def main() -> None:
+        server = uvicorn.Server(config)
+        hub.append(Hub(path))
+        hub[0].follow()
+
+        async def end() -> None:
+            await hub[0].over.wait()
+            await asyncio.sleep(FAREWELL)
+            server.should_exit = True
+
+        ending, vouching = asyncio.create_task(end()), asyncio.create_task(hub[0].vouch())
+        serving = asyncio.create_task(server.serve(sockets=[door]))
+        while not server.started and not serving.done():
+            await asyncio.sleep(0.01)
+        if server.started:
+            ready(f"http://{shown}:{number}/?token={token}")
+        await serving
+        ending.cancel()
+        vouching.cancel()
+
+    asyncio.run(main())
+
+
+def main() -> None:
+    """Serve a run as a child of it: arguments are the socket, host and port; the address goes to standard output."""
+    path, host, port, token = sys.argv[1:5]
+    with contextlib.suppress(OSError):
+        os.nice(5)  # the loop comes first
+    serve(
+        Path(path),
+        host=host,
+        port=int(port) if port else None,
+        token=token or None,
+        ready=lambda address: print(address, flush=True),
+    )

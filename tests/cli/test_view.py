@@ -1,0 +1,58 @@
+"""`view` and `--view` before any page: what is refused, and with which words."""
+
+import sys
+
+import pytest
+
+from haptic_fieldbus.cli.view import check_view
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.view.description import base_command, describe
+from tests.builders import plan_of, scene_of
+from tests.cli.command import Command
+
+
+def test_without_nicegui_the_extra_is_named_and_all_else_works(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "nicegui", None)
+    monkeypatch.setattr("haptic_fieldbus.cli.view.find_spec", lambda name: None)
+    for words in (("run", "wall", "--view"), ("view",), ("demo",)):
+        finished = command(*words)
+        assert finished.status == 2
+        assert "pip install '.[view]'" in finished.err
+    assert command("run", "wall", "--duration", "0.05").status == 0
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", ""])
+def test_a_page_for_everybody_is_refused(host: str) -> None:
+    with pytest.raises(UsageError, match="give the address or the name of one interface"):
+        check_view(host)
+
+
+def test_without_a_run_there_is_nothing_to_view(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    finished = command("view", "--run", "1")
+    assert finished.status == 2
+    assert "haptic-fieldbus run SCENE --view" in finished.err
+
+
+def test_a_command_line_is_told_without_its_settings_and_its_view() -> None:
+    given = ["run", "wall", "--set", "wall.stiffness=3", "--view", "--view-port", "1", "--rate", "500", "--set=a.b=1"]
+    assert base_command(given) == ["run", "wall", "--rate", "500"]
+
+
+def test_the_scale_of_a_parameter_has_the_limit_of_the_plan_and_the_law_is_that_of_the_wall() -> None:
+    plan = plan_of(scene_of(Wall("handle", 600.0, position=0.02)))
+    told = describe(plan)
+    stiffness, position, _ = told["parameters"]
+    assert plan.stability is not None
+    assert stiffness["limit"] == plan.stability.limit.value == 875.0
+    assert told["limits"] == ["875 N/m; 600 is inside, margin 1.45"]
+    assert stiffness["low"] < stiffness["value"] < stiffness["limit"] < stiffness["high"]
+    assert position["limit"] is None
+    (axis,) = told["axes"]
+    low, high = axis["travel"]
+    for number, force in enumerate(axis["law"]):
+        place = low + number * (high - low) / (len(axis["law"]) - 1)
+        assert force == pytest.approx(-600.0 * max(0.0, place - 0.02))
+    assert axis["surfaces"] == [{"at": 0.02, "side": "positive", "name": "wall"}]

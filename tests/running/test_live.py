@@ -1,0 +1,299 @@
+"""The live view's end in a run, on a simulated drive: a reader in another thread sees the run and commands it.
+
+The threads meet by messages and rows alone; nothing depends on how fast either is.
+"""
+
+import contextlib
+import csv
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus import run
+from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.cli.view import _handles
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.live import MOST_STEPS, Live, LiveReader, SimulatedTime, folder, sockets
+from haptic_fieldbus.running.ring import RingReader
+
+LONG = 600.0
+"""Duration of a run that its reader ends [s]."""
+
+
+def described(plan: Plan) -> dict[str, Any]:
+    return {"scene": plan.scene.name, "stiffness": getattr(plan.scene.elements[0], "stiffness", None)}
+
+
+class Watcher:
+    """A reader of a run: its messages one by one, and its rows."""
+
+    def __init__(self, path: Path) -> None:
+        self.reader = LiveReader(path)
+        self._messages = self.reader.messages()
+        self.ring: RingReader | None = None
+        self.columns: list[str] = []
+
+    def until(self, name: str) -> Any:
+        """Return the content of the next message of a name."""
+        return self.message(name)[name]
+
+    def message(self, name: str) -> dict[str, Any]:
+        """Return the next message that has a name."""
+        for message, fd in self._messages:
+            if fd is not None:
+                self.ring = RingReader(fd)
+                os.close(fd)
+                self.columns = message["hello"]["columns"]
+            if name in message:
+                return message
+        raise AssertionError(f"the run ended before it said {name}")
+
+    def row_where(self, column: str, holds: Callable[[float], bool]) -> float:
+        """Wait for a row whose value in a column holds."""
+        assert self.ring is not None
+        place, first = self.columns.index(column), 0
+        while True:
+            begin, rows = self.ring.since(first)
+            found = [value for value in rows[:, place] if holds(value)]
+            if found:
+                return float(found[0])
+            first = begin + len(rows)
+
+
+@contextmanager
+def watched(live: Live, watch: Callable[[Watcher], None]) -> Iterator[None]:
+    """Let a thread watch the run in the block; what it raises is raised here, and the run ends with it."""
+    wrong: list[BaseException] = []
+
+    def work() -> None:
+        watcher = Watcher(live.path)
+        try:
+            watch(watcher)
+        except BaseException as error:
+            wrong.append(error)
+        watcher.reader.send({"stop": True})
+        watcher.until("ended")
+        watcher.reader.close()
+
+    thread = Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        live.end({"text": ""})
+        thread.join()
+    if wrong:
+        raise wrong[0]
+
+
+def run_watched(watch: Callable[[Watcher], None], **given: Any) -> Result:
+    with Live(described, handles=_handles) as live:
+        live.time.set(speed=10.0)
+        with watched(live, watch):
+            return run("wall", duration=LONG, live=live, **given)
+
+
+def enabled(watcher: Watcher) -> None:
+    watcher.until("hello")
+    watcher.row_where("enabled", lambda value: value == 1.0)
+
+
+def test_a_reader_sees_the_rows_that_are_recorded(tmp_path: Path) -> None:
+    path, seen = tmp_path / "run.csv", []
+
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.row_where("t", lambda value: value > 0.1)
+        assert watcher.ring is not None
+        seen.append(watcher.ring.since(0)[1])
+
+    run_watched(watch, record=path)
+    with path.open() as file:
+        heading, *lines = csv.reader(file)
+    rows = np.array(lines, dtype=float)
+    np.testing.assert_array_equal(seen[0][:, : len(heading)], rows[: len(seen[0])])
+
+
+def test_a_change_is_made_and_an_unstable_one_is_refused_with_its_limit() -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"change": {"wall.stiffness": 900.0}, "number": 7})
+        assert watcher.until("changed") == {"wall.stiffness": 900.0}
+        watcher.row_where("changes", lambda value: value == 1.0)
+        watcher.reader.send({"change": {"wall.stiffness": 90_000.0}})
+        refused = watcher.until("refused")
+        assert "90000 N/m exceeds the limit of 750 N/m on this bench" in refused
+        watcher.reader.send({"change": {"wall.softness": 1.0}})
+        assert "no parameter" in watcher.until("refused") or "softness" in refused
+
+    result = run_watched(watch)
+    assert [change.settings for change in result.changes] == [{"wall.stiffness": 900.0}]
+
+
+def test_stop_ends_the_run_as_ctrl_c_does() -> None:
+    result = run_watched(enabled)
+    assert result.stopped is not None
+    assert result.stopped.signal == "SIGINT"
+    assert not result.trips
+
+
+def test_a_pointer_leads_the_handle_into_the_wall_and_lets_go() -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"pull": ["handle", 0.03]})
+        watcher.row_where("handle.force", lambda value: value < -2.0)
+        watcher.reader.send({"pull": ["handle", None]})
+        watcher.row_where("handle.position", lambda value: value < 0.02)
+        for value in ("NaN", "Infinity", "1e999"):  # no place; the run goes on
+            watcher.reader.socket.sendall(b'{"pull": ["handle", %s]}\n' % value.encode())
+        watcher.reader.send({"hand": "push"})
+        watcher.row_where("handle.force", lambda value: value < -2.0)
+
+    assert not run_watched(watch, hand="none").trips
+
+
+NONSENSE = [
+    b"nonsense\n", b"[1]\n", b'{"pages": "x"}\n', b'{"pages": 1e999}\n', b'{"step": 1e999}\n', b'{"speed": NaN}\n',
+    b'{"pull": ["handle", 1' + b"0" * 400 + b"]}\n", b"[" * 60_000 + b"\n", b"x" * 200_000,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("nonsense", NONSENSE, ids=range(len(NONSENSE)))
+def test_a_reader_that_sends_no_command_is_left_and_the_run_goes_on(nonsense: bytes) -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        other = Watcher(folder() / f"{os.getpid()}.sock")
+        with contextlib.suppress(ConnectionError):
+            other.reader.socket.sendall(nonsense)
+        with pytest.raises(AssertionError, match="the run ended before"):  # as it looks to who is left
+            other.until("never")
+        other.reader.close()
+        watcher.reader.send({"change": {"wall.stiffness": 700.0}})
+        watcher.until("changed")
+
+    assert not run_watched(watch).trips
+
+
+def test_a_run_without_its_page_ends_where_one_is_required() -> None:
+    with Live(described, required=True) as live:
+        reader = LiveReader(live.path)
+        reader.send({"pages": 1})
+        result = run("wall", duration=LONG, live=live)
+        assert live.lost
+        reader.close()
+    assert result.stopped is not None
+    assert result.stopped.signal == "SIGHUP"
+
+
+def test_simulated_time_stands_still_goes_on_by_whole_periods_and_waits_for_no_pace_at_the_end() -> None:
+    time = SimulatedTime()
+    time.period_ns = 2_000_000
+    time.set(paused=True, steps=1)
+    time.set(paused=True, steps=1)
+    # Two periods, however often the world waits in them.
+    assert [time.sleep_until(at) for at in (1_000_000, 2_000_000, 3_500_000, 4_000_000)] == [0] * 4
+    assert time._ahead_ns(4_000_001) == math.inf
+    time.set(steps=-3)
+    assert time._ahead_ns(4_000_001) == math.inf
+    time.leaving = lambda: True
+    assert time.sleep_until(10**15) == 0
+    assert time.now_ns() == 10**15
+
+
+def test_steps_of_a_paused_simulation_are_bounded_and_end_with_the_pause() -> None:
+    time = SimulatedTime()
+    for _ in range(3):
+        time.set(paused=True, steps=10**12)
+    assert time._ahead_ns(MOST_STEPS * time.period_ns) == 0
+    assert time._ahead_ns(MOST_STEPS * time.period_ns + 1) == math.inf
+    time.set(paused=False)
+    time.set(paused=True)
+    assert time._ahead_ns(1) == math.inf
+
+
+def test_a_paused_run_goes_on_by_the_periods_that_are_asked_for_and_no_more() -> None:
+    seen = []
+
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"paused": True})
+        watcher.until("pace")
+        for steps in (1, 1, 7):
+            before_ns = live.time._until_ns
+            watcher.reader.send({"step": steps})
+            watcher.until("pace")
+            until_ns = live.time._until_ns
+            last_ns = watcher.row_where("t_ns", lambda at_ns, until_ns=until_ns: at_ns > until_ns - 1_000_000)  # type: ignore[misc]
+            seen.append((until_ns - before_ns - steps * 1_000_000, last_ns <= until_ns))
+        watcher.reader.send({"paused": False})
+        watcher.until("pace")
+
+    with Live(described, handles=_handles) as live, watched(live, watch):
+        run("wall", duration=LONG, live=live)
+    # A step begins where the clock stands, which is within a period.
+    assert [(0 <= further_ns < 1_000_000, in_time) for further_ns, in_time in seen] == [(True, True)] * 3
+
+
+@pytest.mark.parametrize("change", [5, None, [1], {"wall.stiffness": [1]}, {"wall.stiffness": None}, {5: 5}, math.nan])
+def test_what_is_no_change_is_refused_and_the_next_one_is_judged(change: Any) -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"change": change})
+        assert watcher.until("refused")
+        watcher.reader.send({"change": {"wall.stiffness": 700.0}})
+        assert watcher.until("changed") == {"wall.stiffness": 700.0}
+
+    assert not run_watched(watch).trips
+
+
+def test_a_change_above_the_limit_of_a_simulation_is_made_with_a_warning_and_says_when_it_begins() -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"change": {"wall.stiffness": 900.0}})
+        message = watcher.message("changed")
+        assert message["begun"] == 1
+        assert "900 N/m exceeds the limit of 750 N/m" in message["above"][0]
+        watcher.row_where("changes", lambda value: value == message["begun"])
+
+    run_watched(watch)
+
+
+def test_a_reader_that_stands_still_delays_nobody() -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        still = LiveReader(folder() / f"{os.getpid()}.sock")
+        for number in range(5000):  # answers that are never read fill the buffer of the one that stands still
+            watcher.reader.send({"speed": 10.0 - number * 1e-4})
+            watcher.until("pace")
+        with contextlib.suppress(ConnectionError):
+            while still.socket.recv(65_536):
+                pass  # it was left: what had been sent comes, and then the end
+        still.close()
+
+    assert not run_watched(watch).trips
+
+
+def test_the_socket_goes_with_the_run_and_those_of_killed_runs_are_removed() -> None:
+    with Live(described) as live:
+        assert live.path in sockets()
+    assert live.path not in sockets()
+    left = folder() / "1.sock"
+    left.touch()
+    assert left not in sockets()
+    assert not left.exists()
+
+
+def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert folder().stat().st_mode & 0o777 == 0o700
+    folder().chmod(0o755)
+    with pytest.raises(UsageError, match="not a folder of this user alone"):
+        folder()

@@ -1,0 +1,257 @@
+"""The page in a real headless Chromium: it moves as the simulation does, steers, refuses, stops, and is seen dead."""
+
+import csv
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver import ActionChains
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from tests.view.served import Served, children, serving
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+pytestmark = [
+    pytest.mark.thorough("starts a browser"),
+    pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
+    pytest.mark.xdist_group("browser"),
+]
+PATIENCE = 120
+"""Time in which anything that is waited for happens on a loaded machine [s]."""
+
+
+@pytest.fixture
+def browser() -> Iterator[webdriver.Chrome]:
+    options = Options()
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    options.binary_location = str(CHROMIUM)
+    found = webdriver.Chrome(options=options, service=Service(DRIVER))
+    try:
+        yield found
+        assert [entry["message"] for entry in found.get_log("browser") if entry["level"] == "SEVERE"] == []
+    finally:
+        found.quit()
+
+
+def screen(browser: webdriver.Chrome, width: int, height: int) -> None:
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+def until(browser: webdriver.Chrome, script: str) -> Any:
+    """Wait until an expression of the page is true, and return it."""
+
+    def holds(_: webdriver.Chrome) -> Any:
+        return browser.execute_script(f"try {{ return {script}; }} catch (error) {{ return null; }}")
+
+    return WebDriverWait(browser, PATIENCE, 0.1).until(holds)
+
+
+def opened(browser: webdriver.Chrome, served: Served) -> None:
+    browser.get(served.address)
+    until(browser, "haptic.rows().length > 100 && haptic.drawn[haptic.state().hello.axes[0].name].t_ns > 0")
+
+
+@pytest.fixture
+def page(browser: webdriver.Chrome, tmp_path: Path) -> Iterator[tuple[webdriver.Chrome, Served, Path]]:
+    record = tmp_path / "run.csv"
+    with serving("run", "wall", "--view", "--view-port", "0", "--hand", "none", "--record", str(record)) as served:
+        screen(browser, 1280, 800)
+        opened(browser, served)
+        yield browser, served, record
+
+
+Page = tuple[webdriver.Chrome, Served, Path]
+
+
+def recorded(path: Path) -> dict[int, dict[str, float]]:
+    """Return the rows of a record by their instants [ns]."""
+    with path.open() as file:
+        return {int(row["t_ns"]): {name: float(value) for name, value in row.items()} for row in csv.DictReader(file)}
+
+
+def test_the_handle_is_drawn_where_the_simulation_has_it(page: Page) -> None:
+    browser, served, record = page
+    drawn = []
+    for target in (0.01, 0.03, -0.02):
+        browser.execute_script(f"haptic.send({{pull: ['handle', {target}]}})")
+        for _ in range(5):
+            drawn.append(browser.execute_script("return {...haptic.drawn.handle}"))
+            # No newer rows than those of the present picture wait to be drawn for longer than two pictures.
+            behind = browser.execute_async_script(
+                "const done = arguments[0], pictures = haptic.rows().at(-1)[0]; requestAnimationFrame(() =>"
+                " requestAnimationFrame(() => done(pictures - haptic.drawn.handle.t_ns)));"
+            )
+            assert behind <= 0
+    width = browser.execute_script("return document.querySelector('canvas[data-kind=handle]').clientWidth")
+    ActionChains(browser).send_keys(Keys.ESCAPE).perform()
+    assert served.ended()[0] == 130
+    rows = recorded(record)
+    assert max(each["position"] for each in drawn) > 0.015
+    for each in drawn:
+        place = rows[each["t_ns"]]["handle.position"]
+        assert each["position"] == place
+        assert each["x"] == pytest.approx(30 + (place + 0.06) / 0.12 * (width - 60))
+
+
+def typed(browser: webdriver.Chrome, name: str, value: str) -> None:
+    field = browser.find_element(By.CSS_SELECTOR, f"input[aria-label='{name}']")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys(value, Keys.TAB)
+
+
+def slider(browser: webdriver.Chrome, name: str) -> WebElement:
+    """Return the slider of a parameter, which takes the keys."""
+    found = f"[data-name='{name}'][role=slider], [data-name='{name}'] [role=slider]"
+    return browser.find_element(By.CSS_SELECTOR, found)
+
+
+def test_a_value_changes_the_loop_and_an_unstable_one_is_refused_with_the_limit(page: Page) -> None:
+    browser, served, record = page
+    typed(browser, "wall.stiffness", "700")
+    until(browser, "document.getElementById('answer').className === 'made'")
+    assert browser.find_element(By.ID, "answer").text == "wall.stiffness = 700 is in force."
+    assert browser.find_element(By.CLASS_NAME, "limit").text == "Limit: 750 N/m; 700 is inside, margin 1.07"
+    browser.execute_script("haptic.send({pull: ['handle', 0.03]})")
+    until(browser, "haptic.drawn.handle.position > 0.021")
+    typed(browser, "wall.stiffness", "5000")
+    until(browser, "document.getElementById('answer').className === 'refused'")
+    assert "exceeds the limit of 750 N/m" in browser.find_element(By.ID, "answer").text
+    until(browser, "document.querySelector(\"input[aria-label='wall.stiffness']\").value === '700'")
+    thumb = slider(browser, "wall.stiffness")
+    WebDriverWait(browser, PATIENCE, 0.1).until(lambda _: thumb.get_attribute("aria-valuenow") == "700")
+    assert browser.find_element(By.CSS_SELECTOR, "[data-limit]").text == "limit 750 N/m"
+    # By the keyboard alone, on the slider itself.
+    thumb = slider(browser, "wall.position").find_element(By.CSS_SELECTOR, "[tabindex='0']")
+    browser.execute_script("arguments[0].focus()", thumb)
+    ActionChains(browser).send_keys(Keys.ARROW_LEFT).perform()
+    until(browser, "haptic.state().hello.parameters[1].value < 0.02")
+    browser.find_element(By.ID, "stop").send_keys(Keys.ENTER)
+    assert served.ended()[0] == 130
+    deep = [row for row in recorded(record).values() if row["handle.position"] > 0.0205 and row["handle.gain"] == 1.0]
+    stiffness = {round(row["handle.force"] / (0.02 - row["handle.position"])) for row in deep if row["handle.force"]}
+    assert 700 in stiffness
+
+
+def test_the_hand_by_mouse_and_by_keys_moves_the_handle_into_the_wall(page: Page) -> None:
+    browser, _, _ = page
+    canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-kind=handle]")
+    width = canvas.size["width"]
+    to = int(30 + (0.035 + 0.06) / 0.12 * (width - 60) - width / 2)
+    ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(to, 0).perform()
+    until(browser, "haptic.drawn.handle.asked < -1")
+    ActionChains(browser).release().perform()
+    until(browser, "haptic.drawn.handle.asked > -1")
+    canvas.send_keys(Keys.ARROW_RIGHT * 12)
+    until(browser, "haptic.drawn.handle.asked < -1")
+    canvas.send_keys(Keys.ENTER)
+    until(browser, "haptic.drawn.handle.asked > -1")
+
+
+STANDING = """
+const done = arguments[0];
+const asked = () => new Promise((answered) => {
+  document.getElementById("answer").textContent = "";
+  haptic.send({ change: { "no.parameter": 1 } });
+  const there = () => document.getElementById("answer").textContent;
+  const look = () => (there() ? requestAnimationFrame(answered) : setTimeout(look, 5));
+  look();
+});
+(async () => {
+  let before = -1;
+  while (before !== haptic.state().next) { before = haptic.state().next; await asked(); await asked(); }
+  done(haptic.state().next);
+})();
+"""
+"""Number of the next row of a run that stands still. Answers of the run come in order with the rows, so two of them
+without a row between show that none is on its way."""
+
+
+def test_the_simulation_pauses_goes_one_period_forward_and_slower(page: Page) -> None:
+    browser, _, _ = page
+    browser.set_script_timeout(PATIENCE)
+    ActionChains(browser).send_keys("p").perform()
+    until(browser, "haptic.state().paused && document.getElementById('state').textContent === 'paused'")
+    before = browser.execute_async_script(STANDING)
+    for number in (1, 2, 3):
+        ActionChains(browser).send_keys("n").perform()
+        until(browser, f"haptic.state().next > {before + number - 1}")
+        assert browser.execute_async_script(STANDING) == before + number
+    browser.execute_script("haptic.send({speed: 0.1})")
+    ActionChains(browser).send_keys("p").perform()
+    until(browser, f"haptic.state().speed === 0.1 && haptic.state().next > {before + 50}")
+
+
+def test_stop_takes_the_torque_away_in_time(page: Page) -> None:
+    browser, served, record = page
+    browser.execute_script("haptic.send({pull: ['handle', 0.035]})")
+    until(browser, "haptic.drawn.handle.given < -1")
+    # In slow motion, so that a loaded machine has the time that the real one needs.
+    browser.execute_script("haptic.send({speed: 0.02})")
+    until(browser, "haptic.state().speed === 0.02")
+    pressed = browser.execute_script("haptic.stop(); return haptic.rows().at(-1)[0]")
+    assert served.ended()[0] == 130
+    assert max(recorded(record)) - pressed <= 50_000_000
+
+
+def test_a_second_page_looks_and_a_lost_connection_is_seen(page: Page) -> None:
+    browser, served, _ = page
+    until(browser, "haptic.state().steers")
+    first = browser.current_window_handle
+    browser.switch_to.new_window("window")
+    opened(browser, served)
+    assert browser.execute_script("return haptic.state().steers") is False
+    assert "Another page steers" in browser.find_element(By.ID, "role").text
+    assert browser.execute_script("return document.querySelector(\"input[aria-label='wall.stiffness']\").disabled")
+    browser.execute_script("haptic.change('wall.stiffness', 123)")
+    browser.close()
+    browser.switch_to.window(first)
+    assert browser.execute_script("return haptic.state().hello.parameters[0].value") == 600
+    os.kill(children(served.process.pid)[0], signal.SIGKILL)
+    until(browser, "document.body.classList.contains('lost') && !document.getElementById('lost').hidden")
+    assert "Connection lost" in browser.find_element(By.ID, "lost").text
+    assert served.process.poll() is None
+    browser.get("about:blank")
+    browser.get_log("browser")  # that the server is gone is an error to a browser
+
+
+def test_a_page_that_is_reloaded_again_and_again_leaves_the_run_as_it_is(page: Page) -> None:
+    browser, served, _ = page
+    for _ in range(5):
+        opened(browser, served)
+    until(browser, "haptic.state().steers")
+    assert served.process.poll() is None
+
+
+def overflows(browser: webdriver.Chrome) -> Callable[[str], bool]:
+    return lambda side: browser.execute_script(f"return document.documentElement.scroll{side} > window.inner{side}")
+
+
+def test_the_first_screen_needs_no_scrolling_and_each_control_has_a_name(page: Page) -> None:
+    browser, _, _ = page
+    for width, height in ((1280, 800), (1920, 1080), (390, 844)):
+        screen(browser, width, height)
+        wide = overflows(browser)
+        assert not wide("Width")
+        assert width < 500 or not wide("Height")
+        box = browser.execute_script("return document.getElementById('stop').getBoundingClientRect().toJSON()")
+        assert [box["left"] >= 0, box["right"] <= width, box["top"] >= 0, box["bottom"] <= height] == [True] * 4
+    nameless = browser.execute_script(
+        "return [...document.querySelectorAll('button, input, [role=slider], canvas')].filter((each) =>"
+        " each.offsetParent && !(each.ariaLabel || each.title || each.textContent.trim() ||"
+        " each.closest('[aria-label]'))).map((each) =>"
+        " each.outerHTML)"
+    )
+    assert nameless == []
