@@ -220,7 +220,7 @@ def test_steps_of_a_paused_simulation_are_bounded_and_end_with_the_pause() -> No
 
 
 def test_a_paused_run_goes_on_by_the_periods_that_are_asked_for_and_no_more() -> None:
-    seen = []
+    seen: list[tuple[int, bool]] = []
 
     def watch(watcher: Watcher) -> None:
         enabled(watcher)
