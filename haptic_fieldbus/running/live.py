@@ -164,13 +164,13 @@ class LiveRecord(Record):
 
     def __init__(self, columns: Sequence[str], capacity: int, ring: RingWriter) -> None:
         super().__init__(columns, capacity)
-        self.ring = ring
+        self.ring, self._show = ring, ring.push
         self.of_run: Callable[[], tuple[float, ...]] = lambda: (math.nan,) * len(RUN_COLUMNS)
         self.after: Callable[[], None] | None = None
 
     def push(self, row: Sequence[float]) -> None:
         super().push(row)
-        self.ring.push(row, self.of_run())
+        self._show(row, self.of_run())
         if self.after is not None:
             self.after()
 
@@ -311,7 +311,8 @@ class Live:
     def _of_run(self, cycle: Cycle, report: LoopReport) -> Callable[[], tuple[float, ...]]:
         """Return the function that gives the values of `RUN_COLUMNS`; lateness and computing time are one old."""
         # Written for speed: this and the row are what the loop pays for a view.
-        tallies, axes = [ledger.tally for ledger in cycle.ledgers], [axis.state for axis in cycle.axes.values()]
+        tallies = [ledger.tally for ledger in cycle.ledgers]
+        first, *others = [axis.state for axis in cycle.axes.values()]
         alone = tallies[0] if len(tallies) == 1 else None
         begun = () if self.changes is None else self.changes.applied
         number_of = {id(state): place for place, state in enumerate(STATES)}  # an Enum is slow to look up
@@ -326,7 +327,8 @@ class Live:
                 compute_ns * 1e-3,
                 alone.largest if alone is not None else max([tally.largest for tally in tallies], default=0.0),
                 len(begun),
-                *[number_of[id(axis.power)] for axis in axes],
+                number_of[id(first.power)],
+                *([number_of[id(axis.power)] for axis in others] if others else ()),
             )
 
         return values
