@@ -1,4 +1,4 @@
-"""What a viewed run costs its loop: the row in the ring and the values of the run, beside the row of any record.
+"""Cost of a view in the loop: the row in the ring and the values of the run, beside the row of any record.
 
 Nobody reads in the first row; in the second one another process maps the ring and copies new rows 60 times a second.
 """
@@ -33,10 +33,10 @@ def main() -> None:
     with Live(lambda _: {}) as live:
         record = live.record(found, columns(found), ROWS)
         live.begin(found, cycle, report, {}, EndSignals())
-        alone = Row("nobody looks", cost(lambda: record.push(row), ROWS, 10), cost(lambda: plain.push(row), ROWS, 10))
+        alone = Row("nobody looks", cost(lambda: record.push(row), 2000, 60), cost(lambda: plain.push(row), 2000, 60))
         fd = live._record.ring.fd
         with subprocess.Popen([sys.executable, "-c", READER, str(fd)], pass_fds=[fd]) as reader:
-            looked = Row("a page looks", cost(lambda: record.push(row), ROWS, 10), alone.reference)
+            looked = Row("a page looks", cost(lambda: record.push(row), 2000, 60), alone.reference)
             reader.terminate()
     show([alone, looked])
     print(f"more in a period: {1e6 * (alone.ours - alone.reference):.2f} µs, at most 3 promised")

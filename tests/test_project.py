@@ -64,9 +64,25 @@ def shown_commands() -> Iterator[tuple[Path, str]]:
 
 def is_quick(command: str) -> bool:
     """Whether it neither measures, nor draws, nor renders for seconds."""
-    return not {"report", "--plot", "demo"} & set(words := command.split()) and (
-        words[1] != "run" or "--duration 1" in command
-    )
+    words = command.split()
+    measures = {"report", "--plot"} & set(words) or (words[1] == "run" and "--duration 1" not in command)
+    return not measures and not is_lasting(command)
+
+
+def is_lasting(command: str) -> bool:
+    """Whether it serves a page until it is stopped."""
+    return bool({"demo", "view", "--view"} & set(command.split()))
+
+
+def check_page(*words: str) -> None:
+    """Serve a page, of a run that another command has begun where this one only attaches."""
+    if words == ("view",):
+        with serving("demo", "--no-browser", "--port", "0") as run:
+            check_page("view", "--run", str(run.process.pid))
+        return
+    options = {"demo": ["--no-browser", "--port"], "run": ["--view-port"], "view": ["--port"]}[words[0]]
+    with serving(*words, *options, "0"):
+        pass
 
 
 OWN_COMMANDS = sorted({command for _, command in shown_commands() if command.startswith("haptic-fieldbus ")})
@@ -84,9 +100,9 @@ def test_every_command_in_the_documents_does_what_they_say(
     if command.split()[1] == "report":
         subprocess.run([sys.executable, "-m", "haptic_fieldbus", *command.split()[1:]], check=True)
         return
-    if command.split()[1] == "demo":  # lasts until it is stopped
-        with serving(*command.split()[1:], "--no-browser", "--port", "0"):
-            return
+    if is_lasting(command):
+        check_page(*command.split()[1:])
+        return
     with pytest.raises(SystemExit) as stopped:
         main(command.split()[1:])
     assert (stopped.value.code or 0) == (REFUSED if "stiffness=3000" in command else 0)

@@ -145,5 +145,7 @@ def view(options: ViewOptions) -> None:
             found[0], host=options.host, port=options.port, token=options.token,
             ready=lambda address: _announce(address, options.host, browser=False),
         )  # fmt: skip
+    except (FileNotFoundError, ConnectionRefusedError) as gone:
+        raise UsageError("the run has ended") from gone
     except OSError as error:
         raise UsageError(f"the page cannot be served at {options.host}: {error.strerror or error}") from error
