@@ -12,7 +12,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.live import Live
+from haptic_fieldbus.running.live import Live, LiveRecord
 
 ROWS = 20_000
 READER = """
@@ -32,9 +32,10 @@ def main() -> None:
     plain, cycle, report = Record(columns(found), ROWS), Cycle(found), LoopReport()
     with Live(lambda _: {}) as live:
         record = live.record(found, columns(found), ROWS)
+        assert isinstance(record, LiveRecord)
         live.begin(found, cycle, report, {}, EndSignals())
         alone = Row("nobody looks", cost(lambda: record.push(row), 2000, 60), cost(lambda: plain.push(row), 2000, 60))
-        fd = live._record.ring.fd
+        fd = record.ring.fd
         with subprocess.Popen([sys.executable, "-c", READER, str(fd)], pass_fds=[fd]) as reader:
             looked = Row("a page looks", cost(lambda: record.push(row), 2000, 60), alone.reference)
             reader.terminate()

@@ -130,7 +130,8 @@ def _surfaces(element: AnyElement) -> Iterator[Json]:
     """Yield the surfaces of an element that has some, with the side of its material."""
     if abilities(element).penetration is not None:
         for name in place_names(type(element)):
-            yield {"at": getattr(element, name), "side": getattr(element, "side", "positive"), "name": element.name}
+            side = getattr(element, "side", "negative" if name == "lower" else "positive")
+            yield {"at": getattr(element, name), "side": side, "name": element.name}
 
 
 def _parameters(plan: Plan, element: AnyElement, limits: dict[str, float]) -> Iterator[Json]:

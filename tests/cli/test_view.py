@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from haptic_fieldbus.api import plan
 from haptic_fieldbus.cli.view import check_view
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.scenes.wall import Wall
@@ -56,3 +57,8 @@ def test_the_scale_of_a_parameter_has_the_limit_of_the_plan_and_the_law_is_that_
         place = low + number * (high - low) / (len(axis["law"]) - 1)
         assert force == pytest.approx(-600.0 * max(0.0, place - 0.02))
     assert axis["surfaces"] == [{"at": 0.02, "side": "positive", "name": "wall"}]
+
+
+def test_the_material_of_two_end_stops_is_drawn_on_the_outer_sides() -> None:
+    (axis,) = describe(plan("detents"))["axes"]
+    assert [(each["at"], each["side"]) for each in axis["surfaces"]] == [(-0.03, "negative"), (0.03, "positive")]

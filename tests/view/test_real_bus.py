@@ -16,7 +16,7 @@ from tests.peers.test_master_dies import NODE, RIG
 from tests.running.test_live import Watcher
 
 pytestmark = [pytest.mark.xdist_group("peers"), pytest.mark.thorough("two processes, and waits in real time")]
-COMMANDS = [
+COMMANDS: list[dict[str, object]] = [
     {"pull": ["handle", 0.03]}, {"hand": "push"}, {"speed": 10.0}, {"paused": False}, {"step": 5}, {"pages": 1},
     {"enable": True}, {"yes": True}, {"start": True}, {"controlword": 15},
 ]  # fmt: skip
