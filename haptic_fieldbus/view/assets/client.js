@@ -87,7 +87,7 @@ window.haptic = (() => {
     const lost = !ended && (!open || silent);
     document.body.classList.toggle("lost", Boolean(lost || ended));
     $("lost").hidden = !lost && !ended;
-    if (ended) $("lost").textContent = `The run has ended${ended.text ? ": " + ended.text : "."}`;
+    if (ended) $("lost").textContent = `The run has ended${ended.text && $("trip").hidden ? ": " + ended.text : "."}`;
     else if (lost) $("lost").textContent = open ? "No data for half a second. What is shown is old."
       : "Connection lost. What is shown is old; the run may go on. Stop it at its terminal with Ctrl-C.";
   }
