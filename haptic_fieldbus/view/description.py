@@ -103,11 +103,15 @@ def _axis(plan: Plan, axis: AxisPlan) -> Json:
 
 
 def _travel(axis: AxisPlan) -> tuple[float, float]:
-    """Return the places between which the handle is shown [m or rad]: round all places of the scene, in the limits."""
+    """Return the places between which the handle is shown [m or rad].
+
+    These are the limits of the rig; of a much longer travel only the part around all places of the scene.
+    """
     places = [abs(getattr(each, name)) for each in axis.elements for name in place_names(type(each))]
     span = max(SPAN[axis.workspace], 1.5 * max((place for place in places if math.isfinite(place)), default=0.0))
     limits = axis.rig.limits.position
-    return (-span, span) if limits is None else (max(-span, limits[0]), min(span, limits[1]))
+    low, high = (-span, span) if limits is None else limits
+    return (low if low >= -2.0 * span else -span), (high if high <= 2.0 * span else span)
 
 
 def _law(axis: AxisPlan, low: float, high: float) -> list[float | None]:

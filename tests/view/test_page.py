@@ -103,7 +103,7 @@ def test_the_handle_is_drawn_where_the_simulation_has_it(page: Page) -> None:
     for each in drawn:
         place = rows[each["t_ns"]]["handle.position"]
         assert each["position"] == place
-        assert each["x"] == pytest.approx(30 + (place + 0.06) / 0.12 * (width - 60))
+        assert each["x"] == pytest.approx(30 + (place + 0.1) / 0.2 * (width - 60))
 
 
 def typed(browser: webdriver.Chrome, name: str, value: str) -> None:
@@ -149,7 +149,7 @@ def test_the_hand_by_mouse_and_by_keys_moves_the_handle_into_the_wall(page: Page
     browser, _, _ = page
     canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-kind=handle]")
     width = canvas.size["width"]
-    to = int(30 + (0.035 + 0.06) / 0.12 * (width - 60) - width / 2)
+    to = int(30 + (0.035 + 0.1) / 0.2 * (width - 60) - width / 2)
     ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(to, 0).perform()
     until(browser, "haptic.drawn.handle.asked < -1")
     ActionChains(browser).release().perform()
