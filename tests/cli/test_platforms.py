@@ -20,7 +20,7 @@ from tests.peers.hosts import STARTS_WITHIN, line_of
 AS_ON_WINDOWS = """
 import asyncio, builtins, ctypes, multiprocessing, os, platform, selectors, shutil, signal, select, socket
 import subprocess, sys, tempfile, can, can.interfaces.socketcan, canopen, serial, pymodbus.server, pymodbus.client
-import matplotlib.pyplot, numpy, pytest, rich.console, typer
+import matplotlib.pyplot, nicegui.ui, numpy, pytest, rich.console, typer, uvicorn
 
 REFUSED = {"termios", "fcntl", "resource", "grp", "pwd", "pty", "tty", "syslog", "posix", "crypt", "curses"}
 real_import = builtins.__import__
