@@ -100,7 +100,7 @@ class DriveProfile(ABC):
 
     @property
     def echo(self) -> Signal | None:
-        """Signal in which a target torque comes back, the proof that set-points act; None: the drive has no such."""
+        """Signal in which the drive returns a target torque, which proves that set-points act; None: it has none."""
         return None
 
     @property

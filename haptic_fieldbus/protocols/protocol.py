@@ -104,7 +104,7 @@ class FieldbusProtocol(Protocol):
         return BusName(f"{section.interface}:{section.channel}", section)
 
     def in_place_of(self, section: BusSection, named: BusName, channel: str | None) -> BusSection:
-        """Return the `named` bus in the place of the bus `section` of a rig.
+        """Return the section of the bus that replaces the bus `section` of a rig.
 
         `channel` replaces the channel of the named bus when the rig has several buses; else it is None.
         """

@@ -64,9 +64,10 @@ class Requester:
         self.send(self.form(question))
 
     def send(self, form: FrameForm, values: bytes = b"") -> None:
-        """Send a form, with other octets of the values that are written, after octets of before were dropped.
+        """Send the request of `form`; `values` replaces the octets of its written values.
 
-        On TCP nothing need be dropped: a transaction id tells answers of before. Raises BusError when the line is dead.
+        On a serial line, octets that were received before are dropped first. TCP has transaction ids that identify late
+        answers, so nothing is dropped there. Raises BusError when the line is dead.
         """
         if self._serial:
             self.keep_silence()
