@@ -37,7 +37,7 @@ def replay(
     plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Summarise a recording; draw, convert, compare or repair it.
+    """Summarise a recording; draw, convert, compare or repair it. To simulate its run again: `run --from`.
 
     With --compare, the recorded feedback goes through today's cycle. The exit status is 1 when a set-point differs.
     """

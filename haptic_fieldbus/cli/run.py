@@ -216,7 +216,7 @@ class DemoOptions:
 
 @options_of(DemoOptions)
 def demo(options: DemoOptions) -> None:
-    """Touch a wall on a simulated drive with the mouse, on a page in the browser; no hardware is needed."""
+    """Touch a wall on a simulated drive with the mouse, on a page in the browser. To practise a start: `rehearse`."""
     from haptic_fieldbus import api
 
     asked = SceneOptions(

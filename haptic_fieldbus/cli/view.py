@@ -129,7 +129,7 @@ class ViewOptions:
 
 @options_of(ViewOptions)
 def view(options: ViewOptions) -> None:
-    """Show a run of this computer that was begun with --view as a page in the browser, until the run ends."""
+    """Show a run that was begun with --view as a page in the browser. To watch drives without torque: `watch`."""
     from haptic_fieldbus.running.live import sockets
 
     check_view(options.host)
