@@ -98,7 +98,7 @@ def _entry_points_on(group: str, path: tuple[str, ...]) -> "dict[str, tuple[Entr
 
     found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=group):
-        found.setdefault(entry.name, {})[package_of(entry), target_of(entry)] = entry
+        found.setdefault(entry.name, {})[package_of(entry), entry_value(entry)] = entry
     return {name: tuple(entries.values()) for name, entries in found.items()}
 
 
@@ -144,7 +144,7 @@ def told_at(error: BaseException) -> str:
 
 def places_of(entries: "tuple[EntryPoint, ...]") -> str:
     """Return the packages and their entry points, for a sentence."""
-    return " and ".join(f"{package_of(entry)} (entry point {target_of(entry)})" for entry in entries)
+    return " and ".join(f"{package_of(entry)} (entry point {entry_value(entry)})" for entry in entries)
 
 
 def package_of(entry: "EntryPoint") -> str:
@@ -152,6 +152,6 @@ def package_of(entry: "EntryPoint") -> str:
     return "an unknown package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
 
 
-def target_of(entry: "EntryPoint") -> str:
+def entry_value(entry: "EntryPoint") -> str:
     """Return an entry point as its package writes it, `module:Class`."""
     return "".join(entry.value.split())

@@ -204,7 +204,8 @@ class Group:
         if not math.isfinite(most) or self._bears_age(most):
             return most
         low, high = 0.0, most
-        while high - low > max(0.02 * high, 1e-3 * self.period):
+        # Not 0.02: there high / (high - low) can be equal to 50, and rounding would decide about a last step.
+        while high - low > max(0.0198 * high, 1e-3 * self.period):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._bears_age(middle) else (low, middle)
         return low

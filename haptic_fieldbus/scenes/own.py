@@ -17,7 +17,7 @@ from haptic_fieldbus.documents.own_parts import (
     own_part,
     package_of,
     places_of,
-    target_of,
+    entry_value,
     told_at,
 )
 from haptic_fieldbus.errors import UsageError
@@ -72,7 +72,7 @@ def _described(kind: str, taken: Container[str]) -> OwnElement:
         except UsageError as error:
             fault = str(error)
     packages = dict.fromkeys(map(package_of, entries))
-    return OwnElement(kind, ", ".join(packages), ", ".join(map(target_of, entries)), fault)
+    return OwnElement(kind, ", ".join(packages), ", ".join(map(entry_value, entries)), fault)
 
 
 def check_own(element: AnyElement) -> None:
@@ -87,7 +87,7 @@ def check_own(element: AnyElement) -> None:
 
 def _present(entry: "EntryPoint") -> object:
     """Return the object of an entry point whose module has been imported, else None."""
-    module, _, names = target_of(entry).partition("[")[0].partition(":")
+    module, _, names = entry_value(entry).partition("[")[0].partition(":")
     found: object = sys.modules.get(module)
     for name in names.split("."):
         found = getattr(found, name, None)

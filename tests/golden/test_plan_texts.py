@@ -1,5 +1,8 @@
 """Output of `plan` for each library scene and each profile is the text that was read and found good."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -30,6 +33,19 @@ def test_the_plan_reads_as_before(path: Path) -> None:
     assert text_of(*cases()[path]) == path.read_text(encoding="utf-8")
     keys = [key for key, _ in counted(announcement(planned(*cases()[path])))]
     assert keys == ["scene", "bench", "sends", "limit"]
+
+
+@pytest.mark.thorough("each text once more for each kind of processor")
+@pytest.mark.parametrize("kernel", ["Haswell", "Nehalem"])
+def test_the_plan_reads_alike_on_another_processor(kernel: str) -> None:
+    """OpenBLAS rounds differently on each kind of processor; no search may end elsewhere for that."""
+    program = (
+        "from tests.golden.plans import cases, text_of\n"
+        "print(*(path.name for path, case in cases().items() if text_of(*case) != path.read_text(encoding='utf-8')))"
+    )
+    environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
 
 
 def test_no_golden_text_is_left_over() -> None:
