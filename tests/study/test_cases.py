@@ -37,3 +37,10 @@ def test_it_behaves_as_theory_says(name: str) -> None:
     texts = (found.expected, found.measured, found.oracle, found.tolerance)
     assert min(map(len, texts)) > 3
     assert strange_numbers("\n".join(texts), is_prose=True) == []
+
+
+@pytest.mark.thorough("all cases once more, as long as in a whole report")
+@pytest.mark.parametrize("name", CASES)
+def test_it_behaves_so_in_a_whole_report_too(name: str) -> None:
+    found, _ = run_case(CASES[name], False)
+    assert found.passed is True, f"expected {found.expected}, measured {found.measured}, judged by {found.oracle}"
