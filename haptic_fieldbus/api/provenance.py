@@ -138,14 +138,14 @@ def _rig_text(rig: Rig, profiles: Mapping[str, RunText]) -> RunText:
 def _profiles(rig: Rig, task: Task) -> dict[str, RunText]:
     """Return the file of each profile of a rig; of one that was fitted to its drive, the file that it was fitted from.
 
-    Two files of one name get different names.
+    Two files of one name get different names, and none has that of the rig's text.
     """
     found: dict[str, RunText] = {}
     for name in dict.fromkeys(axis.profile for axis in rig.axis.values()):
         file = name if Path(name).is_file() or " of " not in name else name.rpartition(" of ")[0]
         path = Path(file) if is_path(file) else profile_file(file, task.profiles)
         text = RunText.of(path.name, path.read_text(encoding="utf-8", errors="surrogateescape"), path)
-        taken = {each.name: each.sha256 for each in found.values()}
+        taken = {"rig.toml": "", **{each.name: each.sha256 for each in found.values()}}
         if taken.get(text.name, text.sha256) != text.sha256:
             text = replace(text, name=f"{len(found)}-{text.name}")
         found[name] = text
@@ -162,19 +162,22 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
         raise UsageError("the recorded run cannot be repeated: an element of its scene is an object of Python")
     made = provenance.conditions
     with TemporaryDirectory(prefix="haptic-fieldbus-") as folder:
+        scene, bench = Path(folder, "scene", provenance.scene.name), Path(folder, "bench", provenance.rig.name)
+        profiles = [bench.with_name(text.name) for text in provenance.profiles]
         texts = (provenance.scene, provenance.rig, *provenance.profiles)
-        for text in texts:
-            Path(folder, text.name).write_text(text.text, encoding="utf-8", errors="surrogateescape")
+        for file, text in zip((scene, bench, *profiles), texts, strict=True):
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(text.text, encoding="utf-8", errors="surrogateescape")
         faults = None
         if provenance.faults is not None:
             path = Path(folder, provenance.faults.name)
             path.write_text(provenance.faults.text, encoding="utf-8")
             faults = load_faults(path)
-        rig = load_rig(Path(folder, provenance.rig.name))
+        rig = load_rig(bench)
         if provenance.rig.source_sha256 is None:  # no file then: it is judged as that bench was, with exact values
             rig = replace(rig, source="")
         task = Task(
-            Path(folder, provenance.scene.name), rig, rate=made.rate,
+            scene, rig, rate=made.rate,
             method=made.method, estimator=made.estimator,
             bus=SIMULATION if simulated and not provenance.simulated else None,
         )  # fmt: skip

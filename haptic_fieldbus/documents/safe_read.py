@@ -70,6 +70,8 @@ EDS_SIZE = 2 * MEBI
 """Largest size of an EDS or DCF [octets]; the largest known vendor's file has a tenth."""
 TABLE_SIZE = 32 * MEBI
 """Largest size of a table of numbers, such as a recorded motion [octets]."""
+PROVENANCE_SIZE = 64 * MEBI
+"""Largest size of a JSON object or a picture that may hold a provenance, and of the provenance in it [octets]."""
 
 READING = os.O_RDONLY
 """Flags for opening a file; they differ between Windows and POSIX."""
@@ -94,11 +96,8 @@ def read_octets(path: str | Path, most: int) -> bytes:
 
     For any problem of the path or the file, raises FileNotFoundError, or OSError with the reason as `strerror`.
     """
-    try:
-        _check_regular(os.stat(path))
-        descriptor = os.open(path, READING)
-    except ValueError as cause:
-        raise OSError(errno.EINVAL, IMPOSSIBLE_NAME) from cause
+    check_regular(path)
+    descriptor = os.open(path, READING)
     try:
         found = os.fstat(descriptor)
         _check_regular(found)
@@ -106,6 +105,14 @@ def read_octets(path: str | Path, most: int) -> bytes:
         return _read(descriptor, most)
     finally:
         os.close(descriptor)
+
+
+def check_regular(path: str | Path) -> None:
+    """Raise FileNotFoundError, or OSError with the reason as `strerror`, for a path that is no regular file."""
+    try:
+        _check_regular(os.stat(path))
+    except ValueError as cause:
+        raise OSError(errno.EINVAL, IMPOSSIBLE_NAME) from cause
 
 
 def _check_regular(found: os.stat_result) -> None:

@@ -2,17 +2,19 @@
 
 import json
 import re
+import struct
 import zlib
 from base64 import b64decode
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import StringIO
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE, check_regular, read_octets
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.mcap import McapFile, read_mcap
 from haptic_fieldbus.recordings.provenance import (
@@ -37,6 +39,7 @@ _FRAME = re.compile(r"\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*|R)$")
 
 # Provenance of any file that a run leaves.
 
+_FILE_NAME = re.compile(r"(?!\.\.?$)[^/\\:\x00-\x1f]{1,200}")
 _MARKED = re.compile(MARK.encode() + rb"([A-Za-z0-9+/=]+)")
 
 
@@ -54,7 +57,7 @@ def read_provenance(path: str | Path) -> Provenance:
         raise
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, zlib.error) as error:  # of JSON, UTF-8 or base64
+    except (ValueError, RecursionError, zlib.error) as error:  # of JSON, UTF-8 or base64
         raise UsageError(f"{path}: no provenance in it: {error}") from error
     if found is None:
         raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
@@ -73,19 +76,25 @@ def checked(found: object, path: Path) -> Provenance:
         raise UsageError(f"{path}: {place}: {first['msg']}") from error
     texts = [text for text in (provenance.scene, provenance.rig, *provenance.profiles, provenance.faults) if text]
     for text in texts:
-        if PurePath(text.name).name != text.name or digest(text.text) != text.sha256:
+        if not _FILE_NAME.fullmatch(text.name):
+            raise UsageError(f"{path}: {text.name!r}: expected the name of a file, without a folder")
+        if digest(text.text) != text.sha256:
             raise UsageError(f"{path}: {text.name} was changed after the run: its text does not have its SHA-256")
+    names = [text.name for text in (provenance.rig, *provenance.profiles)]
+    if len({*names}) < len(names):
+        raise UsageError(f"{path}: expected a name of its own for rig and profiles, found {', '.join(names)}")
     return provenance
 
 
 def _found(path: Path) -> Any:
     """Return the JSON object for a file; None where there is none. Raises OSError or ValueError."""
     if path.suffix == ".json":
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = json.loads(read_octets(path, PROVENANCE_SIZE).decode())
         return table.get("provenance", table) if isinstance(table, dict) else None
-    octets = path.read_bytes() if path.suffix in PICTURES else b""
+    octets = read_octets(path, PROVENANCE_SIZE) if path.suffix in PICTURES else b""
     if marked := _MARKED.search(octets):
-        return json.loads(zlib.decompress(b64decode(marked[1])))
+        return json.loads(zlib.decompressobj().decompress(b64decode(marked[1]), PROVENANCE_SIZE))
+    check_regular(path)
     if path.suffix == ".mcap":
         text = read_mcap(path)[3]
         return json.loads(text) if text else None
@@ -95,9 +104,8 @@ def _found(path: Path) -> Any:
 
         kept = (parquet.read_schema(path).metadata or {}).get(METADATA.encode())
         return json.loads(kept) if kept else None
-    path.stat()
     beside = side_file(path)
-    return json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else None
+    return json.loads(read_octets(beside, PROVENANCE_SIZE).decode()) if beside.is_file() else None
 
 
 # Rows and frames.
@@ -183,6 +191,7 @@ def read_recording(path: str | Path) -> RecordedRun:
     if path.suffix not in readers:
         raise UsageError(f"{path}: expected a recording, one of {', '.join(readers)}")
     try:
+        check_regular(path)
         return readers[path.suffix](path)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from error
@@ -245,10 +254,13 @@ def _candump(path: Path) -> RecordedRun:
 
 
 def _blf(path: Path) -> RecordedRun:
-    from can.io import BLFReader
+    from can.io.blf import BLFParseError, BLFReader
 
-    with BLFReader(path) as reader:
-        frames = list(reader)
+    try:
+        with path.open("rb") as stream:
+            frames = list(BLFReader(stream))
+    except (BLFParseError, struct.error, zlib.error) as error:
+        raise ValueError(error) from error
     columns = {
         "time": np.array([each.timestamp for each in frames], float),
         "channel": np.array([str(each.channel) for each in frames], object),

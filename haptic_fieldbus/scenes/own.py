@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, cast, get_type_hints
 
 from haptic_fieldbus.documents import schema_of
 from haptic_fieldbus.documents.own_parts import (
+    entry_value,
     own_entry_points,
     own_part,
     package_of,
     places_of,
-    entry_value,
     told_at,
 )
 from haptic_fieldbus.errors import UsageError

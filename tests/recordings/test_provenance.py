@@ -1,8 +1,11 @@
 """The provenance of a run, in every file that holds it, and the run again that it describes."""
 
 import json
+import os
 import platform
 import re
+import zlib
+from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -12,9 +15,10 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus import HapticFieldbusError, Provenance, UsageError, read_provenance, repeat, run
 from haptic_fieldbus.api import provenance as gathering
+from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE
 from haptic_fieldbus.planning.request import RECORD_SUFFIXES
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.recordings.provenance import HIDDEN, PICTURES, digest, scrubbed, side_file, without_secrets
+from haptic_fieldbus.recordings.provenance import HIDDEN, MARK, PICTURES, digest, scrubbed, side_file, without_secrets
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
@@ -127,6 +131,15 @@ def test_a_run_from_a_file_takes_no_option_that_the_file_decides(command: Comman
     assert "expected SCENE or --from FILE" in command("run").err
 
 
+def test_a_scene_may_have_the_name_of_the_rig(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(SCENE)
+    result = run(tmp_path / "rig.toml", duration=SHORT, record=tmp_path / "a.csv")
+    provenance = cast(Any, result.provenance)
+    assert provenance.scene.name == provenance.rig.name == "rig.toml"
+    repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
 def test_another_version_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     recorded(tmp_path / "a.csv")
     now = gathering.versions()
@@ -219,15 +232,20 @@ def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
     table = json.loads(beside.read_text())
     for change, message in (
         ({"scene": {**table["scene"], "text": "x"}}, "changed after the run"),
-        ({"rig": {**table["rig"], "name": "../rig.toml"}}, "changed after the run"),
         ({"conditions": 3}, "conditions: "),
+        *(
+            ({"rig": {**table["rig"], "name": name}}, "expected the name of a file")
+            for name in ("../rig.toml", "..", ".", "", "a\0b", "a\n", "a" * 300, "/etc/rig.toml", "..\\rig.toml")
+        ),
+        ({"profiles": [table["rig"]]}, "a name of its own"),
     ):
         beside.write_text(json.dumps(table | change))
         with pytest.raises(UsageError, match=message):
             read_provenance(tmp_path / "a.csv")
-    beside.write_text("[1")
-    with pytest.raises(UsageError, match="no provenance in it"):
-        read_provenance(tmp_path / "a.csv")
+    for text in ("[1", "[" * 100_000, "", "\xff"):
+        beside.write_text(text, encoding="latin-1")
+        with pytest.raises(UsageError, match="no provenance in it"):
+            read_provenance(tmp_path / "a.csv")
     beside.unlink()
     with pytest.raises(UsageError, match=r"nor in a file a\.csv\.provenance\.json beside it"):
         read_provenance(tmp_path / "a.csv")
@@ -236,6 +254,14 @@ def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"haptic-fieldbus provenance AAAA")
     with pytest.raises(UsageError, match="no provenance in it"):
         read_provenance(tmp_path / "a.png")
+    (tmp_path / "bomb.png").write_bytes(MARK.encode() + b64encode(zlib.compress(b" " * (PROVENANCE_SIZE + 1), 9)))
+    with pytest.raises(UsageError, match="no provenance in it"):
+        read_provenance(tmp_path / "bomb.png")
+    os.mkfifo(tmp_path / "a.json")
+    (tmp_path / "zero.png").symlink_to("/dev/zero")
+    for name, kind in (("a.json", "a FIFO"), ("zero.png", "a device")):
+        with pytest.raises(UsageError, match=f"{name}: it is {kind}; expected a regular file"):
+            read_provenance(tmp_path / name)
     with pytest.raises(TypeError, match="path: expected"):
         read_provenance(3)  # type: ignore[arg-type]
     assert isinstance(Provenance, type)

@@ -1,6 +1,7 @@
 """Recordings read back: by us, by the libraries of their formats, and after they were cut off anywhere."""
 
 import json
+import os
 import struct
 import subprocess
 import sys
@@ -238,12 +239,21 @@ def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
         ("a.mcap", b"no", "no MCAP file"),
         ("a.csv", b"t_ns,x\n1,2,3\nx", "no recording of this format|number of columns"),
         ("a.log", b"no\n", "line 1 is not as candump -L writes it"),
+        ("odd.log", b"(1.0) can0 123#0\n", "no recording of this format"),
+        ("a.blf", b"no" * 200, "no recording of this format"),
+        ("a.parquet", b"PAR1" * 20, "no recording of this format"),
     ):
         (tmp_path / name).write_bytes(octets)
         with pytest.raises(UsageError, match=message):
             read_recording(tmp_path / name)
     with pytest.raises(UsageError, match="No such file"):
         read_recording(tmp_path / "none.csv")
+    for suffix in (".csv", ".mcap", ".log", ".blf", ".parquet"):
+        os.mkfifo(tmp_path / f"fifo{suffix}")
+        (tmp_path / f"zero{suffix}").symlink_to("/dev/zero")
+        for name, kind in (("fifo", "a FIFO"), ("zero", "a device")):
+            with pytest.raises(UsageError, match=f"it is {kind}; expected a regular file"):
+                read_recording(tmp_path / f"{name}{suffix}")
     with pytest.raises(TypeError, match="path: expected"):
         read_recording(3)  # type: ignore[arg-type]
 
