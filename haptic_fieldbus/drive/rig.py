@@ -18,6 +18,7 @@ from haptic_fieldbus.drive.fields import (
     CountsPerRevolution,
     Current,
     Damping,
+    Frequency,
     Friction,
     GearRatio,
     HandleAcceleration,
@@ -36,6 +37,7 @@ from haptic_fieldbus.drive.fields import (
     Time,
     Torque,
     TorqueConstant,
+    TorqueScale,
     UInt32,
 )
 from haptic_fieldbus.drive.objects import Identity, digest_of, known_number
@@ -45,7 +47,8 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 
-# Mechanics of a simulated bench beyond a rigid shaft: `[axis.NAME.simulation]` of a rig, each part optional.
+# The truth of a simulated bench: `[axis.NAME.simulation]` of a rig, each part optional. Values that the axis states too
+# replace those in the simulation alone, so that a bench can differ from its rig as real ones do.
 #
 # Only the simulation uses these values, but for the coupling: without its backlash it counts in stability limits too.
 # All are at the motor shaft and SI, unless a field says otherwise.
@@ -106,18 +109,33 @@ class Stribeck:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Optional parts of the simulated mechanics. None: the part is not simulated and costs no time."""
+    """Simulated bench where it differs from the axis. An omitted part is not simulated, an omitted value is the axis'.
+    Plans and limits follow from the values of the axis alone.
+    """
 
     coupling: CompliantCoupling | None = None
     gravity: Weight | None = None
     cogging: Cogging | None = None
     stribeck: Stribeck | None = None
+    inertia: Inertia | None = None
+    """True inertia [kg·m²]. If omitted: the value of the axis."""
+    viscous_damping: Damping | None = None
+    """True viscous damping [N·m·s/rad]. If omitted: the value of the axis."""
+    coulomb_friction: Friction | None = None
+    """True Coulomb friction [N·m]. If omitted: the value of the axis."""
+    torque_bandwidth: Frequency | None = None
+    """True bandwidth of the torque loop [Hz]. If omitted: the value of the profile."""
+    encoder_counts_per_revolution: CountsPerRevolution | None = None
+    """True counts per turn of the motor; the drive is configured as the axis states. If omitted: the value of the
+    axis."""
+    torque_scale: TorqueScale = 1.0
+    """Torque of the motor over the torque that was asked for; the drive reports the torque that was asked for."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
     def is_rigid(self) -> bool:
-        """True when no optional part is given."""
-        return self == Mechanics()
+        """True when no part beyond a rigid shaft is given."""
+        return self.coupling is None and self.gravity is None and self.cogging is None and self.stribeck is None
 
 
 # Units of a drive's values, as named in profiles: the size of one step, in SI at the motor shaft.
@@ -424,7 +442,7 @@ class RigAxis:
     permissions: Permissions = field(default_factory=Permissions)
     seen: Seen = field(default_factory=Seen)
     simulation: Mechanics = field(default_factory=Mechanics)
-    """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""
+    """Simulated bench where it differs from the values of the axis."""
     __pydantic_config__: ClassVar = STRICT
 
 

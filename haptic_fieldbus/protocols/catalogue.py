@@ -380,10 +380,14 @@ def _check_simulation(document: Document, axis: str) -> None:
     """Note a load inertia that is no part of the axis' inertia, and a lever on a linear mechanism."""
     simulation: KeyPath = ("axis", axis, "simulation")
     load, inertia = document.value(*simulation, "coupling", "load_inertia"), document.value("axis", axis, "inertia")
+    true = document.value(*simulation, "inertia")
     if isinstance(load, int | float) and not (isinstance(inertia, int | float) and load < inertia):
         document.refuse(
             (*simulation, "coupling", "load_inertia"), "less than the inertia of the axis, which is required"
         )
+    elif isinstance(load, int | float) and isinstance(true, int | float) and load >= true:
+        document.refuse((*simulation, "coupling", "load_inertia"), "less than simulation.inertia")
+    inertia = inertia if true is None else true
     hanging = document.value(*simulation, "gravity", "hanging_at")
     if (
         hanging and document.value("axis", axis, "mechanism", "kind") == "linear"

@@ -62,6 +62,8 @@ def test_every_part_is_read_as_it_stands(tmp_path: Path) -> None:
         ("velocity = 0.5", "speed = 0.5", "stribeck.velocity"),
         ("torque = 0.01, ", "", "gravity.torque"),
         ("load_inertia = 1.0e-5", 'load_inertia = "all"', "coupling.load_inertia"),
+        ("simulation]\n", "simulation]\ninertia = 1.0e-5\n", "less than simulation.inertia"),
+        ("simulation]\n", "simulation]\ntorque_scale = 0\n", "simulation.torque_scale"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(tmp_path: Path, old: str, new: str, complaint: str) -> None:

@@ -31,6 +31,7 @@ from haptic_fieldbus.sim.drive.power import STATUS_BITS, Cause, PowerAutomaton, 
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.drive.settings import (
     DriveSettings,
+    as_built,
     build_gains,
     build_plant,
     build_timing,
@@ -337,8 +338,9 @@ class Drive:
         self.event_period_ns = times.control_period_ns or _SLOWEST_TICK_NS
         self.plant = build_plant(profile, axis, hand, settings, t_ns)
         self.servo = Servo(
-            self.plant, counts_per_revolution=axis.encoder_counts_per_revolution,
+            self.plant, counts_per_revolution=as_built(axis).encoder_counts_per_revolution,
             timing=times, phase=settings.encoder_phase,
+            stated_counts=axis.encoder_counts_per_revolution, torque_scale=axis.simulation.torque_scale,
         )  # fmt: skip
         self.units = build_units(profile, axis, self.objects, self.dictionary)
         self.stage = Stage(

@@ -35,7 +35,20 @@ class FirmwareTimes:
 class Servo:
     """The interface between the drive's firmware and the plant; times in integer nanoseconds."""
 
-    def __init__(self, plant: Body, *, counts_per_revolution: int, timing: FirmwareTimes, phase: float = 0.0) -> None:
+    def __init__(
+        self,
+        plant: Body,
+        *,
+        counts_per_revolution: int,
+        timing: FirmwareTimes,
+        phase: float = 0.0,
+        stated_counts: int | None = None,
+        torque_scale: float = 1.0,
+    ) -> None:
+        """Join them; `stated_counts` are the counts per revolution that the drive takes for true, None: the true ones.
+
+        `torque_scale` is the torque of the motor over the torque that the drive believes to give.
+        """
         self.plant = plant
         self.stuck_until_ns = 0
         """Until this time the encoder keeps its last counts."""
@@ -52,11 +65,13 @@ class Servo:
         self._grid_ns = plant.t_ns + (round(timing.phase * self._tick_ns) if self._free else 0)
         self._pending_ns = NEVER_NS
         self._pending = 0.0
-        self.encoder_factor = 1.0
+        self.encoder_factor = counts_per_revolution / (stated_counts or counts_per_revolution)
         """Ratio of actual to correct counts of a motion; negative: backwards."""
         self.torque_sign = 1.0
         """−1.0: the motor turns the other way for the same current."""
-        self._sound = True
+        self.torque_scale = torque_scale
+        """Ratio of actual to correct torque for the same current."""
+        self._sound = torque_scale == 1.0
         self._largest = math.inf
         self._target = 0.0
 
@@ -127,7 +142,7 @@ class Servo:
 
     def _made(self, torque: float) -> float:
         """Return the effective torque target of the motor."""
-        return self.torque_sign * max(-self._largest, min(self._largest, torque))
+        return self.torque_sign * self.torque_scale * max(-self._largest, min(self._largest, torque))
 
     def counts(self) -> int:
         """Return the encoder's counts at the plant's present time, wrapped to 32 bits."""

@@ -4,7 +4,7 @@ Values that a rig leaves open (inertia, damping, rated torque) are those of the 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
@@ -92,6 +92,16 @@ def drawn_settings(seed: int | str, node: int) -> DriveSettings:
     )
 
 
+BUILT_KEYS = ("inertia", "viscous_damping", "coulomb_friction", "encoder_counts_per_revolution")
+"""Values of an axis that its simulated bench may have otherwise."""
+
+
+def as_built(axis: RigAxis) -> RigAxis:
+    """Return the axis with the values that its simulated bench really has (`[axis.NAME.simulation]`)."""
+    given = {key: getattr(axis.simulation, key) for key in BUILT_KEYS}
+    return replace(axis, **{key: value for key, value in given.items() if value is not None})
+
+
 def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
     """Return inertia [kg·m²], viscous damping [N·m·s/rad] and rated torque [N·m] of the axis.
 
@@ -121,8 +131,9 @@ def _known_currents(axis: RigAxis, settings: DriveSettings) -> tuple[float, floa
 
 def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
     """Return motor, load and hand at the motor shaft, from `t_ns` on; a rigid shaft unless the rig has more parts."""
-    inertia, damping, _ = known_mechanics(axis)
-    shaft = Shaft(inertia, damping, axis.coulomb_friction, _lag(profile))
+    built = as_built(axis)
+    inertia, damping, _ = known_mechanics(built)
+    shaft = Shaft(inertia, damping, built.coulomb_friction, _lag(profile, axis))
     held = grip(hand, axis.mechanism) if hand is not None else None
     plant = _plant(axis, shaft, held, settings, t_ns)
     if settings.led:
@@ -156,9 +167,9 @@ def build_timing(profile: Cia402Profile, settings: DriveSettings) -> FirmwareTim
 
 
 def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
-    """Return the gains of the drive's own loops for a control tick [s]."""
-    inertia, damping, _ = known_mechanics(axis)
-    return gains(inertia, damping, _lag(profile), tick)
+    """Return the gains of the drive's own loops for a control tick [s]; they were tuned on the bench as it is."""
+    inertia, damping, _ = known_mechanics(as_built(axis))
+    return gains(inertia, damping, _lag(profile, axis), tick)
 
 
 def build_units(profile: Cia402Profile, axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
@@ -210,6 +221,6 @@ def _whole(value: float) -> int:
     return max(1, min(0x7FFF_FFFF, round(value)))
 
 
-def _lag(profile: DriveProfile) -> float:
+def _lag(profile: DriveProfile, axis: RigAxis) -> float:
     """Return the time constant of the torque loop [s]."""
-    return 1 / (2 * math.pi * profile.timing.torque_bandwidth)
+    return 1 / (2 * math.pi * (axis.simulation.torque_bandwidth or profile.timing.torque_bandwidth))

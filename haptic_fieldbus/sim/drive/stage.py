@@ -116,8 +116,8 @@ class Stage:
         counts, state = servo.counts(), servo.plant.state
         self._position.value = counts if units.plain else units.position(counts)
         self._velocity.value = units.velocity(state[SPEED] * servo.encoder_factor)
-        # The drive measures its current: a motor that turns the other way does not show there.
-        torque = state[TORQUE] * servo.torque_sign
+        # The drive measures its current: a motor of another torque, or of the other direction, does not show there.
+        torque = state[TORQUE] * servo.torque_sign / servo.torque_scale
         value = round(torque * self._per_step)
         actual.value = value if actual.low <= value <= actual.high else actual.low if value < 0 else actual.high
         value = round(torque * self._per_permille)
