@@ -329,11 +329,11 @@ def repeat(source: str | Path | Provenance, *, record: str | Path | None = None)
 
 def repeat_run(provenance: Provenance, trial: Trial) -> Result:
     """Repeat a recorded run; of the trial, what does not act on frames and rows is taken."""
-    from haptic_fieldbus.api.provenance import repeated, version_differences
+    from haptic_fieldbus.api.provenance import differences_of, repeated
 
     with repeated(provenance) as (task, conditions):
         result = run_task(task, replace(trial, **conditions), provenance)
-    return replace(result, warnings=(*version_differences(provenance), *result.warnings))
+    return replace(result, warnings=(*differences_of(provenance), *result.warnings))
 
 
 def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, plan: Plan) -> tuple[Fault, ...]:

@@ -192,11 +192,12 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
         }  # fmt: skip
 
 
-def version_differences(provenance: Provenance) -> list[str]:
-    """Return a sentence for each version other than that of the recorded run; empty when all are the same."""
-    now = versions()
+def differences_of(provenance: Provenance) -> list[str]:
+    """Return a sentence for each thing that a repetition has otherwise: versions, and the hand that a page has led."""
+    now, hand = versions(), provenance.conditions.hand
     names = dict.fromkeys((*provenance.versions, *now))
-    return [
+    led = f'the hand was led or chosen on a page, which is not recorded: the repetition has the hand "{hand}"'
+    return [led] * provenance.conditions.led + [
         f"recorded with {name} {provenance.versions.get(name, 'none')}, repeated with {now.get(name, 'none')}: "
         "frames and rows may differ"
         for name in names

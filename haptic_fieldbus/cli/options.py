@@ -243,7 +243,7 @@ class RunOptions(SceneOptions):
             if self.scene is None:
                 raise UsageError("no scene: expected SCENE or --from FILE")
             return
-        beside = ("source", "record", "plot", "as_json", "yes", "anonymous")
+        beside = ("source", "record", "plot", "as_json", "yes", "anonymous", *OF_A_VIEW)
         given = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
         names = {"scene": "SCENE", "settings": "--set", "axes": "--axis"}
         wrong = [names.get(name, f"--{name.replace('_', '-')}") for name in given if name not in beside]
@@ -252,9 +252,10 @@ class RunOptions(SceneOptions):
 
 
 OF_A_BENCH = ("drive", "bus", "node", "rig", "axes", "zero", "profiles")
+OF_A_VIEW = ("view", "view_host", "view_port", "view_required")
 OF_A_RUN = (
     "duration", "change", "force", "fade_in", "hand", "seed", "faults", "prove", "record", "yes", "anonymous",
-    "view", "view_host", "view_port", "view_required",
+    *OF_A_VIEW,
 )  # fmt: skip
 """Options of `run` that other commands leave out."""
 

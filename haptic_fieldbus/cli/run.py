@@ -57,11 +57,11 @@ def run(options: RunOptions) -> None:
 def _repeat(options: RunOptions) -> None:
     """Repeat the run that a file describes, and print its result."""
     from haptic_fieldbus import api
-    from haptic_fieldbus.api.provenance import repeated, version_differences
+    from haptic_fieldbus.api.provenance import differences_of, repeated
     from haptic_fieldbus.recordings.reading import read_provenance
 
     provenance = read_provenance(cast("Path", options.source))
-    show([("note", text) for text in version_differences(provenance)], sys.stderr)
+    show([("note", text) for text in differences_of(provenance)], sys.stderr)
     with repeated(provenance) as (task, conditions):
         run_and_tell(options, task, replace(options.given(api.Trial), **conditions), provenance)
 
@@ -73,7 +73,7 @@ def run_and_tell(
     if not (options.view or options.view_host or options.view_required):
         _run_and_tell(options, task, trial, repeats)
         return
-    duration = VIEWED_DURATION if options.duration is None else options.duration
+    duration = VIEWED_DURATION if options.duration is None and repeats is None else trial.duration
     with viewed(options.view_host or LOOPBACK, options.view_port, options.view_required, browser=browser) as live:
         _run_and_tell(options, task, replace(trial, live=live, duration=duration), repeats)
 

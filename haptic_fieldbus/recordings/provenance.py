@@ -77,6 +77,8 @@ class Conditions:
     """Times [s from operation enabled] and settings; those that were made, once the run is over."""
     ramp: float | None = None
     """Length of a change [s]."""
+    led: bool = False
+    """Whether a hand was led or chosen on the page of the live view, which a repetition has no record of."""
 
 
 @dataclass(frozen=True)
@@ -129,13 +131,17 @@ class Provenance:
     def __repr__(self) -> str:
         return f"Provenance({self.version}, {self.date}, scene={getattr(self.scene, 'name', None)!r})"
 
-    def ended(self, periods: int | None, changes: Sequence[tuple[float, Mapping[str, Any]]]) -> "Provenance":
+    def ended(
+        self, periods: int | None, changes: Sequence[tuple[float, Mapping[str, Any]]], *, led: bool = False
+    ) -> "Provenance":
         """Return the provenance of a run that was stopped after so many periods (None: it was not), with its changes.
 
-        Of these the times are known to the period, so each is made in the same one again.
+        Of these the times are known to the period, so each is made in the same one again. One that began with the end
+        of the run acted on nothing and is left out.
         """
         made = self.conditions if periods is None else replace(self.conditions, duration=periods / self.conditions.rate)
-        return replace(self, conditions=replace(made, changes=tuple((time, dict(each)) for time, each in changes)))
+        acted = tuple((time, dict(each)) for time, each in changes if time < made.duration)
+        return replace(self, conditions=replace(made, changes=acted, led=led))
 
     @property
     def mark(self) -> str:

@@ -21,6 +21,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import selectors
 import signal
 import socket
@@ -53,6 +54,8 @@ Message = Mapping[str, Any]
 RING_TIME = 30.0
 """Time that the ring holds [s]."""
 LONGEST_RING = 120_000
+_IN_FILE = re.compile(r"^.*?\.toml: --set ")
+"""Beginning of a refusal that only a command line needs."""
 LONGEST_LINE = 65_536
 """Octets of a command after which its sender is left."""
 PAGE_LOST = 1.0
@@ -69,11 +72,17 @@ SEND_BUFFER = 1 << 20
 BEHIND_NS = 100_000_000
 """By how much a slow computer may fall behind before the simulated time is no longer made up for."""
 NO_COMMAND = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
-"""Errors of a line that is no command; its sender is left."""
+"""Errors of a line that is no JSON object, whose sender is left, and of a command whose value is refused."""
 RUN_COLUMNS = ("t", "enabled", "missed", "lateness_us", "compute_us", "energy", "changes")
 """Columns of the run, which stand after those of the record; then comes the power state of each axis as a number."""
 HANDS = ("push", "tap", "release", "none")
 """Hands of a simulation that a page may choose."""
+EXPECTED = {
+    "pages": "expected a number of pages", "pull": "expected an axis and a place, or null to let go",
+    "hand": f"expected one of {', '.join(HANDS)}", "speed": "expected a finite number",
+    "paused": "expected true or false", "step": "expected a number of periods",
+}  # fmt: skip
+"""End of the sentence that refuses the value of a command."""
 STATES = {state: state.value for state in PowerState}
 
 
@@ -175,7 +184,7 @@ class LiveRecord(Record):
             self.after()
 
 
-@dataclass
+@dataclass(eq=False)
 class _Reader:
     """A process that is connected."""
 
@@ -218,6 +227,8 @@ class Live:
         """Called before a bus is opened: waits for the server."""
         self.time = SimulatedTime()
         self.changes: Changes | None = None
+        self.led = False
+        """True when a pointer led a handle or a page chose another hand."""
         self.lost = False
         """True when the run was ended because its page was lost."""
         self.path = folder() / f"{os.getpid()}.sock"
@@ -359,11 +370,11 @@ class Live:
     def _pace(self) -> dict[str, Any]:
         return {"speed": self.time.speed, "paused": self.time.paused}
 
-    def _tell(self, message: Message) -> None:
-        """Send a message to all readers; one that does not take it is left."""
+    def _tell(self, message: Message, only: _Reader | None = None) -> None:
+        """Send a message to all readers or to one; a reader that does not take it is left."""
         with self._lock:
-            for reader in [*self._readers]:
-                if not reader.send(message):
+            for reader in [*self._readers] if only is None else [only]:
+                if not reader.send(message) and reader in self._readers:
                     self._readers.remove(reader)
                     with contextlib.suppress(OSError):
                         reader.socket.shutdown(socket.SHUT_RDWR)
@@ -374,15 +385,13 @@ class Live:
         while (task := self._tasks.get()) is not None:
             task()
 
-    def _change(self, reader: _Reader, settings: Any, number: Any) -> None:
+    def _change(self, reader: _Reader, settings: Any) -> None:
         try:
             if self.changes is None:
                 raise UsageError("this run takes no changes")
             change = self.changes.request(settings)
         except (HapticFieldbusError, *NO_COMMAND) as error:
-            refused = " ".join(str(error).splitlines())
-            with self._lock:
-                reader.send({"refused": refused, "number": number, "settings": settings})
+            self._tell({"refused": _IN_FILE.sub("", " ".join(str(error).splitlines()))}, reader)
             return
         told = self._describe(change.plan)
         with self._lock:
@@ -390,7 +399,7 @@ class Live:
         # Counted in this order, so that a change which begins meanwhile is not counted twice.
         begun = len(self.changes.applied) + len(self.changes.waiting)
         above = [*above_limit(change.plan)]
-        self._tell({"scene": told, "changed": dict(change.settings), "number": number, "begun": begun, "above": above})
+        self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above})
 
     # The thread that receives commands.
 
@@ -440,40 +449,48 @@ class Live:
             return False
         for line in lines:
             try:
-                self._obey(reader, json.loads(line))
+                commands = json.loads(line).items()
             except NO_COMMAND:
                 return False
+            for name, value in commands:
+                try:
+                    self._obey(reader, name, value)
+                except NO_COMMAND:
+                    # Behind one reader there may be several pages, which are not to suffer from one of them.
+                    self._tell({"refused": f"{name} {json.dumps(value)[:60]}: {EXPECTED[name]}"}, reader)
         return True
 
-    def _obey(self, reader: _Reader, command: Any) -> None:
-        """Carry out one command; raises one of NO_COMMAND for anything else."""
-        for name, value in command.items():
-            if name == "stop" and self._ending is not None:
-                self._ending.signal = self._ending.signal or signal.SIGINT
-                self.time.changed.set()
-            elif name == "pages" and int(value) > 0:
-                self._shown.set()
-                if self._page_seen < math.inf:
-                    self._page_seen = monotonic()
-            elif name == "change":
-                self._tasks.put(lambda value=value: self._change(reader, value, command.get("number")))  # type: ignore[misc]
-            elif self._handles:
-                self._simulate(name, value)
+    def _obey(self, reader: _Reader, name: str, value: Any) -> None:
+        """Carry out one command; raises one of NO_COMMAND for a wrong value."""
+        if name == "stop" and self._ending is not None:
+            self._ending.signal = self._ending.signal or signal.SIGINT
+            self.time.changed.set()
+        elif name == "pages" and int(value) > 0:
+            self._shown.set()
+            if self._page_seen < math.inf:
+                self._page_seen = monotonic()
+        elif name == "change":
+            self._tasks.put(lambda: self._change(reader, value))
+        elif self._handles:
+            self._simulate(name, value)
 
     def _simulate(self, name: str, value: Any) -> None:
         """Carry out a command that exists in a simulation alone."""
         if name == "pull":
             axis, target = value
-            if axis in self._handles and (target is None or math.isfinite(target)):
-                self._pulled[axis] = target
+            if axis not in self._handles or not (target is None or math.isfinite(target)):
+                raise ValueError
+            self._pulled[axis], self.led = target, True
         elif name == "hand":
+            if value not in HANDS:
+                raise ValueError
             self._pulled.clear()
-            self._taken = value if value in HANDS else None
+            self._taken, self.led = value, True
         elif name in ("speed", "paused", "step"):
             numbers: dict[str, Any] = {"speed": float, "paused": bool, "step": int}
             number = numbers[name](value)
             if not math.isfinite(number):
-                raise ValueError(f"{name} {number}")
+                raise ValueError
             self.time.set(**{"steps" if name == "step" else name: number})
             with self._lock:
                 self._hello = {**(self._hello or {}), **self._pace()}

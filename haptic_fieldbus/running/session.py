@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -208,9 +208,13 @@ class Session:
         changes = [(each.time, each.change.settings) for each in report.changes]
         early = 0 < report.cycles < max(1, round(self.duration * self.plan.rate)) and cycle.trip is None
         periods = report.cycles if early and (stepped or report.interrupted) else None
-        self.provenance = replace(provenance.ended(periods, changes), drives=drives)
-        with suppress(OSError):  # the file that was written before the run stays
+        led = self.live is not None and self.live.led
+        self.provenance = replace(provenance.ended(periods, changes, led=led), drives=drives)
+        try:
             self._keep_provenance()
+        except OSError as error:
+            told = f"the provenance beside {self.record} is that from before the run: {error.strerror or error}"
+            self._warnings.append(told)
 
     def _keep_provenance(self) -> None:
         """Write the provenance beside a record whose format cannot hold it; raises OSError."""

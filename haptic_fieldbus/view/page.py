@@ -131,7 +131,7 @@ class Controls:
         name = told["name"]
         step = 1 if told["whole"] else (told["high"] - told["low"]) / STEPS
         with ui.element("div").classes("parameter"):
-            ui.html(f"<label>{escape(name)}</label>", sanitize=False)
+            ui.html(f"<label>{escape(name).replace('.', '.<wbr>').replace('_', '_<wbr>')}</label>", sanitize=False)
             number = ui.number(value=told["value"], suffix=told["unit"], format="%.6g").props(
                 f'dense borderless step=any input-aria-label="{name}" aria-label="{name}"'
             )
@@ -141,7 +141,7 @@ class Controls:
         asked = json.dumps(name)
         slider.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         slider.on("update:model-value", js_handler=f"(value) => haptic.preview({asked}, value)")
-        number.on("change", js_handler=f"(value) => haptic.change({asked}, Number(value))")
+        number.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         self._sliders[name] = slider, number, scale
         self._steered += [slider, number]
 

@@ -200,7 +200,21 @@ def test_a_run_that_is_stopped_is_repeated_up_to_its_end() -> None:
     found = run("wall", duration=SHORT).provenance
     assert found is not None
     assert found.ended(20, []).conditions.duration == 0.02
-    assert found.ended(None, [(0.01, {"wall.stiffness": 1.0})]).conditions.changes == ((0.01, {"wall.stiffness": 1.0}),)
+    acted, late = (0.01, {"wall.stiffness": 1.0}), (0.02, {"wall.stiffness": 2.0})
+    assert found.ended(None, [acted]).conditions.changes == (acted,)
+    # A change that began with the end: nothing came after it, and no run may schedule it.
+    assert found.ended(20, [acted, late]).conditions.changes == (acted,)
+
+
+def test_a_provenance_that_cannot_be_completed_is_told(tmp_path: Path) -> None:
+    record = tmp_path / "a.csv"
+
+    def taken(done: int, total: int) -> None:
+        side_file(record).with_name(side_file(record).name + ".new").mkdir(exist_ok=True)
+
+    result = run("wall", duration=3 * SHORT, record=record, progress=taken)
+    assert any(f"the provenance beside {record} is that from before the run: " in each for each in result.warnings)
+    assert read_provenance(record).drives == {}
 
 
 def test_a_run_on_real_drives_is_repeated_in_simulation(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_fieldbus import run
+from haptic_fieldbus import repeat, run
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.cli.view import _handles
 from haptic_fieldbus.errors import UsageError
@@ -125,7 +125,7 @@ def test_a_reader_sees_the_rows_that_are_recorded(tmp_path: Path) -> None:
 def test_a_change_is_made_and_an_unstable_one_is_refused_with_its_limit() -> None:
     def watch(watcher: Watcher) -> None:
         enabled(watcher)
-        watcher.reader.send({"change": {"wall.stiffness": 900.0}, "number": 7})
+        watcher.reader.send({"change": {"wall.stiffness": 900.0}})
         assert watcher.until("changed") == {"wall.stiffness": 900.0}
         watcher.row_where("changes", lambda value: value == 1.0)
         watcher.reader.send({"change": {"wall.stiffness": 90_000.0}})
@@ -152,18 +152,61 @@ def test_a_pointer_leads_the_handle_into_the_wall_and_lets_go() -> None:
         watcher.row_where("handle.force", lambda value: value < -2.0)
         watcher.reader.send({"pull": ["handle", None]})
         watcher.row_where("handle.position", lambda value: value < 0.02)
-        for value in ("NaN", "Infinity", "1e999"):  # no place; the run goes on
-            watcher.reader.socket.sendall(b'{"pull": ["handle", %s]}\n' % value.encode())
         watcher.reader.send({"hand": "push"})
         watcher.row_where("handle.force", lambda value: value < -2.0)
 
     assert not run_watched(watch, hand="none").trips
 
 
-NONSENSE = [
-    b"nonsense\n", b"[1]\n", b'{"pages": "x"}\n', b'{"pages": 1e999}\n', b'{"step": 1e999}\n', b'{"speed": NaN}\n',
-    b'{"pull": ["handle", 1' + b"0" * 400 + b"]}\n", b"[" * 60_000 + b"\n", b"x" * 200_000,
+WRONG = [
+    b'"pages": "x"', b'"pages": 1e999', b'"step": 1e999', b'"speed": NaN', b'"speed": [1]', b'"hand": "foot"',
+    b'"pull": 5', b'"pull": ["foot", 0.0]', b'"pull": [["handle"], 0.0]', b'"pull": ["handle", NaN]',
+    b'"pull": ["handle", -1e999]', b'"pull": ["handle", 1' + b"0" * 400 + b"]", b'"change": {"wall.stiffness": NaN}',
+    b'"change": {"wall.stiffness": "1e999"}', b'"change": {"wall.stiffness": ""}',
 ]  # fmt: skip
+
+
+def test_a_wrong_value_is_refused_in_a_sentence_and_its_sender_goes_on() -> None:
+    """Behind one reader there may be many pages, so it is not left for what one of them sends."""
+    said = []
+
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        for wrong in WRONG:
+            watcher.reader.socket.sendall(b"{" + wrong + b"}\n")
+            said.append(watcher.until("refused"))
+        watcher.reader.send({"change": {"wall.stiffness": 700.0}})
+        assert watcher.until("changed") == {"wall.stiffness": 700.0}
+
+    result = run_watched(watch)
+    assert not result.trips
+    assert [change.settings for change in result.changes] in ([{"wall.stiffness": 700.0}], [])
+    assert said[3] == "speed NaN: expected a finite number"
+    assert said[7] == 'pull ["foot", 0.0]: expected an axis and a place, or null to let go'
+    assert said[-1].startswith('wall.stiffness: ""; expected a number')
+    assert all("expected" in sentence for sentence in said)
+
+
+@pytest.mark.parametrize("led", [False, True])
+def test_what_a_page_has_changed_is_repeated_and_the_hand_it_led_is_told(led: bool, tmp_path: Path) -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"change": {"wall.stiffness": 700.0}})
+        watcher.reader.send({"change": {"wall.position": 0.01}})
+        watcher.row_where("changes", lambda value: value == 2.0)
+        if led:
+            watcher.reader.send({"pull": ["handle", 0.03]})
+            watcher.row_where("handle.force", lambda value: value < -2.0)
+
+    run_watched(watch, record=tmp_path / "a.csv", hand="push")
+    again = repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
+    same = (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    told = any(each.startswith("the hand was led or chosen on a page") for each in again.warnings)
+    assert [same, told] == [not led, led]
+    assert [change.settings for change in again.changes] == [{"wall.stiffness": 700.0}, {"wall.position": 0.01}]
+
+
+NONSENSE = [b"nonsense\n", b"[1]\n", b"5\n", b"[" * 60_000 + b"\n", b"x" * 200_000]
 
 
 @pytest.mark.parametrize("nonsense", NONSENSE, ids=range(len(NONSENSE)))

@@ -239,6 +239,51 @@ def overflows(browser: webdriver.Chrome) -> Callable[[str], bool]:
     return lambda side: browser.execute_script(f"return document.documentElement.scroll{side} > window.inner{side}")
 
 
+WRITTEN = """
+const pen = CanvasRenderingContext2D.prototype, write = pen.fillText, clear = pen.fillRect;
+window.written = new Map();
+pen.fillRect = function (x, y, wide, high) {
+  if (x === 0 && y === 0 && wide === this.canvas.clientWidth) window.written.set(this.canvas, []);
+  clear.call(this, x, y, wide, high);
+};
+pen.fillText = function (text, x, y) {
+  const wide = this.measureText(text).width, left = { right: x - wide, center: x - wide / 2 }[this.textAlign] ?? x;
+  if (window.written.has(this.canvas)) window.written.get(this.canvas).push([text, left, left + wide, y]);
+  write.call(this, text, x, y);
+};
+"""
+"""Notes each word on a canvas since it was last cleared, with its left and right end and its base line."""
+
+
+def lying_on_another(browser: webdriver.Chrome) -> list[tuple[str, str]]:
+    """Return the pairs of words on one canvas of which one lies on the other, and those that are cut off."""
+    until(browser, "window.written && window.written.size === document.querySelectorAll('canvas[data-kind]').length")
+    canvases = browser.execute_script(
+        "return [...window.written].map(([canvas, words]) => [canvas.clientWidth, words.map((each) => [...each])])"
+    )
+    found = []
+    for width, words in canvases:
+        for number, (text, left, right, base) in enumerate(words):
+            found += [(text, other) for other, begin, end, line in words[number + 1 :]
+                      if abs(line - base) < 11 and begin < right and left < end]  # fmt: skip
+            found += [(text, "the edge")] if left < 0 or right > width else []
+    return found
+
+
+@pytest.mark.parametrize("scene", ["wall", "detents", "virtual_coupling"])
+def test_no_word_of_a_picture_lies_on_another_one_at_any_width(browser: webdriver.Chrome, scene: str) -> None:
+    with serving("run", scene, "--view", "--view-port", "0", "--hand", "none") as served:
+        screen(browser, 1280, 800)
+        opened(browser, served)
+        browser.execute_script(WRITTEN)
+        for width, height in ((1280, 800), (1120, 700), (1000, 660), (1920, 1080), (390, 844)):
+            screen(browser, width, height)
+            browser.execute_async_script(
+                "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0], 300)))"
+            )
+            assert lying_on_another(browser) == []
+
+
 def test_the_first_screen_needs_no_scrolling_and_each_control_has_a_name(page: Page) -> None:
     browser, _, _ = page
     for width, height in ((1280, 800), (1920, 1080), (390, 844)):

@@ -6,12 +6,14 @@ import os
 import signal
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import websocket
 
+from haptic_fieldbus import run
 from tests.cases import every
 from tests.view.served import Served, children, serving
 
@@ -202,3 +204,26 @@ def test_a_run_goes_on_without_its_server_and_is_attached_to_again() -> None:
             page.close()
             assert run.ended()[0] == 130
             assert attached.ended()[0] == 0
+
+
+def test_a_recorded_run_is_repeated_with_its_page_and_its_rows_are_the_same(tmp_path: Path) -> None:
+    first, again = tmp_path / "first.csv", tmp_path / "again.csv"
+    run("wall", duration=1.0, changes=[(0.5, {"wall.stiffness": 700.0})], record=first)
+    with serving("run", "--from", str(first), "--view", "--view-port", "0", "--record", str(again)) as served:
+        page = connected(served, "page")
+        assert told(page, "hello")["scene"] == "wall"
+        page.close()
+        assert served.ended()[0] == 0
+    assert first.read_bytes() == again.read_bytes()
+
+
+def test_a_wrong_value_of_a_page_leaves_the_server_with_its_run_and_the_page_steers_on() -> None:
+    with serving("demo", "--no-browser", "--port", "0") as served:
+        page = connected(served, "page")
+        begun(page)
+        for wrong in ('{"speed": NaN}', '{"pull": 5}', '{"change": {"wall.stiffness": NaN}}', '{"step": 1e999}'):
+            page.send(wrong)
+            assert "expected" in told(page, "refused")
+        page.send('{"change": {"wall.stiffness": 700}}')
+        assert told(page, "changed") == {"wall.stiffness": 700}
+        page.close()

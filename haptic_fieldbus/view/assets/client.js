@@ -129,10 +129,14 @@ window.haptic = (() => {
 
   // Commands of the controls.
 
-  function change(name, to) { answer("", `${name} = ${short(to)} is being checked …`); send({ change: { [name]: to }, number: Date.now() }); }
+  function change(name, to) { // a text that is no number is refused by the run, and the field goes back
+    const number = String(to).trim() === "" ? NaN : Number(to), asked = Number.isFinite(number) ? number : String(to);
+    answer("", `${name} = ${asked} is being checked …`);
+    send({ change: { [name]: asked } });
+  }
   function reset() {
     const other = hello.parameters.filter((each) => each.value !== first[each.name]);
-    if (other.length) send({ change: Object.fromEntries(other.map((each) => [each.name, first[each.name]])), number: Date.now() });
+    if (other.length) send({ change: Object.fromEntries(other.map((each) => [each.name, first[each.name]])) });
     else answer("", "These are the values of the file.");
   }
   function preview() { answer("", ""); }
@@ -145,6 +149,7 @@ window.haptic = (() => {
   function restyle() { readColours(); changed = true; }
   function columns(chart, names) { charts[chart] = names; store("columns", charts); changed = true; }
   function copy() {
+    if (hello.command && hello.command.includes("--from")) { answer("", "A repeated run takes no other values on its command line."); return; }
     const set = hello.parameters.filter((each) => each.value !== first[each.name]).map((each) => `--set ${each.name}=${each.value}`);
     const line = [...(hello.command || ["haptic-fieldbus", "run", hello.scene]), ...set].join(" ");
     navigator.clipboard.writeText(line).then(() => answer("made", `copied: ${line}`), () => answer("", line));
@@ -202,7 +207,7 @@ window.haptic = (() => {
   function ticks(low, high, most) { // round numbers between two ends
     const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
     const step = power * ([1, 2, 5, 10].find((each) => each * power >= rough) || 10), found = [];
-    for (let at = Math.ceil(low / step) * step; at <= high + step * 1e-9; at += step) found.push(Number(at.toPrecision(12)));
+    for (let number = Math.ceil(low / step); number <= high / step + 1e-9; number++) found.push(Number((number * step).toPrecision(12)));
     return found;
   }
   function scale(key, low, high, least) { // the ends of an axis: they grow at once and shrink in a second, so that nothing jumps
@@ -339,7 +344,9 @@ window.haptic = (() => {
     const [bottom, top] = scale("law " + axis.name, Math.min(0, ...known, ...forces), Math.max(0, ...known, ...forces), 0.02 * axis.effort);
     const left = 48, right = width - 14, base = height - 34, ceiling = 30;
     const x = (place) => left + ((place - low) / (high - low)) * (right - left), y = (force) => base - ((force - bottom) / (top - bottom)) * (base - ceiling);
-    words(pen, `${axis.rotary ? "Torque" : "Force"} [${axis.effort_unit}] over position${hello.axes.length > 1 ? ": " + axis.name : ""}`, 12, 18, colours.ink);
+    const title = `${axis.rotary ? "Torque" : "Force"} [${axis.effort_unit}]`, many = hello.axes.length > 1 ? ": " + axis.name : "";
+    const fits = [title + " over position" + many, title + many, title].find((each) => pen.measureText(each).width < width - 145) || title;
+    words(pen, fits, 12, 18, colours.ink);
     words(pen, axis.rotary ? "°" : "mm", right, height - 6, colours.faint, "right");
     frame(pen, ticks(low, high, width / 80), ticks(bottom, top, height / 45), x, y, [left, right, ceiling, base]);
     pen.save(); pen.beginPath(); pen.rect(left, ceiling, right - left, base - ceiling); pen.clip();
@@ -348,19 +355,21 @@ window.haptic = (() => {
     line(pen, trail.map(([place, force]) => [x(place), y(force)]), colours.green, 1.6);
     if (trail.length) { pen.beginPath(); pen.arc(x(trail[0][0]), y(trail[0][1]), 6, 0, 2 * Math.PI); pen.fillStyle = colours.green; pen.fill(); pen.strokeStyle = colours.card; pen.lineWidth = 2; pen.stroke(); }
     pen.restore();
-    key(pen, [["law", colours.orange], ["given", colours.green]], right, 18);
+    key(pen, [["law", colours.orange], ["given", colours.green]], right, 18, 12 + pen.measureText(fits).width + 10);
   }
 
   function frame(pen, across, up, x, y, [left, right, ceiling, base], offset = 0) {
-    for (const place of across) { line(pen, [[x(place), ceiling], [x(place), base]], colours.line, 1); words(pen, short(place - offset), x(place), base + 15, colours.faint, "center"); }
+    for (const place of across) { line(pen, [[x(place), ceiling], [x(place), base]], colours.line, 1); words(pen, short(Number((place - offset).toFixed(9))), x(place), base + 15, colours.faint, "center"); }
     for (const each of up) { line(pen, [[left, y(each)], [right, y(each)]], each === 0 ? colours.grey : colours.line, 1); words(pen, short(each), left - 6, y(each) + 4, colours.faint, "right"); }
   }
-  function key(pen, entries, right, y) { // names of lines, from the right
-    for (const [name, colour] of [...entries].reverse()) {
+  function key(pen, entries, right, y, left) { // names of lines, from the right; of those without room a number
+    for (const [number, [name, colour]] of [...entries].reverse().entries()) {
+      const wide = pen.measureText(name).width + 19, most = left + (number < entries.length - 1 ? 34 : 0);
+      if (right - wide < most) { words(pen, `+ ${entries.length - number}`, right, y, colours.faint, "right"); return; }
       words(pen, name, right, y, colour, "right");
-      right -= pen.measureText(name).width + 5;
-      line(pen, [[right - 14, y - 4], [right, y - 4]], colour, 3);
-      right -= 24;
+      right -= wide;
+      line(pen, [[right, y - 4], [right + 14, y - 4]], colour, 3);
+      right -= 10;
     }
   }
 
@@ -396,14 +405,11 @@ window.haptic = (() => {
     points.forEach((found, number) => line(pen, found.map(([at, of]) => [x(at), y(of)]), each[number][2]));
     pen.restore();
     words(pen, each.length ? each[0][1] : "", left - 6, 15, colours.faint, "right");
-    key(pen, each.map(([label, , colour]) => [label, colour]), right - 100, 16);
     canvas.timeAt = (at) => end - ((right - at) / (right - left)) * shown;
     for (const [number, at] of [...marks, ...(mouse === null ? [] : [mouse])].entries())
       if (x(at) >= left) line(pen, [[x(at), ceiling], [x(at), base]], number < marks.length ? colours.purple : colours.grey, 1.2, [4, 3]);
-    if (mouse !== null && seen.length) {
-      const row = seen[Math.min(seen.length - 1, Math.max(0, Math.round(((mouse - time(seen[0])) / (end - time(seen[0]) || 1)) * (seen.length - 1))))];
-      words(pen, each.map(([, of, , read]) => `${short(read(row))} ${of}`).join(" · "), left + 6, 15, colours.ink);
-    }
+    const pointed = mouse === null ? null : seen[Math.min(seen.length - 1, after(seen, mouse))]; // its values stand beside the names
+    key(pen, each.map(([label, of, colour, read]) => [pointed ? `${label} ${short(read(pointed))} ${of}` : label, colour]), right - 100, 16, left + 8);
   }
 
   const leastOf = (of) => ({ mm: 1, "°": 1 })[of] || (hello.axes.some((axis) => axis.effort_unit === of) ? 0.004 * hello.axes[0].effort : 1e-3);
