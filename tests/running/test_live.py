@@ -187,6 +187,20 @@ def test_a_wrong_value_is_refused_in_a_sentence_and_its_sender_goes_on() -> None
     assert all("expected" in sentence for sentence in said)
 
 
+def test_values_of_any_depth_leave_the_thread_of_stop_alive() -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        for depth in range(800, 1100, 5):
+            other = Watcher(folder() / f"{os.getpid()}.sock")
+            with contextlib.suppress(OSError):
+                other.reader.socket.sendall(b'{"pull": ' + b"[" * depth + b"]" * depth + b"}\n")
+            other.reader.close()
+        watcher.reader.send({"change": {"wall.stiffness": 700.0}})
+        watcher.until("changed")
+
+    assert not run_watched(watch).trips
+
+
 @pytest.mark.parametrize("led", [False, True])
 def test_what_a_page_has_changed_is_repeated_and_the_hand_it_led_is_told(led: bool, tmp_path: Path) -> None:
     def watch(watcher: Watcher) -> None:
