@@ -14,6 +14,8 @@ from matplotlib.transforms import Bbox
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 CLOSE = 0.03
 """Permitted difference of numbers in a picture, of the range of its axis: last digits depend on the machine."""
+ROUNDING = 1e-12
+"""Values below it on a logarithmic scale are rounding, which differs between processors."""
 TOUCH = 1.0
 """Overlap of two texts that nobody sees [pixels]."""
 
@@ -129,5 +131,5 @@ def _is_close(a: Sequence[float], b: Sequence[float], panel: dict[str, Any], axe
 
 def _scaled(value: float, scale: str) -> float:
     if scale == "log":
-        return math.log10(value) if value > 0.0 else -20.0
+        return math.log10(max(value, ROUNDING))
     return math.copysign(math.log10(1.0 + 10.0 * abs(value)), value) if scale == "symlog" else value

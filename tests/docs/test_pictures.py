@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -105,6 +106,25 @@ def test_a_stale_picture_is_found() -> None:
     logarithmic = deepcopy(then)
     logarithmic["panels"][0]["scales"] = ["linear", "log"]
     assert differences(then, logarithmic)
+
+
+def errors(*values: float) -> dict[str, Any]:
+    """What a picture of errors over steps shows."""
+    picture = figure(3.0, 5.0, "Errors")
+    panel = picture.subplots()
+    panel.loglog(10.0 ** np.arange(len(values)), values)
+    panel.set_ylim(1e-16, 1.0)
+    dress(panel, "errors", "steps [1]", "error [1]")
+    shown: dict[str, Any] = content(picture)
+    return shown
+
+
+def test_rounding_makes_no_picture_stale() -> None:
+    """Processors round differently: what is left of an exact method is noise."""
+    then = errors(2e-16, 1e-3)
+    assert differences(then, errors(3e-14, 1.1e-3)) == []
+    assert differences(then, errors(2e-16, 1e-1))
+    assert differences(then, errors(1e-8, 1e-3))
 
 
 def test_texts_that_overlap_or_leave_the_canvas_are_found() -> None:

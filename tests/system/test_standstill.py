@@ -55,7 +55,8 @@ LEANT_ON = (
 AT_LENGTH = ("wall", "damped_wall", "end_stops", "kelvin_voigt")
 """Scenes that are leant on for all of the ten minutes here."""
 SLOWLY = 100.0
-"""[Hz]; the rate makes the tests fast, and the wall softer where it would be unstable."""
+"""[Hz]; the rate makes the tests fast, and the wall softer where it would be unstable. What is above the limit of its
+bench is told so, and leant on all the same."""
 FASTER = {"teleoperation": 250.0}
 """[Hz]; what softening alone does not make stable at the low rate."""
 
@@ -72,7 +73,8 @@ def test_a_hand_that_leans_for_ten_minutes_is_no_fault(scene: str) -> None:
     """No trip, no cap, and a score that does not change by a tenth."""
     short, long = leant_on(scene, 5.0), leant_on(scene, 600.0)
     assert long.trips == ()
-    assert long.warnings == short.warnings == ()
+    assert long.warnings == short.warnings
+    assert not [told for told in long.warnings if "exceeds the limit" not in told]
     force = long.traces[0].force
     assert abs(force[-1]) == pytest.approx(abs(force[len(force) // 2]), abs=0.5)
     assert long.passivity[0].largest < 0.1 * long.passivity[0].limit
