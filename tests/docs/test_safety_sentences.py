@@ -94,6 +94,7 @@ TESTS: dict[int, dict[str, str]] = {
         "forgiven within the budget": FORGIVEN,
         "at most 50 mJ and 2 mW": ALONE,
     },
+    62: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 

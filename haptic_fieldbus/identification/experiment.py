@@ -1,0 +1,347 @@
+"""The two experiments that measure a bench, each a law of effort over position with stages.
+
+`Probe` knows nothing of the bench, and its record gives a first model; `GuidedMotion` is led by that model:
+
+- *rest*: no effort. The position must stay where it is: a load that falls when it is free is not measured.
+- *breakaway*: the effort rises slowly until the handle moves, and then stops it; both ways, twice.
+- *pulse*: an effort above the breakaway pushes the handle until it has a speed or has gone a way, and its opposite
+  stops it. Pushes that are too short are repeated with less effort, too weak ones with more.
+- *motion*: the handle is led to and fro through the travel, and small oscillations ride on this slow motion, so that
+  friction mostly keeps its direction. A slow feedback keeps it on its way.
+- *check*: the same with other oscillations; this part of the record is predicted and not used in the fit.
+
+Every stage stays inside `Bounds`. A handle that is about to leave them, or is too fast, ends the experiment, and there
+is no effort from then on. The limits of the run, which trip, lie where the bounds end.
+
+All quantities are in the workspace of the axis: m, N and kg, or rad, N·m and kg·m².
+"""
+
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+
+REST_TIME = 0.4
+"""Time without effort [s]."""
+RAMP_TIME = 1.5
+"""Time in which the effort of the breakaway rises to its bound [s]."""
+MOVED_COUNTS = 6.0
+"""GuidedMotion that counts as one [counts]."""
+SETTLING = 0.15
+"""Time without effort after a stop [s]."""
+LONGEST_PUSH = 0.5
+"""[s]"""
+FEWEST_PERIODS = 8
+"""Shortest push that tells an inertia [periods]."""
+FOLLOWING, FOLLOWING_PHASE = 10.0, 0.25
+"""Double pole of the feedback of the slow motion [1/s], and its largest product with the age of a speed."""
+FASTEST_MOTION = 2.0 * math.pi
+"""Largest angular frequency of the slow motion [1/s]."""
+MOST_PULSES, GOOD_PULSES = 20, 4
+"""Largest number of pulses, and number of those of a good length that are enough."""
+PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.25, 0.5, 0.15
+"""Largest speeds of a push, of the slow motion and of the oscillations, as shares of the bound."""
+PUSH_WAY, MOTION_WAY = 0.06, 0.3
+"""Way of a push and amplitude of the slow motion, as shares of the travel."""
+RIDING_EFFORT, MOTION_EFFORT = 0.4, 0.3
+"""Efforts of the oscillations and of the slow motion's acceleration, as shares of the bound."""
+LINES = 9
+"""Number of frequencies of the oscillations."""
+SLOWEST_LINE, FASTEST_LINE = 4.0, 80.0
+"""Range of their frequencies [Hz]; at most a fifth of the rate."""
+SAMPLES, SHORTEST_MOTION = 4000, 8.0
+"""Samples of the motion, and its shortest time [s]."""
+CHECK_SHARE = 0.4
+"""Length of the check, as a share of that of the motion."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Largest motion and effort of an experiment, and the grid of its samples."""
+
+    period: float
+    """[s]"""
+    resolution: float
+    """One encoder count [m or rad]."""
+    low: float
+    high: float
+    """Travel [m or rad]."""
+    speed: float
+    effort: float
+    acceleration: float
+    """Acceleration at which the run would trip; infinite without such a limit."""
+
+    @property
+    def travel(self) -> float:
+        """Return the length of the travel."""
+        return self.high - self.low
+
+    @property
+    def middle(self) -> float:
+        """Return the middle of the travel."""
+        return 0.5 * (self.low + self.high)
+
+
+class ExperimentError(Exception):
+    """The experiment cannot go on; the message says why. Its effort is 0."""
+
+
+Stage = Generator[float, float, None]
+"""One stage: it yields efforts and receives the position of each period."""
+
+
+class Experiment:
+    """A law: `effort(position)` once a period. `stage` is the present one, `done` after the last."""
+
+    def __init__(self, bounds: Bounds) -> None:
+        self.bounds = bounds
+        self.stage = "rest"
+        self.done = False
+        self.failure = ""
+        """Why the experiment ended early; empty if it did not."""
+        self.mass = 0.0
+        """Mass for the way to stop; 0 while it is unknown."""
+        self._places: list[float] = []
+        """Last positions, for the speed."""
+        self._width = max(3, round(0.01 / bounds.period))
+        self._steps = self._all()
+        self._begun = False
+
+    def effort(self, position: float) -> float:
+        """Return the effort of this period."""
+        self._places.append(position)
+        del self._places[: -self._width - 1]
+        if self.done:
+            return 0.0
+        try:
+            if not self._begun:
+                self._begun = True
+                return next(self._steps)
+            return self._steps.send(position)
+        except StopIteration:
+            self.done = True
+        except ExperimentError as error:
+            self.failure, self.done = str(error), True
+        return 0.0
+
+    @property
+    def speed(self) -> float:
+        """Return the mean speed over the last 10 ms, or three periods."""
+        places = self._places
+        return (places[-1] - places[0]) / (max(len(places) - 1, 1) * self.bounds.period)
+
+    @property
+    def place(self) -> float:
+        """Return the present position."""
+        return self._places[-1]
+
+    def _all(self) -> Stage:
+        """Go through the stages."""
+        raise NotImplementedError
+
+    # What several stages do.
+
+    def _wait(self, seconds: float) -> Stage:
+        for _ in range(max(1, round(seconds / self.bounds.period))):
+            yield 0.0
+
+    def _check(self) -> None:
+        """Raise ExperimentError when the handle is on its way out of the travel, or too fast."""
+        bounds, speed = self.bounds, self.speed
+        if abs(speed) > 0.9 * bounds.speed:
+            raise ExperimentError(f"the handle was faster than announced in the stage {self.stage}")
+        # The way to stop, by the measured deceleration; before it is known, a tenth of the travel.
+        stopping = 0.5 * self.mass * speed * speed / bounds.effort if self.mass else 0.0
+        ahead = self.place + math.copysign(stopping, speed)
+        if not bounds.low <= ahead <= bounds.high:
+            raise ExperimentError(f"the handle would have left the announced travel in the stage {self.stage}")
+
+    def _stop(self, effort: float) -> Stage:
+        """Stop the handle by the opposite effort, and wait until it has come to rest."""
+        slow = self.bounds.resolution / (self._width * self.bounds.period)
+        side = math.copysign(1.0, self.speed)
+        for _ in range(round(LONGEST_PUSH / self.bounds.period)):
+            if side * self.speed <= slow:
+                break
+            yield -side * effort
+        yield from self._wait(SETTLING)
+
+
+class Probe(Experiment):
+    """Rest, breakaway and pulses; nothing of the bench is known before."""
+
+    def __init__(self, bounds: Bounds) -> None:
+        super().__init__(bounds)
+        self.friction = self.load = 0.0
+        """From the breakaway [N or N·m]."""
+
+    def _all(self) -> Stage:
+        yield from self._rest()
+        self.stage = "breakaway"
+        yield from self._breakaway()
+        self.stage = "pulse"
+        yield from self._pulses()
+
+    def _rest(self) -> Stage:
+        here = self.place
+        for effort in self._wait(REST_TIME):
+            yield effort
+            if abs(self.place - here) > max(4.0 * self.bounds.resolution, 0.005 * self.bounds.travel):
+                raise ExperimentError(
+                    "the handle moves while no effort acts on it: a weight that falls is not measured. Balance it, or "
+                    "take the hand away"
+                )
+
+    def _breakaway(self) -> Stage:
+        efforts: dict[int, list[float]] = {1: [], -1: []}
+        for side in (1, -1, 1, -1):
+            here, rate = self.place, self.bounds.effort / RAMP_TIME * self.bounds.period
+            effort = 0.0
+            while side * (self.place - here) < MOVED_COUNTS * self.bounds.resolution:
+                effort += rate
+                if effort > self.bounds.effort:
+                    raise ExperimentError(
+                        "nothing moved up to the announced effort: release the handle or the brake, or raise --effort"
+                    )
+                yield side * effort
+                self._check()
+            efforts[side].append(effort)
+            yield from self._stop(effort)
+        there, back = min(efforts[1]), min(efforts[-1])
+        self.friction, self.load = 0.5 * (there + back), 0.5 * (back - there)
+
+    def _pulses(self) -> Stage:
+        """Push and stop the handle both ways, with an effort that gives pushes of a good length."""
+        bounds, good = self.bounds, 0
+        effort = min(0.5 * bounds.effort, 1.5 * self.friction + 0.05 * bounds.effort)
+        for _ in range(MOST_PULSES):
+            side = 1 if self.place < bounds.middle else -1
+            pushed = yield from self._push(side, effort)
+            if pushed < FEWEST_PERIODS * bounds.period:
+                effort *= 0.6
+            elif pushed >= LONGEST_PUSH and effort < 0.8 * bounds.effort:
+                effort = min(0.8 * bounds.effort, 1.5 * effort)
+            else:
+                good += 1
+            if good == GOOD_PULSES:
+                return
+        raise ExperimentError("no push was of a length that tells an inertia: the handle moved too little or too fast")
+
+    def _push(self, side: int, effort: float) -> Generator[float, float, float]:
+        """Push and stop; return the time of the push [s]."""
+        bounds, here, pushed = self.bounds, self.place, 0
+        while (
+            side * (self.place - here) < PUSH_WAY * bounds.travel
+            and side * self.speed < PUSH_SPEED * bounds.speed
+            and pushed * bounds.period < LONGEST_PUSH
+        ):
+            yield side * effort
+            pushed += 1
+            self._check()
+        yield from self._stop(effort)
+        return pushed * bounds.period
+
+
+class GuidedMotion(Experiment):
+    """Slow motion with oscillations on it, led by a first model of the bench in its workspace."""
+
+    def __init__(self, bounds: Bounds, mass: float, friction: float, load: float, delay: float) -> None:
+        super().__init__(bounds)
+        self.stage = "middle"
+        self.mass, self._friction, self._load = mass, friction, load
+        # The mean speed is half its width old; the loop keeps a phase margin of 60° for all of it.
+        late = delay + (0.5 + 0.5 * self._width) * bounds.period
+        self._following = min(FOLLOWING, FOLLOWING_PHASE / late)
+
+    def _all(self) -> Stage:
+        yield from self._to_middle()
+        self.stage = "motion"
+        yield from self._motion(0, self.motion_time)
+        self.stage = "check"
+        yield from self._motion(1, CHECK_SHARE * self.motion_time)
+        self.stage = "stop"
+        yield from self._halt()
+
+    @property
+    def motion_time(self) -> float:
+        """Return the length of the motion [s]."""
+        return max(SHORTEST_MOTION, SAMPLES * self.bounds.period)
+
+    def _to_middle(self) -> Stage:
+        """Lead the handle to the middle of the travel."""
+        begin, bounds = self.place, self.bounds
+        way = bounds.middle - begin
+        time = max(0.5, math.pi * abs(way) / (0.5 * bounds.speed), 5.0 * math.sqrt(abs(way) / self._acceleration))
+        count, rate = round(time / bounds.period), math.pi / time
+        for k in range(count):
+            turn = math.pi * k / count
+            yield self._led(
+                begin + 0.5 * way * (1.0 - math.cos(turn)),
+                0.5 * way * rate * math.sin(turn),
+                0.5 * way * rate * rate * math.cos(turn),
+            )
+            self._check()
+
+    def _halt(self) -> Stage:
+        """Bring the handle to rest where it is going."""
+        begin, speed, time = self.place, self.speed, 0.3
+        for k in range(round(time / self.bounds.period)):
+            left = 1.0 - k * self.bounds.period / time
+            yield self._led(begin + 0.5 * speed * time * (1.0 - left * left), speed * left, -speed / time)
+            self._check()
+
+    @property
+    def _acceleration(self) -> float:
+        """Return the largest acceleration that is planned; friction and load take their part of the effort."""
+        bounds = self.bounds
+        free = max(bounds.effort - self._friction - abs(self._load), 0.1 * bounds.effort)
+        return min(free / self.mass, 0.4 * bounds.acceleration)
+
+    def _led(self, place: float, speed: float, acceleration: float, riding: float = 0.0) -> float:
+        """Return the effort that leads the handle along, within the bound."""
+        bounds = self.bounds
+        rate = self._following
+        behind = rate * rate * (place - self.place) + 2.0 * rate * (speed - self.speed)
+        slow = 0.02 * bounds.speed
+        against = self._friction * max(-1.0, min(1.0, speed / slow))
+        effort = self.mass * (acceleration + behind) + against - self._load + riding
+        return max(-bounds.effort, min(bounds.effort, effort))
+
+    def _motion(self, number: int, time: float) -> Stage:
+        """Lead the handle to and fro, with oscillations on it; `number` chooses their phases."""
+        bounds, begin = self.bounds, self.place
+        amplitude, rate = self._slow_motion()
+        lines = self._lines(number)
+        for k in range(round(time / bounds.period)):
+            t = k * bounds.period
+            rise = min(1.0, t * rate / math.pi)  # it begins gently, where the handle is
+            turn = rate * t
+            place = bounds.middle + (begin - bounds.middle) * (1.0 - rise) + rise * amplitude * math.sin(turn)
+            speed = rise * amplitude * rate * math.cos(turn)
+            bend = -rise * amplitude * rate * rate * math.sin(turn)
+            riding = rise * sum(effort * math.sin(2.0 * math.pi * f * t + phase) for f, effort, phase in lines)
+            yield self._led(place, speed, bend, riding)
+            self._check()
+
+    def _slow_motion(self) -> tuple[float, float]:
+        """Return amplitude and angular frequency of the slow motion."""
+        bounds = self.bounds
+        amplitude = MOTION_WAY * bounds.travel
+        strongest = MOTION_EFFORT * self._acceleration
+        rate = min(MOTION_SPEED * bounds.speed / amplitude, math.sqrt(strongest / amplitude), FASTEST_MOTION)
+        return amplitude, rate
+
+    def _lines(self, number: int) -> list[tuple[float, float, float]]:
+        """Return frequency [Hz], effort and phase of each oscillation."""
+        bounds = self.bounds
+        fastest = min(FASTEST_LINE, 0.2 / bounds.period)
+        slowest = min(SLOWEST_LINE, 0.3 * fastest)
+        amplitude, rate = self._slow_motion()
+        effort = RIDING_EFFORT * self._acceleration * self.mass / math.sqrt(LINES)
+        # Together slower than the slow motion, so that friction mostly keeps its direction.
+        most = min(RIDING_SPEED * bounds.speed, 0.7 * amplitude * rate) / math.sqrt(LINES)
+        found = []
+        for line in range(LINES):
+            frequency = slowest * (fastest / slowest) ** (line / (LINES - 1))
+            phase = math.pi * line * (line + number) / LINES  # Schroeder
+            found.append((frequency, min(effort, most * self.mass * 2.0 * math.pi * frequency), phase))
+        return found

@@ -1,0 +1,136 @@
+"""The experiments: how far, how fast and how strongly they move a bench, and how they end on anything odd."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
+from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.sim.mechanics.motion import SPEED, Shaft
+from haptic_fieldbus.sim.mechanics.plant import Plant
+from tests.identification.benches import Bench, conducted, plant_of_bench
+
+MODEL = ShaftModel(4e-5, 1e-4, 2e-3, 0.0008, 0.0002)
+BENCH = Bench(MODEL, 4096, 1000.0, 0.1, 60.0, 8.0)
+
+
+def motion(bench: Bench = BENCH, **told: float) -> GuidedMotion:
+    """The motion with the values of the bench, but for those that are told."""
+    model = replace(bench.model, **told)
+    return GuidedMotion(bench.bounds, model.inertia, model.coulomb, model.load, model.delay + model.lag)
+
+
+def test_the_probe_goes_through_its_stages_and_ends_at_rest() -> None:
+    law, plant = Probe(BENCH.bounds), plant_of_bench(BENCH)
+    course = conducted(law, BENCH, plant)
+    assert law.failure == ""
+    assert list(dict.fromkeys(course.stages)) == ["rest", "breakaway", "pulse"]
+    assert abs(plant.velocity) < 0.5
+    # The effort grows on until the motion is seen.
+    assert 2e-3 <= law.friction <= 5e-3
+    rest = course.stages.count("rest")
+    assert set(course.record.torques[: rest - 1]) == {0.0}
+
+
+def test_the_breakaway_tells_a_constant_load() -> None:
+    law = Probe(BENCH.bounds)
+    conducted(law, BENCH, plant_of_bench(BENCH), load=1e-3)
+    assert law.failure == ""
+    assert law.load == pytest.approx(1e-3, rel=0.3)
+
+
+def test_the_motion_stays_in_its_bounds_and_ends_slowly() -> None:
+    law, plant = motion(), plant_of_bench(BENCH)
+    course = conducted(law, BENCH, plant)
+    assert law.failure == ""
+    assert list(dict.fromkeys(course.stages)) == ["middle", "motion", "check", "stop"]
+    assert 1.5 < max(map(abs, course.angles)) < 4.0
+    assert max(map(abs, course.speeds)) < 60.0
+    assert max(map(abs, course.record.torques)) <= 0.1004
+    assert abs(plant.velocity) < 2.0
+
+
+def test_an_acceleration_limit_is_kept_away_from() -> None:
+    calm = motion()
+    calm.bounds = replace(calm.bounds, acceleration=500.0)
+    course = conducted(calm, BENCH, plant_of_bench(BENCH))
+    assert calm.failure == ""
+    steps = [abs(after - before) / 1e-3 for before, after in zip(course.speeds, course.speeds[1:], strict=False)]
+    assert max(steps) < 500.0
+
+
+# What ends an experiment.
+
+
+def test_a_load_that_falls_is_refused_before_any_effort() -> None:
+    law = Probe(BENCH.bounds)
+    course = conducted(law, BENCH, plant_of_bench(BENCH), load=6e-3)
+    assert "moves while no effort acts" in law.failure
+    assert set(course.record.torques) == {0.0}
+
+
+def test_a_handle_that_is_held_fast_is_told() -> None:
+    law = Probe(BENCH.bounds)
+    course = conducted(law, replace(BENCH, model=replace(MODEL, coulomb=0.5)), Plant(Shaft(4e-5, 0.0, 0.5, 2e-4), None))
+    assert "nothing moved up to the announced effort" in law.failure
+    assert course.record.torques[-1] == 0.0
+    assert max(map(abs, course.record.torques)) <= 0.1004
+
+
+def test_a_motor_that_turns_the_other_way_ends_the_probe_within_its_travel() -> None:
+    law = Probe(replace(BENCH.bounds, low=-0.5, high=0.5))
+    plant, places = plant_of_bench(BENCH), list[float]()
+    for k in range(4000):
+        plant.advance(k * 1_000_000)
+        places.append(plant.position)
+        plant.set_target(-law.effort(plant.position))
+    assert law.failure
+    assert law.effort(0.0) == 0.0
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1.0, 3.0])
+def test_a_hand_that_pushes_the_handle_out_of_the_travel_ends_the_motion(seconds: float) -> None:
+    law, plant = motion(), plant_of_bench(BENCH)
+    for k in range(20_000):
+        plant.advance(k * 1_000_000)
+        pushed = 0.2 if k > 1000 * seconds else 0.0
+        plant.set_target(law.effort(plant.position) + pushed)
+        if law.done:
+            break
+    assert "announced" in law.failure
+    assert abs(plant.position) <= 4.0
+    assert law.effort(plant.position) == 0.0
+
+
+@pytest.mark.parametrize("wrong", [0.2, 5.0])
+def test_a_first_model_that_is_wrong_by_a_factor_of_five_leaves_no_bound(wrong: float) -> None:
+    law = motion(inertia=wrong * 4e-5)
+    course = conducted(law, BENCH, plant_of_bench(BENCH))
+    assert max(map(abs, course.angles)) <= 4.0
+    assert max(map(abs, course.record.torques)) <= 0.1004
+
+
+def test_a_bench_that_is_too_light_for_its_encoder_is_told() -> None:
+    light = replace(BENCH, model=replace(MODEL, inertia=1e-8, coulomb=0.0, damping=0.0), counts=24, rate=100.0)
+    law = Probe(light.bounds)
+    conducted(law, light, plant_of_bench(light))
+    assert law.failure
+
+
+def test_an_experiment_that_is_over_gives_no_effort_ever() -> None:
+    law = Probe(Bounds(1e-3, 1e-3, -1.0, 1.0, 10.0, 0.1, math.inf))
+    while not law.done:
+        law.effort(0.0)
+    assert law.failure
+    assert {law.effort(place) for place in (0.0, 5.0, math.nan)} == {0.0}
+
+
+def test_the_base_of_both_has_no_stages() -> None:
+    with pytest.raises(NotImplementedError):
+        Experiment(BENCH.bounds)
+
+
+def test_a_plant_is_moved_as_it_is_said_to_be() -> None:
+    plant = plant_of_bench(BENCH, velocity=3.0)
+    assert plant.state[SPEED] == 3.0

@@ -1,0 +1,96 @@
+"""The sampled shaft against scipy's solver, which follows reversals and breakaways as events of its own."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, predicted_positions
+
+PERIOD = 0.002
+SMOOTH = ShaftModel(4e-5, 3e-4, 0.0, 0.0007, 0.0006)
+ROUGH = ShaftModel(4e-5, 1e-4, 3e-3, 0.0031, 0.0009)
+LOADED = ShaftModel(9e-5, 0.0, 2e-3, 0.0, 0.0002, load=1.2e-3)
+
+
+def solved(model: ShaftModel, torques: list[float], speed: float = 0.0) -> list[float]:
+    """Angles at the samples, by scipy: each piece of constant set-point and mode on its own."""
+    edges = sorted({k * PERIOD for k in range(len(torques))} | {k * PERIOD + model.delay for k in range(len(torques))})
+    state, side, found = np.array([0.0, speed, 0.0]), int(np.sign(speed)), [0.0]
+    for begin, end in pairwise(edges):
+        number = math.floor((0.5 * (begin + end) - model.delay) / PERIOD)
+        target = torques[number] if number >= 0 else 0.0
+        state, side = _piece(model, state, side, target, end - begin)
+        if abs(end / PERIOD - round(end / PERIOD)) < 1e-9 and round(end / PERIOD) < len(torques):
+            found.append(float(state[0]))
+    return found
+
+
+def _piece(model: ShaftModel, state: np.ndarray, side: int, target: float, left: float) -> tuple[np.ndarray, int]:
+    while left > 1e-15:
+
+        def rate(_: float, z: np.ndarray, side: int = side) -> list[float]:
+            torque = (target - z[2]) / model.lag
+            if not side and model.coulomb:
+                return [0.0, 0.0, torque]
+            return [z[1], (z[2] + model.load - model.coulomb * side - model.damping * z[1]) / model.inertia, torque]
+
+        def event(_: float, z: np.ndarray, side: int = side) -> float:
+            return float(side * z[1] if side else model.coulomb - abs(z[2] + model.load))
+
+        event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
+        events = [event] if model.coulomb else None
+        run = solve_ivp(rate, (0.0, left), state, events=events, rtol=1e-10, atol=1e-13, method="DOP853")
+        state, left = run.y[:, -1], left - run.t[-1]
+        if run.status == 1:
+            pull = state[2] + model.load
+            if side:
+                state[1] = 0.0
+                side = 0 if abs(pull) <= model.coulomb else int(np.sign(pull))
+            else:
+                side = int(np.sign(pull))
+    return state, side
+
+
+def pushes(count: int, size: float) -> list[float]:
+    """Steps that reverse the shaft and let it stick."""
+    draw = np.random.default_rng(3)
+    return [float(each) for each in np.repeat(draw.uniform(-size, size, count // 10), 10)]
+
+
+@pytest.mark.parametrize("model", [SMOOTH, ROUGH, LOADED], ids=["smooth", "rough", "loaded"])
+def test_an_open_integration_is_that_of_scipy(model: ShaftModel) -> None:
+    torques = pushes(120, 0.008)
+    mine = predicted_positions(model, [0.0] * len(torques), torques, PERIOD, leading=0.0)
+    theirs = solved(model, torques)
+    assert np.ptp(theirs) > 0.02
+    assert mine == pytest.approx(theirs, abs=1e-6)
+
+
+def test_a_spinning_shaft_slows_down_and_sticks_where_the_closed_form_says() -> None:
+    model = ShaftModel(4e-5, 0.0, 2e-3, 0.0, 0.0005)
+    angles = predicted_positions(model, [0.0] * 500, [0.0] * 500, PERIOD, speed=10.0, leading=0.0)
+    # ω²·J/(2·c)
+    assert angles[-1] == pytest.approx(100.0 * 4e-5 / 4e-3, rel=1e-9)
+
+
+def test_equal_rates_of_torque_and_speed_are_no_division_by_zero() -> None:
+    close, far = (HeldSpan(ShaftModel(4e-5, 4e-5 / lag, 0.0, 0.0, 0.01), 0.002) for lag in (0.01, 0.010001))
+    assert close.speed_of_torque == pytest.approx(far.speed_of_torque, rel=1e-3)
+    assert close.way_of_torque == pytest.approx(far.way_of_torque, rel=1e-3)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-16, 1e-9, 1e-7])
+def test_a_tiny_damping_is_the_limit_without_damping(damping: float) -> None:
+    span, free = (HeldSpan(ShaftModel(4e-5, each, 0.0, 0.0, 1e-3), 0.002) for each in (damping, 0.0))
+    assert span.way_of_force == pytest.approx(free.way_of_force, rel=1e-4)
+    assert free.way_of_force == pytest.approx(0.5 * 0.002**2 / 4e-5, rel=1e-12)
+
+
+def test_the_model_is_led_back_to_a_record_that_it_does_not_explain() -> None:
+    drifting = [0.01 * k * PERIOD for k in range(2000)]
+    at_rest = predicted_positions(SMOOTH, drifting, [0.0] * 2000, PERIOD)
+    assert abs(at_rest[-1] - drifting[-1]) < 0.01
+    assert predicted_positions(SMOOTH, drifting, [0.0] * 2000, PERIOD, leading=0.0)[-1] == 0.0
