@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.api.open_loop import Response
     from haptic_fieldbus.api.replaying import FirstDifference, compare_recording
     from haptic_fieldbus.api.session import LiveSession, session
+    from haptic_fieldbus.api.sweeping import Sweep, sweep
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, RigAxis, RotaryMechanism
     from haptic_fieldbus.errors import (
@@ -56,6 +57,7 @@ _HOMES = {
     "haptic_fieldbus.api": "plan repeat response run stability",
     "haptic_fieldbus.api.open_loop": "Response",
     "haptic_fieldbus.api.session": "LiveSession session",
+    "haptic_fieldbus.api.sweeping": "Sweep sweep",
     "haptic_fieldbus.assessing.result": "Result",
     "haptic_fieldbus.drive.rig": "Limits LinearMechanism Rig RigAxis RotaryMechanism",
     "haptic_fieldbus.margins.verdict": "Stability Verdict",
@@ -78,9 +80,9 @@ __all__ = [
     "HapticFieldbusError", "ImageTooLargeError", "Limits", "LinearMechanism", "LiveSession", "Plan", "PlanError",
     "ProfileError", "Provenance", "RecordedRun", "Response", "Result", "Rig", "RigAxis", "RigError",
     "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal", "SignalUnavailableError",
-    "Stability", "UnprovedGuardError", "UnstableSceneError", "UsageError", "VcanError", "Verdict", "Workspace",
-    "compare_recording", "load_profile", "load_rig", "load_scene", "plan", "read_provenance", "read_recording",
-    "repeat", "response", "run", "session", "stability",
+    "Stability", "Sweep", "UnprovedGuardError", "UnstableSceneError", "UsageError", "VcanError", "Verdict",
+    "Workspace", "compare_recording", "load_profile", "load_rig", "load_scene", "plan", "read_provenance",
+    "read_recording", "repeat", "response", "run", "session", "stability", "sweep",
 ]  # fmt: skip
 
 

@@ -306,14 +306,20 @@ def _shown(progress: Callable[[int, int], None] | bool | None, plan: Plan) -> Ca
     """Return the function that is told of progress; True is a line on standard error, which a real drive waits for."""
     if not isinstance(progress, bool):
         return progress
-    began = monotonic()
+    return progress_line() if progress and plan.simulated else None
+
+
+def progress_line() -> Callable[[int, int], None]:
+    """Return a function that writes the share that is done, and the time left, in one line on standard error."""
+    began, first = monotonic(), list[int]()
 
     def show(done: int, total: int) -> None:
-        left = (monotonic() - began) * (total - done) / max(done, 1)
+        first[:] = first or [done]
+        left = (monotonic() - began) * (total - done) / max(done - first[0], 1)
         sys.stderr.write(f"\r{done / total:4.0%}, {left:.0f} s left {chr(10) if done >= total else ''}")
         sys.stderr.flush()
 
-    return show if progress and plan.simulated else None
+    return show
 
 
 def repeat(source: str | Path | Provenance, *, record: str | Path | None = None) -> Result:

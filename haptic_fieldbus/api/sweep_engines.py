@@ -1,0 +1,370 @@
+"""Engines of a sweep: each turns points into rows, in whatever process it is called.
+
+An engine is a pure function of its job and its points, so a row depends neither on the process that computes it nor on
+the points that are computed with it. A refusal and a trip are rows: `outcome` and `message` tell of them.
+
+`verdict` judges the loop at the values of rig and profile, as `Stability.nominal`. The points of a lone wall that
+differ in its stiffness and damping alone share a plan: the matrix of a period is affine in both, and the eigenvalues of
+all matrices are found in one call. Any other point costs a plan. `full` renders a whole simulated run.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import lru_cache
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.api import Trial, run_task
+from haptic_fieldbus.api.stability_limits import judge_scene
+from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.documents import suggestion
+from haptic_fieldbus.documents.quantities import RANGES, Quantity
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, PlanError, SafetyTripError, UsageError
+from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.margins.passivity import spread_of, weight
+from haptic_fieldbus.margins.plant import Plant, quantisation_limit
+from haptic_fieldbus.margins.stiffness_map import Places
+from haptic_fieldbus.margins.verdict import AT_LIMIT, Verdict
+from haptic_fieldbus.numerics.sampled import growth, loop_matrix
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import select
+from haptic_fieldbus.scenes.files import named
+from haptic_fieldbus.scenes.wall import Wall
+
+Array = NDArray[np.float64]
+Value = float | int | str | bool
+Columns = Mapping[str, Sequence[Value]]
+"""Values of some points by the name of the parameter."""
+Rows = dict[str, list[Any]]
+"""Figures of these points by their name; None for one that a point does not have."""
+Measure = Callable[[Result], Mapping[str, Any]]
+"""Function from the result of a run to figures by their name: numbers, texts, True and False."""
+
+OF_TASK = ("rate", "method", "estimator")
+OF_TRIAL = ("hand", "seed", "duration", "fade_in")
+"""Parameters without a dot: those of any point, and those of a whole run alone."""
+RIG = "rig."
+"""In front of a parameter of the rig, such as rig.handle.viscous_damping."""
+DONE, REFUSED, TRIPPED = "done", "refused", "tripped"
+"""Outcomes of a point."""
+
+
+@dataclass(frozen=True)
+class SweepJob:
+    """What all points of a sweep have in common; goes to each process that computes some of them."""
+
+    engine: str
+    task: Task
+    """With the scene and the rig as values, since their files may change while a sweep goes on."""
+    trial: Trial
+    digest: str
+    """Digest of all inputs."""
+    measure: Measure | None = None
+
+
+# A point: the task with its values.
+
+
+def check_names(names: Sequence[str], job: SweepJob) -> None:
+    """Raise one UsageError for all parameters that neither scene, rig nor engine has."""
+    scene, rig = cast(Any, job.task.scene), cast(Rig, job.task.rig)
+    kinds, faults = {element.name: type(element) for element in scene.elements}, []
+    for name in names:
+        try:
+            if name.startswith(RIG):
+                with_rig_value(rig, name, None)
+            elif "." in name:
+                named(name, kinds, scene.name)
+            elif name not in OF_TASK and not (name in OF_TRIAL and job.engine == "full"):
+                known = (*OF_TASK, *(OF_TRIAL if job.engine == "full" else ()))
+                raise UsageError(
+                    f"{name}: the engine {job.engine} has no such parameter; expected {', '.join(known)}, "
+                    "element.parameter or rig.axis.key"
+                )
+        except UsageError as error:
+            faults.append(str(error).removeprefix("--set "))
+    if faults:
+        raise UsageError("\n".join(faults))
+
+
+def with_rig_value(rig: Rig, name: str, value: Any) -> Rig:
+    """Return the rig with another value of rig.AXIS.KEY or rig.AXIS.PART.KEY; with None the names are checked alone.
+
+    Raises UsageError for an axis, a part or a key that the rig does not have.
+    """
+    axis, *path = name.removeprefix(RIG).split(".")
+    if axis not in rig.axis or not path:
+        raise UsageError(f"{name}: expected {RIG}AXIS.KEY with an axis of the rig{suggestion(axis, rig.axis)}")
+    return replace(rig, axis={**rig.axis, axis: _with_value(rig.axis[axis], path, name, value)})
+
+
+def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
+    key, *rest = path
+    if not is_dataclass(part) or key not in (known := [field.name for field in fields(part)]):
+        near = suggestion(key, known) if is_dataclass(part) else ""
+        raise UsageError(f'{name}: the rig has no "{key}" there{near}')
+    if rest:
+        return replace(part, **{key: _with_value(getattr(part, key), rest, name, value)})  # type: ignore[type-var]
+    return part if value is None else replace(part, **{key: value})  # type: ignore[type-var]
+
+
+def task_at(job: SweepJob, point: Mapping[str, Value]) -> Task:
+    """Return the task of a point."""
+    rig = cast(Rig, job.task.rig)
+    for name in point:
+        if name.startswith(RIG):
+            rig = with_rig_value(rig, name, point[name])
+    settings = {name: value for name, value in point.items() if "." in name and not name.startswith(RIG)}
+    asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TASK}
+    return replace(job.task, rig=rig, settings={**(job.task.settings or {}), **settings}, **asked)
+
+
+def _points(columns: Columns) -> Iterator[dict[str, Value]]:
+    for values in zip(*columns.values(), strict=True):
+        yield dict(zip(columns, values, strict=True))
+
+
+def evaluate(job: SweepJob, columns: Columns) -> Rows:
+    """Return the rows of some points."""
+    return ENGINES[job.engine](job, columns)
+
+
+# Engine `verdict`.
+
+
+def verdict_rows(job: SweepJob, columns: Columns) -> Rows:
+    """Return verdict, growth a period, and the share of the damping of the device that passive hands need."""
+    count = len(next(iter(columns.values())))
+    rows: Rows = {name: [None] * count for name in ("outcome", "message", "verdict", "growth", "damping_share")}
+    rest = [*range(count)]
+    if _lone_wall(job):
+        rest = list(_wall_rows(job, columns, rows))
+    points = list(_points(columns)) if rest else []
+    for at in rest:
+        for name, value in _judged(task_at(job, points[at])).items():
+            rows[name][at] = value
+    return rows
+
+
+def _judged(task: Task) -> dict[str, Any]:
+    """Return the row of a point that has a plan of its own."""
+    try:
+        judgement = judge_scene(task)
+        loop, environment = judgement.group.loop, judgement.group.environment()
+        grown, share = loop.growth(environment), loop.damping_share(environment)
+    except (HapticFieldbusError, TypeError) as error:
+        return {"outcome": REFUSED, "message": str(error)}
+    found = {"growth": grown, "damping_share": share}
+    return {"outcome": DONE, "verdict": judgement.stability.nominal.value, **found}
+
+
+# Points of a scene that has a wall and nothing else: one plan for all with the same rate, bench and rendering.
+
+
+def _lone_wall(job: SweepJob) -> Wall | None:
+    """Return the wall of a scene that has no other element; None for any other scene."""
+    elements = cast(Any, job.task.scene).elements
+    settings = job.task.settings or {}
+    return elements[0] if len(elements) == 1 and type(elements[0]) is Wall and not settings else None
+
+
+@dataclass(frozen=True, eq=False)
+class WallLoop:
+    """What the verdicts of walls on one bench have in common."""
+
+    free: Array
+    """Matrix of a period without a wall, (n, n)."""
+    spring: Array
+    """Its change by a stiffness of 1."""
+    damper: Array
+    """Its change by a damping of 1."""
+    plant: Plant
+    period: float
+    delay: float
+    weight: float
+    """Factor of the damping by the weights of the estimator on the moves of single periods."""
+    least: float
+    """Growth of the handle outside of a damped wall, which counts as the scalar verdict counts it; otherwise 0."""
+
+    def growth(self, stiffness: Array, damping: Array) -> Array:
+        """Return the largest modulus of the eigenvalues, (n,)."""
+        moving = damping[:, None, None] * self.damper
+        moduli = np.abs(np.linalg.eigvals(self.free + stiffness[:, None, None] * self.spring + moving))
+        return np.asarray(np.maximum(moduli.max(axis=1), self.least), dtype=np.float64)
+
+    def damping_share(self, stiffness: Array, damping: Array) -> Array:
+        """Return the damping that passive hands need, as a share of that of the device (`margins.passivity`), (n,)."""
+        lag = self.plant.torque_lag
+        along = stiffness * (0.5 * self.period + self.delay + lag) + damping * self.weight
+        spread = math.sqrt(spread_of(self.period, self.delay, lag))
+        needed = 0.5 * (along + np.hypot(along, stiffness * spread))
+        return needed / self.plant.damping if self.plant.damping else np.full_like(needed, math.inf)
+
+    def verdicts(self, stiffness: Array, damping: Array, grown: Array, share: Array) -> list[str]:
+        """Return the verdict of each wall by the table of `margins.verdict`."""
+        held = quantisation_limit(self.plant)
+        rounding = (0.5 * stiffness + damping * self.weight / self.period) * self.plant.resolution
+        passive = (share <= 1.0 + ROUNDING) & (self.plant.coulomb >= rounding)
+        kinds = (Verdict.UNSTABLE, Verdict.LIMIT_CYCLE, Verdict.PASSIVE)
+        cases = [grown > 1.0 + AT_LIMIT, stiffness > (math.inf if held is None else held), passive]
+        return list(np.select(cases, [kind.value for kind in kinds], Verdict.STABLE.value).tolist())
+
+
+def _wall_rows(job: SweepJob, columns: Columns, rows: Rows) -> Iterator[int]:
+    """Fill the rows of walls that share a plan, and yield the places of the others."""
+    wall = cast(Wall, _lone_wall(job))
+    count = len(next(iter(columns.values())))
+    own = {f"{wall.name}.{name}": name for name in ("stiffness", "damping")}
+    numbers = {name: _numbers(columns.get(key, [getattr(wall, name)] * count)) for key, name in own.items()}
+    stiffness, damping = numbers["stiffness"], numbers["damping"]
+    possible = _usual(Quantity.STIFFNESS, stiffness) & ((damping == 0.0) | _usual(Quantity.DAMPING, damping))
+    others = {name: values for name, values in columns.items() if name not in own}
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    keys = zip(*others.values(), damping > 0.0, strict=True)
+    for at, key in enumerate(keys):
+        if possible[at]:
+            groups.setdefault(tuple(key), []).append(at)
+    yield from np.flatnonzero(~possible).tolist()
+    for key, places in groups.items():
+        yield from _fill(job, dict(zip(others, key, strict=False)), bool(key[-1]), places, (stiffness, damping), rows)
+
+
+def _usual(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
+    """Return where values are above 0 and such as a file may have; false for not-a-number."""
+    known = RANGES[quantity]
+    return (values >= known.smallest) & (values <= known.largest)
+
+
+def _numbers(values: Sequence[Value]) -> Array:
+    """Return numbers; not-a-number for anything else."""
+    return np.array([float(each) if type(each) in (int, float) else math.nan for each in values])
+
+
+def _fill(
+    job: SweepJob,
+    point: dict[str, Value],
+    damped: bool,
+    places: list[int],
+    numbers: tuple[Array, Array],
+    rows: Rows,
+) -> Iterator[int]:
+    """Fill the rows at these places, whose other parameters are those of `point`; yield places that need their own."""
+    try:
+        loop = _wall_loop(_Key(job, tuple(point.items()), damped))
+    except PlanError as error:  # of rate, bus or drive, whatever the wall is
+        for at in places:
+            rows["outcome"][at], rows["message"][at] = REFUSED, str(error)
+        return
+    except (HapticFieldbusError, TypeError):
+        loop = None
+    if loop is None:
+        yield from places
+        return
+    stiffness, damping = (each[places] for each in numbers)
+    grown, share = loop.growth(stiffness, damping), loop.damping_share(stiffness, damping)
+    found = {"verdict": loop.verdicts(stiffness, damping, grown, share)}
+    found |= {"growth": grown.tolist(), "damping_share": share.tolist(), "outcome": [DONE] * len(places)}
+    for name, values in found.items():
+        for at, value in zip(places, values, strict=True):
+            rows[name][at] = value
+
+
+@dataclass(frozen=True, eq=False)
+class _Key:
+    """A job and the parameters of some of its points beside the wall; equal for equal inputs."""
+
+    job: SweepJob
+    point: tuple[tuple[str, Value], ...]
+    damped: bool
+
+    def __hash__(self) -> int:
+        return hash((self.job.digest, self.point, self.damped))
+
+    def __eq__(self, other: object) -> bool:
+        mine = (self.job.digest, repr(self.point), self.damped)
+        return isinstance(other, _Key) and mine == (other.job.digest, repr(other.point), other.damped)
+
+
+@lru_cache(maxsize=256)
+def _wall_loop(key: _Key) -> WallLoop | None:
+    """Return what the walls on this bench have in common; None where a point needs a plan of its own."""
+    wall = cast(Wall, _lone_wall(key.job))
+    usual = {f"{wall.name}.stiffness": 1.0, f"{wall.name}.damping": 1.0 if key.damped else 0.0}
+    return _shared(select(task_at(key.job, {**usual, **dict(key.point)})).plan)
+
+
+def _shared(plan: Plan) -> WallLoop | None:
+    (axis,) = plan.axes
+    group = axis.group
+    if group is None or group.members[0].bodies or group.members[0].plant.tachometer:
+        return None
+    (member,), environment = group.members, group.environment()
+    wall, (low, high) = cast(Wall, axis.elements[0]), member.travel
+    if not isinstance(environment, Places) or not low < wall.position < high:
+        return None  # a wall at an end of the travel or beyond it, which the handle may not reach
+    (states,), (device,) = environment.together, group.loop.devices
+    free = loop_matrix(device, states.free)
+    spring, damper = (loop_matrix(device, each) - free for each in (states.spring, states.damper))
+    factor = weight(member.estimator, group.period) if states.estimator is not None else 0.0
+    leaves = wall.sides == "unilateral" and states.estimator is not None
+    least = growth(device, states.free) if leaves else 0.0
+    return WallLoop(free, spring, damper, member.plant, group.period, member.delay, factor, least)
+
+
+# Engine `full`.
+
+
+def full_rows(job: SweepJob, columns: Columns) -> Rows:
+    """Return outcome and figures of a simulated run at each point."""
+    found = [_ran(job, point) for point in _points(columns)]
+    names = dict.fromkeys(["outcome", "message", *(name for row in found for name in row)])
+    return {name: [row.get(name) for row in found] for name in names}
+
+
+def _ran(job: SweepJob, point: Mapping[str, Value]) -> dict[str, Any]:
+    asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TRIAL}
+    try:
+        result = run_task(task_at(job, point), replace(job.trial, **asked))
+    except (SafetyTripError, DriveFaultError) as error:
+        known = error.result if isinstance(error.result, Result) else None
+        return {"outcome": TRIPPED, "message": str(error), **({} if known is None else _figures(job, known))}
+    except HapticFieldbusError as error:
+        return {"outcome": REFUSED, "message": str(error)}
+    if result.stopped is not None:  # a run takes a signal as its end, and the sweep must not take it as its figures
+        raise KeyboardInterrupt(result.stopped.message)
+    return {"outcome": DONE, **_figures(job, result)}
+
+
+def _figures(job: SweepJob, result: Result) -> dict[str, Any]:
+    return dict((job.measure or run_figures)(result))
+
+
+def run_figures(result: Result) -> dict[str, Any]:
+    """Return the figures that `full` keeps of a run when no `measure` is given; SI units."""
+    error, stability = result.torque_error, result.stability
+    return {
+        "verdict": None if stability is None else stability.nominal.value,
+        "error_rms": None if error is None else error.rms,
+        "error_max": None if error is None else error.max,
+        "error_in_contact": None if error is None else error.contact,
+        "energy_generated_j": result.energy_generated,
+        "trip": result.trips[0].name if result.trips else None,
+        "trip_time_s": result.trips[0].time if result.trips else None,
+    }
+
+
+ENGINES: Mapping[str, Callable[[SweepJob, Columns], Rows]] = {"verdict": verdict_rows, "full": full_rows}
+"""Engines by their names."""
+TYPES = {
+    **dict.fromkeys(("outcome", "message", "verdict", "trip"), "string"),
+    **dict.fromkeys(
+        ("growth", "damping_share", "error_rms", "error_max", "error_in_contact", "energy_generated_j", "trip_time_s"),
+        "float64",
+    ),
+}
+"""Types of the columns of known figures, which hold where a chunk has none of them."""

@@ -1,0 +1,325 @@
+"""Sweeps beside the single calls that they stand for, and every way to end one early."""
+
+import json
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
+from haptic_fieldbus.api.stability_limits import judge_scene
+from haptic_fieldbus.api.sweeping import SweepPoints
+from haptic_fieldbus.planning.request import Task
+
+WALLS = {"wall.stiffness": [50.0, 600.0, 2500.0, 60000.0], "wall.damping": [0.0, 3.0, 40.0]}
+
+
+def rows(found: Sweep) -> list[dict[str, Any]]:
+    told: list[dict[str, Any]] = found.to_arrow().to_pylist()
+    return told
+
+
+def equal(one: Sweep, other: Sweep) -> bool:
+    return bool(one.to_arrow().equals(other.to_arrow()))
+
+
+@pytest.mark.parametrize("rendering", [{}, {"rate": 500.0}, {"estimator": "low-pass"}], ids=str)
+@pytest.mark.parametrize("place", [{}, {"wall.sides": "bilateral"}, {"wall.side": "negative"}], ids=str)
+def test_walls_that_share_a_plan_have_the_verdicts_of_single_ones(
+    rendering: dict[str, Any], place: dict[str, Any]
+) -> None:
+    found = rows(sweep("wall", WALLS, settings=place, workers=1, **rendering))
+    single = rows(sweep("wall", WALLS | {key: [value] for key, value in place.items()}, workers=1, **rendering))
+    assert [row["verdict"] for row in found] == [row["verdict"] for row in single]
+    for row in found[::5]:
+        values = {name: row[name] for name in WALLS} | place
+        told = stability("wall", settings=values, **rendering)
+        assert row["verdict"] == told.nominal.value
+        assert row["outcome"] == "done"
+
+
+@pytest.mark.thorough("judges 300 walls one by one")
+def test_random_walls_on_random_benches_have_the_verdicts_of_single_ones() -> None:
+    """With growth and share of the damping, by the scalar forms, which this one shares no line with."""
+    random = np.random.default_rng(31)
+    points = [
+        {
+            "wall.stiffness": float(np.exp(random.uniform(0.0, 12.0))),
+            "wall.damping": 0.0 if random.random() < 0.3 else float(random.uniform(0.0, 30.0)),
+            "wall.position": float(random.choice([0.0, 0.05, -0.03, 0.1, -0.1])),
+            "wall.side": str(random.choice(["positive", "negative"])),
+            "wall.sides": str(random.choice(["unilateral", "bilateral"])),
+            "rate": float(random.choice([1000.0, 500.0, 250.0])),
+            "estimator": str(random.choice(["backward-difference", "low-pass", "least-squares"])),
+        }
+        for _ in range(300)
+    ]
+    kinds = set()
+    for row in rows(sweep("wall", points)):
+        values = {name: row[name] for name in points[0] if name.startswith("wall.")}
+        task = Task("wall", rate=row["rate"], estimator=row["estimator"], settings=values)
+        group = judge_scene(task).group
+        kinds.add(row["verdict"])
+        assert row["verdict"] == group.stability.nominal.value
+        assert row["growth"] == pytest.approx(group.loop.growth(group.environment()), rel=1e-9)
+        assert row["damping_share"] == pytest.approx(group.loop.damping_share(group.environment()), rel=1e-9)
+    assert kinds == {"passive", "stable", "unstable"}
+
+
+def test_other_scenes_have_a_plan_a_point_and_the_bench_is_a_parameter() -> None:
+    points = {"sprung_mass.mass": [0.05, 2.0], "rig.handle.viscous_damping": [1e-6, 1e-4]}
+    found = rows(sweep("sprung_mass", points, workers=1))
+    for row in found:
+        assert row["verdict"] in ("passive", "stable", "limit-cycle", "unstable")
+    usual = rows(sweep("sprung_mass", {"sprung_mass.mass": [0.5]}, workers=1))
+    assert usual[0]["verdict"] == stability("sprung_mass").nominal.value
+    damped = rows(sweep("wall", {"rig.handle.viscous_damping": [0.0, 1.0]}, workers=1))
+    assert [row["damping_share"] for row in damped] == [math.inf, pytest.approx(0.0, abs=1e-3)]
+
+
+def test_refusals_are_rows() -> None:
+    points = [
+        {"wall.stiffness": stiffness, "wall.damping": 0.0, "rate": rate}
+        for stiffness, rate in ((600.0, 1000.0), (-1.0, 1000.0), (math.nan, 1000.0), (600.0, 900.0), (1e300, 500.0))
+    ]
+    found = rows(sweep("wall", points, workers=1))
+    assert [row["outcome"] for row in found] == ["done", "refused", "refused", "refused", "refused"]
+    assert "wall.stiffness: -1" in found[1]["message"]
+    assert "does not support a period" in found[3]["message"]
+    assert found[0]["message"] is None
+    assert all(row["verdict"] is None and row["growth"] is None for row in found[1:])
+
+
+def test_a_run_at_a_point_is_a_run() -> None:
+    points = {"wall.stiffness": [100.0, 90000.0], "hand": ["push", "tap"]}
+    found = rows(sweep("wall", points, engine="full", duration=0.6, workers=1))
+    told = run("wall", settings={"wall.stiffness": 100.0}, hand="tap", duration=0.6)
+    assert [row["outcome"] for row in found] == ["done", "done", "refused", "refused"]
+    assert told.torque_error is not None
+    assert found[1]["error_rms"] == told.torque_error.rms
+    assert found[1]["energy_generated_j"] == told.energy_generated
+    assert "exceeds the limit" in found[2]["message"]
+
+
+def cycles(result: Result) -> dict[str, Any]:
+    return {"cycles": np.int64(result.cycles or 0), "clock": result.clock}
+
+
+def test_a_trip_is_a_row_and_a_measure_of_ones_own_is_kept() -> None:
+    points = {"rig.handle.limits.speed": [1.0, 0.001]}
+    found = rows(sweep("wall", points, engine="full", duration=0.6, measure=cycles, workers=1))
+    assert (found[0]["outcome"], found[0]["cycles"]) == ("done", 600.0)
+    assert found[1]["outcome"] == "tripped"
+    assert found[1]["message"]
+    assert found[1]["cycles"] < 600.0
+
+
+def test_a_measure_that_fails_ends_the_sweep() -> None:
+    def wrong(result: Result) -> dict[str, float]:
+        raise ZeroDivisionError(result.scene)
+
+    with pytest.raises(ZeroDivisionError, match="wall"):
+        sweep("wall", {"seed": [1, 2]}, engine="full", duration=0.05, measure=wrong, workers=1)
+
+
+@pytest.mark.parametrize("lent", [None, 2])
+def test_the_rows_are_the_same_whoever_computes_them(lent: int | None) -> None:
+    points = {"wall.stiffness": np.linspace(1.0, 3000.0, 90), "wall.damping": (0.0, 5.0)}
+    alone = sweep("wall", points, workers=1)
+    with ThreadPoolExecutor(2) as executor:
+        told: list[tuple[int, int]] = []
+        other = sweep(
+            "wall", points, workers=lent, executor=executor if lent is None else None, chunk=7,
+            progress=lambda done, total: told.append((done, total)),
+        )  # fmt: skip
+    assert equal(alone, other)
+    assert told[0] == (0, 180)
+    assert told[-1] == (180, 180)
+    assert alone.stable_fraction == other.stable_fraction
+    assert multiprocessing.active_children() == []
+
+
+@settings(deadline=None)
+@given(sizes=st.lists(st.integers(1, 5), min_size=1, max_size=4), chunk=st.integers(1, 9), sample=st.integers(1, 40))
+def test_points_are_the_same_in_any_chunks(sizes: list[int], chunk: int, sample: int) -> None:
+    """Products in the order of `itertools.product`; a hypercube has one value in each part of each range."""
+    values = {f"a.{place}": [float(each) for each in range(size)] for place, size in enumerate(sizes)}
+    points = SweepPoints.of(values, None, 0)
+    parts = [points.columns(at, min(at + chunk, points.count)) for at in range(0, points.count, chunk)]
+    found = list(zip(*([each for part in parts for each in part[name]] for name in values), strict=True))
+    assert found == list(product(*values.values()))
+    drawn = SweepPoints.of({"a.b": (2.0, 4.0), "a.c": (0.1, 10.0, "log")}, sample, chunk).columns(0, sample)
+    assert sorted(int((value - 2.0) / 2.0 * sample) for value in np.array(drawn["a.b"])) == pytest.approx(
+        list(range(sample)), abs=1
+    )
+    shares = np.log10(np.array(drawn["a.c"]) / 0.1) / 2.0
+    assert sorted(np.floor(shares * sample + 1e-9).astype(int).tolist()) == list(range(sample))
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "words"),
+    [
+        ({"wall.stifness": [1.0]}, {}, 'no parameter "stifness".*nearest: stiffness'),
+        ({"rig.handel.inertia": [1.0]}, {}, "rig.handel.inertia: expected rig.AXIS.KEY.*handle"),
+        ({"rig.handle.inertial": [1.0]}, {}, 'no "inertial" there; nearest: inertia'),
+        ({"rig.handle.simulation.coupling.stiffness": [1.0]}, {}, 'the rig has no "stiffness" there'),
+        ({"hand": ["push"]}, {}, "hand: the engine verdict has no such parameter"),
+        ({"wall.stiffness": []}, {}, "each with at least one value"),
+        ({}, {}, "at least one parameter"),
+        ([{"rate": 500.0}, {"wall.damping": 1.0}], {}, "the same parameters in every point"),
+        ([{"rate": 500.0}], {"sample": 3}, "a list has its points already"),
+        ({"wall.stiffness": (5.0, 1.0)}, {"sample": 3}, "in rising order"),
+        ({"wall.stiffness": (0.0, 1.0, "log")}, {"sample": 3}, '"log" above 0'),
+        ({"wall.stiffness": (1.0, 2.0)}, {"sample": 0}, "sample 0: expected a whole number from 1 up"),
+        ({"rate": [500.0]}, {"engine": "fast", "chunk": 0}, 'chunk 0.*\nengine "fast": expected verdict'),
+        ({"rate": [500.0]}, {"measure": cycles}, "only runs of the engine full"),
+        ({"rate": [500.0]}, {"engine": "full", "bus": "socketcan:can9"}, "a sweep runs simulated drives alone"),
+        ({"rate": [500.0]}, {"engine": "full", "duration": math.nan}, "expected a time above 0 s"),
+        ({"a": [0.0] * 100_000, "b": [0.0] * 100_000}, {}, "10000000000 points: expected 1 to"),
+    ],
+)
+def test_what_no_point_could_have_is_refused_before_anything_is_computed(
+    points: Any, options: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        sweep("wall", points, out=tmp_path / "out", workers=1, **options)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ("wall.stiffness", "points: expected a mapping"),
+        ({"wall.stiffness": "600"}, "points: wall.stiffness: expected a list of values"),
+        ({"wall.stiffness": [None]}, "points: wall.stiffness: expected a number"),
+        ({1: [1.0]}, "expected the name of a parameter"),
+    ],
+)
+def test_points_of_the_wrong_kind_name_the_argument(points: Any, words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        sweep("wall", points)
+
+
+# The folder.
+
+
+def test_a_folder_is_taken_up_where_it_was_left(tmp_path: Path) -> None:
+    out, points = tmp_path / "out", {"wall.stiffness": np.linspace(1.0, 3000.0, 40)}
+
+    def stop(done: int, total: int) -> None:
+        if done >= 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep("wall", points, out=out, chunk=5, workers=2, progress=stop)
+    assert multiprocessing.active_children() == []
+    half = Sweep.read(out)
+    assert not half.complete
+    assert len(half.to_arrow()) == 20
+    (out / "chunk-000001.parquet").write_bytes(b"PAR1 cut off")
+    (out / "chunk-000002.parquet.123.new").write_bytes(b"")
+    found = sweep("wall", points, out=out, chunk=5, workers=1)
+    assert found.complete
+    assert found.computed == 25
+    assert not list(out.glob("*.new"))
+    assert equal(found, sweep("wall", points, workers=1, chunk=5))
+    assert sweep("wall", points, out=out, chunk=5).computed == 0
+    assert Sweep.read(out).complete
+
+
+def test_a_folder_with_other_inputs_is_refused_and_names_them(tmp_path: Path) -> None:
+    out, points = tmp_path / "out", {"wall.stiffness": [400.0]}
+    first = sweep("wall", points, out=out, workers=1)
+    for change, words in (
+        ({"rate": 500.0}, "rendering"),
+        ({"settings": {"wall.damping": 1.0}}, "scene"),
+        ({"chunk": 3}, "chunk"),
+        ({"engine": "full", "duration": 0.05}, "engine, run"),
+    ):
+        with pytest.raises(UsageError, match=rf"holds a sweep with other inputs \({words}\)"):
+            sweep("wall", points, out=out, workers=1, **change)
+    with pytest.raises(UsageError, match=r"other inputs \(points\)"):
+        sweep("wall", {"wall.stiffness": [401.0]}, out=out, workers=1)
+    assert equal(first, Sweep.read(out))
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    points = {"wall.stiffness": [400.0]}
+    with pytest.raises(UsageError, match="is no folder of a sweep"):
+        sweep("wall", points, out=tmp_path, workers=1)
+    with pytest.raises(UsageError, match="is no folder of a sweep"):
+        sweep("wall", points, out=tmp_path / "thesis.tex", workers=1)
+    with pytest.raises(UsageError, match=r"no manifest\.json"):
+        Sweep.read(tmp_path)
+    (tmp_path / "manifest.json").write_text("{")
+    with pytest.raises(UsageError, match=r"no manifest\.json of a sweep"):
+        sweep("wall", points, out=tmp_path, workers=1)
+    assert {path.name for path in tmp_path.iterdir()} == {"thesis.tex", "manifest.json"}
+
+
+KILLED = """
+import sys
+import numpy as np
+from haptic_fieldbus import sweep
+points = {"wall.stiffness": np.linspace(1.0, 3000.0, 400), "wall.damping": np.linspace(0.0, 9.0, 100)}
+sweep("wall", points, out=sys.argv[1], chunk=400, workers=2)
+"""
+
+
+def ended(condition: Callable[[], bool], within: float) -> bool:
+    for _ in range(round(within / 0.05)):
+        if condition():
+            return True
+        time.sleep(0.05)
+    return condition()
+
+
+@pytest.mark.thorough("kills processes and waits for their children", quick=1)
+@pytest.mark.parametrize("chunks", [3, 0, 1, 17, 60])
+def test_a_killed_sweep_goes_on_and_leaves_no_process(chunks: int, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(out)], start_new_session=True)
+    assert ended(lambda: len(list(out.glob("*.parquet"))) >= chunks and out.exists(), 60.0)
+    process.kill()
+    process.wait()
+    left = len(list(out.glob("*.parquet")))
+
+    def gone() -> bool:
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    assert ended(gone, 10.0)
+    points = {"wall.stiffness": np.linspace(1.0, 3000.0, 400), "wall.damping": np.linspace(0.0, 9.0, 100)}
+    found = sweep("wall", points, out=out, chunk=400, workers=2)
+    assert found.computed <= 40_000 - 400 * left
+    assert equal(found, sweep("wall", points, chunk=400))
+
+
+def test_the_manifest_says_what_the_rows_are_of(tmp_path: Path) -> None:
+    found = sweep("wall", {"wall.stiffness": (300.0, 400.0)}, sample=3, seed=7, out=tmp_path / "out", workers=1)
+    manifest = json.loads((found.path / "manifest.json").read_text())
+    assert manifest["inputs"]["points"] == {
+        "kind": "hypercube", "values": {"wall.stiffness": [300.0, 400.0, False]}, "count": 3,
+    }  # fmt: skip
+    assert manifest["inputs"]["seed"] == 7
+    assert "[[element]]" in manifest["inputs"]["scene"]
+    assert [*manifest["inputs"]["profiles"]] == ["maxon_epos4.toml"]
+    assert found.to_frame().shape == (3, 6)
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
