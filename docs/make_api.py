@@ -39,6 +39,7 @@ GIVEN_BACK = "Return values"
 SECTIONS = {
     "Functions": ("run", "plan", "stability", "response"),
     "Sessions": ("session", "LiveSession"),
+    "Sweeps": ("sweep", "Sweep"),
     "Recordings": (
         "repeat",
         "read_recording",

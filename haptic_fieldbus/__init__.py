@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from haptic_fieldbus.api.open_loop import Response
     from haptic_fieldbus.api.replaying import FirstDifference, compare_recording
     from haptic_fieldbus.api.session import LiveSession, session
-    from haptic_fieldbus.api.sweeping import Sweep, sweep
+    from haptic_fieldbus.api.sweep_folder import Sweep
+    from haptic_fieldbus.api.sweeping import sweep
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, RigAxis, RotaryMechanism
     from haptic_fieldbus.errors import (
@@ -57,7 +58,8 @@ _HOMES = {
     "haptic_fieldbus.api": "plan repeat response run stability",
     "haptic_fieldbus.api.open_loop": "Response",
     "haptic_fieldbus.api.session": "LiveSession session",
-    "haptic_fieldbus.api.sweeping": "Sweep sweep",
+    "haptic_fieldbus.api.sweep_folder": "Sweep",
+    "haptic_fieldbus.api.sweeping": "sweep",
     "haptic_fieldbus.assessing.result": "Result",
     "haptic_fieldbus.drive.rig": "Limits LinearMechanism Rig RigAxis RotaryMechanism",
     "haptic_fieldbus.margins.verdict": "Stability Verdict",

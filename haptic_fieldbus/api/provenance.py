@@ -62,7 +62,7 @@ def provenance_of(
 
     The files of one that repeats another are those of that one, since its own last only as long as the run.
     """
-    profiles, found = profile_texts(plan.rig, task), versions()
+    profiles, found = texts_of_profiles(plan.rig, task), versions()
     provenance = Provenance(
         version=found.get(PACKAGE, "unknown"),
         versions=found,
@@ -71,8 +71,8 @@ def provenance_of(
         system=f"{platform.system()} {platform.release()} {platform.machine()}",
         host=None if anonymous else platform.node(),
         user=None if anonymous else os.environ.get("USER") or os.environ.get("USERNAME"),
-        scene=scene_text(plan.scene),
-        rig=rig_text(plan.rig, profiles),
+        scene=text_of_scene(plan.scene),
+        rig=text_of_rig(plan.rig, profiles),
         profiles=tuple({text.name: text for text in profiles.values()}.values()),
         faults=RunText.of("faults.toml", toml_of(faults)) if faults else None,
         settings=dict(parsed(task.settings)),
@@ -107,7 +107,7 @@ def _without_paths(provenance: Provenance) -> Provenance:
     )
 
 
-def scene_text(scene: Scene) -> RunText | None:
+def text_of_scene(scene: Scene) -> RunText | None:
     """Return a scene as one file; None where an element is an object of Python, which no file can give."""
     kinds = [kind_of(type(element)) for element in scene.elements]
     if None in kinds:
@@ -125,7 +125,7 @@ def scene_text(scene: Scene) -> RunText | None:
     return RunText.of(f"{scene.name}.toml", file_text(tables), scene.source)
 
 
-def rig_text(rig: Rig, profiles: Mapping[str, RunText]) -> RunText:
+def text_of_rig(rig: Rig, profiles: Mapping[str, RunText]) -> RunText:
     """Return a rig as a file that names the profiles beside it."""
     table = cast(dict[str, Any], table_of(replace(rig, source="")))
     del table["source"]
@@ -135,7 +135,7 @@ def rig_text(rig: Rig, profiles: Mapping[str, RunText]) -> RunText:
     return RunText.of("rig.toml", file_text(table), rig.source)
 
 
-def profile_texts(rig: Rig, task: Task) -> dict[str, RunText]:
+def texts_of_profiles(rig: Rig, task: Task) -> dict[str, RunText]:
     """Return the file of each profile of a rig; of one that was fitted to its drive, the file that it was fitted from.
 
     Two files of one name get different names, and none has that of the rig's text.

@@ -56,7 +56,7 @@ DONE, REFUSED, TRIPPED = "done", "refused", "tripped"
 
 @dataclass(frozen=True)
 class SweepJob:
-    """What all points of a sweep have in common; goes to each process that computes some of them."""
+    """Common part of all points of a sweep, which goes to each process that computes some of them."""
 
     engine: str
     task: Task
@@ -175,7 +175,7 @@ def _lone_wall(job: SweepJob) -> Wall | None:
 
 @dataclass(frozen=True, eq=False)
 class WallLoop:
-    """What the verdicts of walls on one bench have in common."""
+    """Common part of the verdicts of walls on one bench."""
 
     free: Array
     """Matrix of a period without a wall, (n, n)."""

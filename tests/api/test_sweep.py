@@ -4,6 +4,7 @@ import json
 import math
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweeping import SweepPoints
+from haptic_fieldbus.api.sweep_folder import SweepPoints
 from haptic_fieldbus.planning.request import Task
 
 WALLS = {"wall.stiffness": [50.0, 600.0, 2500.0, 60000.0], "wall.damping": [0.0, 3.0, 40.0]}
@@ -135,6 +136,11 @@ def test_a_measure_that_fails_ends_the_sweep() -> None:
         sweep("wall", {"seed": [1, 2]}, engine="full", duration=0.05, measure=wrong, workers=1)
 
 
+def test_a_measure_that_cannot_be_sent_says_so_before_it_runs() -> None:
+    with pytest.raises(UsageError, match=r"measure: cannot be sent to another process.*or workers=1"):
+        sweep("wall", {"seed": [1, 2]}, engine="full", duration=0.05, measure=lambda _: {}, workers=2)
+
+
 @pytest.mark.parametrize("lent", [None, 2])
 def test_the_rows_are_the_same_whoever_computes_them(lent: int | None) -> None:
     points = {"wall.stiffness": np.linspace(1.0, 3000.0, 90), "wall.damping": (0.0, 5.0)}
@@ -211,6 +217,16 @@ def test_what_no_point_could_have_is_refused_before_anything_is_computed(
 def test_points_of_the_wrong_kind_name_the_argument(points: Any, words: str) -> None:
     with pytest.raises(TypeError, match=words):
         sweep("wall", points)
+
+
+GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "sweep_parameters.md"
+PROGRAMS = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.thorough("makes runs and many points", quick=1)
+@pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
+def test_the_programs_of_the_guide_run(program: str, tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, capture_output=True)
 
 
 # The folder.

@@ -276,7 +276,11 @@ assert len(h.read_recording("a.csv"))
 with h.session("wall", duration=0.01) as live:
     list(live)
 assert h.compare_recording("a.csv") is None
-for call in (lambda: h.run("wall", duration=0.01, record="a.mcap"), lambda: h.read_recording("a.csv").to_arrow()):
+for call in (
+    lambda: h.run("wall", duration=0.01, record="a.mcap"),
+    lambda: h.read_recording("a.csv").to_arrow(),
+    lambda: h.sweep("wall", {"rate": [500.0]}, out="sweep"),
+):
     try:
         call()
     except h.UsageError as error:
@@ -288,7 +292,7 @@ def test_without_the_extras_all_else_works_and_they_are_named(tmp_path: Path) ->
     done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines() == [
         'this needs mcap, of the extra "data": pip install mcap',
-        'this needs pyarrow, of the extra "data": pip install pyarrow',
+        *['this needs pyarrow, of the extra "data": pip install pyarrow'] * 2,
     ], done.stderr
 
 

@@ -1,0 +1,312 @@
+"""Points of a sweep, and the folder of its rows.
+
+A folder holds `manifest.json`, which has all inputs and their digest, and one Parquet file a chunk of points. A file is
+written under another name, flushed to the disk and renamed, so a file that is there is whole. A sweep that was ended at
+any moment goes on with the chunks that are missing when it is asked for again; with other inputs it is refused.
+"""
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptic_fieldbus.api.sweep_engines import TYPES, Columns, Rows, Value
+from haptic_fieldbus.errors import UsageError, require, wrong_kind
+from haptic_fieldbus.recordings.provenance import digest
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+# The points.
+
+LARGEST_COUNT = 10**9
+"""Largest number of points."""
+Given = Mapping[str, Any] | Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class SweepPoints:
+    """Points in their order: every product, a list, or a Latin hypercube."""
+
+    kind: str
+    values: Mapping[str, tuple[Any, ...]]
+    """By the name of the parameter: its values, of a hypercube its least, its largest, and whether it is logarithmic.
+    """
+    count: int
+    seed: int = 0
+
+    @classmethod
+    def of(cls, given: Any, sample: int | None, seed: int) -> "SweepPoints":
+        """Return the points of a mapping (products, or with `sample` a hypercube) or of a list of mappings.
+
+        Raises TypeError or UsageError for what is none.
+        """
+        if isinstance(given, Mapping):
+            columns = {name: _values(name, values) for name, values in given.items()}
+        elif isinstance(given, list | tuple) and all(isinstance(each, Mapping) for each in given):
+            if any(set(each) != set(given[0]) for each in given):
+                raise UsageError("points: expected the same parameters in every point of the list")
+            columns = {name: _values(name, [each.get(name) for each in given]) for name in (given or [{}])[0]}
+            if sample is not None:
+                raise UsageError("sample: a list has its points already; expected a mapping of (least, largest)")
+        else:
+            raise wrong_kind(
+                "points", 'a mapping such as {"wall.stiffness": [400.0, 800.0]}, or a list of points', given
+            )
+        if not columns or not all(columns.values()):
+            raise UsageError("points: expected at least one parameter, each with at least one value")
+        if sample is not None:
+            return _hypercube(columns, sample, seed)
+        if not isinstance(given, Mapping):
+            return cls("list", columns, len(given))
+        return cls("product", columns, _checked_count(math.prod(map(len, columns.values()))))
+
+    def columns(self, first: int, last: int) -> dict[str, list[Value]]:
+        """Return the values of the points from `first` to before `last`, by the name of the parameter."""
+        if self.kind == "list":
+            return {name: list(values[first:last]) for name, values in self.values.items()}
+        if self.kind == "hypercube":
+            return {name: self._drawn[name][first:last].tolist() for name in self.values}
+        sizes = [len(values) for values in self.values.values()]
+        places = np.unravel_index(np.arange(first, last), sizes)  # the last parameter changes fastest
+        pairs = zip(self.values.items(), places, strict=True)
+        return {name: [values[at] for at in place.tolist()] for (name, values), place in pairs}
+
+    @cached_property
+    def _drawn(self) -> dict[str, Any]:
+        """Values of a hypercube: of each parameter one in each of `count` equal parts of its range, in any order."""
+        found = {}
+        for place, (name, (low, high, logarithmic)) in enumerate(self.values.items()):
+            random = np.random.default_rng([self.seed, place])
+            share = (random.permutation(self.count) + random.random(self.count)) / self.count
+            found[name] = low * (high / low) ** share if logarithmic else low + share * (high - low)
+        return found
+
+    @cached_property
+    def types(self) -> dict[str, str]:
+        """Types of the columns of Arrow: whole numbers, numbers, truth values, or texts for everything else."""
+        if self.kind == "hypercube":
+            return dict.fromkeys(self.values, "float64")
+        return {name: _type_of(values) for name, values in self.values.items()}
+
+
+def _type_of(values: Iterable[Value]) -> str:
+    kinds = {type(value) for value in values}
+    names = {frozenset({bool}): "bool", frozenset({int}): "int64", frozenset({float}): "float64"}
+    return names.get(frozenset(kinds)) or ("float64" if kinds == {int, float} else "string")
+
+
+def _type_of_figures(kinds: Set[type]) -> str:
+    """Return the type of a column of figures; one without any fits each type that another chunk has there."""
+    if not kinds:
+        return "null"
+    return "float64" if kinds <= {int, float} else "bool" if kinds == {bool} else "string"
+
+
+def _values(name: str, given: Any) -> tuple[Value, ...]:
+    """Return the values of a parameter as plain numbers, texts, True and False; raises TypeError for others."""
+    if not isinstance(name, str) or not name:
+        raise wrong_kind("points", "the name of a parameter, such as wall.stiffness", name)
+    if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
+        raise wrong_kind(f"points: {name}", "a list of values", given)
+    plain = tuple(each.item() if hasattr(each, "item") else each for each in given)
+    for each in plain:
+        if not isinstance(each, int | float | str):
+            raise wrong_kind(f"points: {name}", "a number, a text, True or False", each)
+    return plain
+
+
+def _hypercube(columns: Mapping[str, tuple[Any, ...]], sample: int, seed: int) -> SweepPoints:
+    ranges = {}
+    for name, values in columns.items():
+        low, high, *how = values if len(values) > 1 else (values[0], None)
+        numbers = all(type(each) in (int, float) and math.isfinite(each) for each in (low, high))
+        if not numbers or not low < high or how not in ([], ["log"]) or (how and low <= 0.0):
+            raise UsageError(
+                f'{name}: expected (least, largest) or (least, largest, "log"), in rising order, "log" above 0'
+            )
+        ranges[name] = (float(low), float(high), bool(how))
+    return SweepPoints("hypercube", ranges, _checked_count(sample), seed)
+
+
+def _checked_count(count: int) -> int:
+    if not 0 < count <= LARGEST_COUNT:
+        raise UsageError(f"{count} points: expected 1 to {LARGEST_COUNT}")
+    return count
+
+
+# The folder.
+
+MANIFEST = "manifest.json"
+METADATA = b"haptic_fieldbus.sweep"
+"""Key of the metadata of each Parquet file, whose value is the digest of the inputs."""
+
+
+def _write_json(content: Mapping[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file under another name, flush it to the disk and rename it."""
+    new = path.with_name(f"{path.name}.{os.getpid()}.new")
+    write(new)
+    for place in (new, path.parent):
+        if place is not new:
+            new.replace(path)
+        handle = os.open(place, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+@dataclass(frozen=True)
+class SweepFolder:
+    """A folder with a manifest and chunks of rows."""
+
+    path: Path
+    points: SweepPoints
+    chunk: int
+    digest: str
+
+    @classmethod
+    def begun(cls, path: Path, points: SweepPoints, chunk: int, inputs: Mapping[str, Any]) -> "SweepFolder":
+        """Begin a folder, or take up one with the same inputs; raises UsageError for one with others."""
+        text = json.dumps(inputs, sort_keys=True)
+        found = cls(path, points, chunk, digest(text))
+        manifest = path / MANIFEST
+        if manifest.exists():
+            known = _manifest(path)
+            if known["digest"] != found.digest:
+                names = (*inputs, *known["inputs"])
+                now = json.loads(text)
+                other = [name for name in dict.fromkeys(names) if known["inputs"].get(name) != now.get(name)]
+                raise UsageError(
+                    f"{path}: holds a sweep with other inputs ({', '.join(other)}); expected another folder"
+                )
+        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise UsageError(f"{path}: exists and is no folder of a sweep; expected a new or an empty folder")
+        else:
+            path.mkdir(parents=True, exist_ok=True)
+            content = {
+                "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
+                "names": list(points.values), "inputs": json.loads(text),
+            }  # fmt: skip
+            _write_whole(manifest, partial(_write_json, content))
+        for left in path.glob("*.new"):  # of a sweep that was killed while it wrote
+            left.unlink(missing_ok=True)
+        return found
+
+    @property
+    def chunks(self) -> range:
+        return range(-(-self.points.count // self.chunk))
+
+    def bounds(self, chunk: int) -> tuple[int, int]:
+        """Return the first point of a chunk, and the first one after it."""
+        return chunk * self.chunk, min((chunk + 1) * self.chunk, self.points.count)
+
+    def file(self, chunk: int) -> Path:
+        return self.path / f"chunk-{chunk:06d}.parquet"
+
+    def is_whole(self, chunk: int) -> bool:
+        """Return whether the rows of a chunk are there; a file that cannot be read is computed again."""
+        import pyarrow
+        from pyarrow import parquet
+
+        first, last = self.bounds(chunk)
+        try:
+            found = parquet.read_metadata(self.file(chunk))
+        except (OSError, pyarrow.ArrowInvalid):
+            return False
+        return bool(found.num_rows == last - first and (found.metadata or {}).get(METADATA) == self.digest.encode())
+
+    def write(self, chunk: int, columns: Columns, rows: Rows) -> None:
+        """Write the rows of a chunk."""
+        import pyarrow
+        from pyarrow import parquet
+
+        arrays, types = {}, {**self.points.types, **TYPES}
+        for name, values in {**columns, **rows}.items():
+            plain = [each.item() if hasattr(each, "item") else each for each in values]
+            known = {type(each) for each in plain} - {type(None)}
+            wanted = types.get(name) or _type_of_figures(known)
+            texts = plain if wanted != "string" else [each if each is None else str(each) for each in plain]
+            arrays[name] = pyarrow.array(texts, type=getattr(pyarrow, wanted if wanted != "bool" else "bool_")())
+        table = pyarrow.table(arrays).replace_schema_metadata({METADATA: self.digest})
+        _write_whole(self.file(chunk), lambda new: parquet.write_table(table, new))
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    """Return the content of a manifest; raises UsageError for a folder without one."""
+    try:
+        found = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        return {key: found[key] for key in ("digest", "points", "chunk", "names", "inputs")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{path}: no {MANIFEST} of a sweep ({type(error).__name__})") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A sweep: its folder, and what its rows tell."""
+
+    path: Path
+    engine: str
+    points: int
+    names: tuple[str, ...]
+    """Parameters that are varied."""
+    complete: bool
+    """Whether the rows of all points are there."""
+    wall_s: float | None = None
+    """Time that this call took [s]; None for a folder that was only read."""
+    computed: int = 0
+    """Points that this call computed; the others were there."""
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Sweep":
+        """Return the sweep of a folder, complete or not; raises UsageError when it is none."""
+        found = _manifest(Path(path))
+        count = -(-found["points"] // found["chunk"])
+        whole = len([*Path(path).glob("chunk-*.parquet")]) == count
+        return cls(Path(path), found["inputs"]["engine"], found["points"], tuple(found["names"]), whole)
+
+    def tables(self, columns: Sequence[str] | None = None) -> "Iterator[pyarrow.Table]":
+        """Yield the rows of each chunk in their order, so that no more than one is held."""
+        require("pyarrow", "data")
+        from pyarrow import parquet
+
+        for file in sorted(self.path.glob("chunk-*.parquet")):
+            with parquet.ParquetFile(file) as opened:
+                known = opened.schema_arrow.names
+                yield opened.read(columns=None if columns is None else [name for name in columns if name in known])
+
+    def to_arrow(self, columns: Sequence[str] | None = None) -> "pyarrow.Table":
+        """Return all rows as one table of Arrow; raises UsageError without pyarrow."""
+        tables = list(self.tables(columns))
+        import pyarrow
+
+        return pyarrow.concat_tables(tables, promote_options="permissive")
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Return all rows as a frame of pandas; raises UsageError without pandas."""
+        require("pandas", "data")
+        return self.to_arrow().to_pandas()
+
+    @cached_property
+    def stable_fraction(self) -> float | None:
+        """Share of the judged points that are not unstable, of runs the share that did not trip; None without any."""
+        good = total = 0
+        for table in self.tables(["outcome", "verdict", "grew"]):
+            found = table.to_pydict()
+            for at, outcome in enumerate(found["outcome"]):
+                verdict = found.get("verdict", [None] * len(table))[at] if self.engine == "verdict" else None
+                grew = found.get("grew", [False] * len(table))[at]
+                total += outcome != "refused"
+                good += outcome == "done" and verdict != "unstable" and not grew
+        return good / total if total else None
