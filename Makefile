@@ -87,6 +87,10 @@ docs: setup
 	$(BIN)/python docs/make_tables.py
 	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped
 
+# The moving picture of the README, filmed in a headless Chromium; written again only where the page shows something else.
+film: setup
+	$(BIN)/python docs/make_live_view.py
+
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .

@@ -1,7 +1,9 @@
 """Pictures of the pages: drawn by one command, as today's code draws them, small, and with texts that can be read."""
 
 import importlib.util
+import json
 import re
+import shutil
 from copy import deepcopy
 from pathlib import Path
 from types import ModuleType
@@ -21,12 +23,13 @@ PROJECT = Path(__file__).resolve().parents[2]
 FOLDER = PROJECT / "docs" / "images"
 LARGEST = 150_000
 """Size of a file [bytes]."""
+LARGEST_FILM = 2_000_000
 LINK = re.compile(r"!\[[^\]]+\]\(([^)\s]+\.png)\)")
 
 
-def load() -> ModuleType:
-    """The script that draws the pictures."""
-    spec = importlib.util.spec_from_file_location("make_figures", PROJECT / "docs" / "make_figures.py")
+def load(name: str) -> ModuleType:
+    """A script that draws pictures."""
+    spec = importlib.util.spec_from_file_location(name, PROJECT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -34,7 +37,7 @@ def load() -> ModuleType:
     return module
 
 
-FIGURES = load()
+FIGURES = load("make_figures")
 
 
 @pytest.fixture
@@ -74,6 +77,31 @@ def test_a_picture_is_as_today_s_code_draws_it(name: str, drawn: list[Figure], t
         then, now = FIGURES.without_ticks(then), FIGURES.without_ticks(now)
     assert differences(then, now) == [], "run: make docs"
     assert [misplaced(each) for each in drawn] == [[]]
+
+
+def test_the_film_of_the_live_page_moves_is_small_and_tells_what_it_shows() -> None:
+    from PIL import Image
+
+    film = FOLDER / "live_view.webp"
+    assert film.stat().st_size < LARGEST_FILM
+    with Image.open(film) as picture:
+        told = json.loads(picture.info["xmp"])
+        assert getattr(picture, "n_frames", 1) == len(told) > 50
+    places = [each["handle"][0] for each in told]
+    assert min(places) < -0.01
+    assert max(places) > 0.02
+
+
+@pytest.mark.thorough("films the live page")
+@pytest.mark.xdist_group("browser")
+@pytest.mark.skipif(
+    not (shutil.which("chromium") and shutil.which("chromedriver")),
+    reason="needs: apt-get install chromium chromium-driver",
+)
+def test_the_film_is_as_today_s_page_shows_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = load("make_live_view")
+    monkeypatch.setattr(script, "FRAMES", 36)
+    assert script.filmed().shown == script.content(script.FILE)[:36], "run: make film"
 
 
 @pytest.mark.thorough("makes a report")

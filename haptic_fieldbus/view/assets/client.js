@@ -442,7 +442,7 @@ window.haptic = (() => {
       link: [flags ? hello.flags.filter((_, bit) => flags & (1 << bit)).join(", ") : `good, ${Math.max(...ages).toFixed(2)} ms old`, flags !== 0],
       lateness: [`${short(Math.max(...late))} µs at most in 1 s, ${value(row, "missed")} missed`, false],
       "bus-load": [`${(100 * hello.bus_load).toFixed(0)} %`, hello.bus_load > 0.8],
-      energy: [`${short(1e3 * value(row, "energy"))} mJ given` + (hello.energy_limit ? `, limit ${short(1e3 * hello.energy_limit)} mJ` : ""), false],
+      energy: [`${(1e3 * value(row, "energy")).toFixed(3)} ${hello.energy_limit ? `of ${short(1e3 * hello.energy_limit)} ` : ""}mJ given`, false],
       pictures: [`${frames.length} a second`, false],
     };
     for (const [name, [text, bad]] of Object.entries(shownFacts)) { const place = $("fact-" + name); if (place) { place.textContent = text; place.className = bad ? "bad" : ""; } }
