@@ -137,7 +137,7 @@ def test_a_stale_picture_is_found() -> None:
 
 
 def errors(*values: float) -> dict[str, Any]:
-    """What a picture of errors over steps shows."""
+    """Content of a picture of errors over steps."""
     picture = figure(3.0, 5.0, "Errors")
     panel = picture.subplots()
     panel.loglog(10.0 ** np.arange(len(values)), values)
