@@ -168,7 +168,8 @@ def test_every_part_has_a_cost_and_a_name_of_its_own() -> None:
     found = list(timing.parts(plans, SHIPPED))
     assert [part.part for part in found[:3]] == [f"whole period: {name}" for name in plans]
     assert len({part.part for part in found}) == len(found)
-    assert all(part.ns_per_step > 0.0 for part in found)
+    # What one period takes more than another may be nothing on a busy machine.
+    assert all(part.ns_per_step > 0.0 for part in found if part.cost is not None)
     assert all(part.ns_quartiles == tuple(sorted(part.ns_quartiles)) for part in found)
     assert all(part.ns_quartiles[0] <= part.ns_per_step <= part.ns_quartiles[2] for part in found)
     assert {f"integrator, two states: {method}" for method in METHODS} <= {part.part for part in found}

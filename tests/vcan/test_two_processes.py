@@ -15,7 +15,18 @@ import pytest
 from haptic_fieldbus.planning.deadlines import EndCause
 from tests.system.test_tshark import assert_well_formed, dissected
 from tests.vcan.links import Link
-from tests.vcan.rendering import EMCY, HEARTBEAT, NODE, RPDO, TPDO, Rendering, tried
+from tests.vcan.rendering import (
+    EMCY,
+    HEARTBEAT,
+    NODE,
+    OPERATION_ENABLED,
+    RPDO,
+    STATE,
+    TPDO,
+    Busy,
+    Rendering,
+    tried,
+)
 
 pytestmark = [pytest.mark.vcan, pytest.mark.thorough("two processes in a guest kernel")]
 
@@ -124,6 +135,11 @@ def test_a_drive_that_stands_still_is_told_and_is_free_when_it_goes_on(vcan: Lin
         os.kill(run.drive.pid, signal.SIGSTOP)
         told, _ = run.ended("feedback lost")
         assert f"feedback lost: the last from node {NODE}" in told
+        while run.watcher.receive(0.0) is not None:
+            """All that was on the bus."""
+        last = next(frame for frame in reversed(run.watcher.heard) if frame.arbitration_id == TPDO)
+        if last.data[0] & STATE != OPERATION_ENABLED:
+            raise Busy("feedback was lost before the drive was stopped, so the drive confirmed")
         assert "Switch the power off" in told, "it did not confirm"
         os.kill(run.drive.pid, signal.SIGCONT)
         assert run.watcher.is_free()
