@@ -37,5 +37,10 @@ DEFAULT_MOTION_DURATION = 1.0
 DEFAULT_REPORT = "report"
 """Folder of the report."""
 
+DEFAULT_ENGINE = "verdict"
+"""Engine of a sweep."""
+DEFAULT_SWEEP = "sweep"
+"""Folder of the rows of a sweep, on the command line."""
+
 DEFAULT_VCAN = "vcan0"
 """Virtual CAN interface of a command."""

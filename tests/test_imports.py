@@ -66,6 +66,7 @@ DOES_WITHOUT = {
         " report.texts sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
+        "cli.sweep": "api api.sweep_folder api.sweeping",
         "cli.view": "running.live sim.mechanics.pointer view.description view.server",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
         "cli.app": "vcan.runner",

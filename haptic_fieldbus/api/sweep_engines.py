@@ -34,6 +34,8 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.scenes.files import named
+from haptic_fieldbus.scenes.registry import quantities
+from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.scenes.wall import Wall
 
 Array = NDArray[np.float64]
@@ -45,6 +47,8 @@ Rows = dict[str, list[Any]]
 Measure = Callable[[Result], Mapping[str, Any]]
 """Function from the result of a run to figures by their name: numbers, texts, True and False."""
 
+DRAWING = "haptic_fieldbus.report.analysis_plots:draw_sweep"
+"""Function that draws a sweep, as a text: the room stands above this one, and a sweep does without it."""
 OF_TASK = ("rate", "method", "estimator")
 OF_TRIAL = ("hand", "seed", "duration", "fade_in")
 """Parameters without a dot: those of any point, and those of a whole run alone."""
@@ -111,6 +115,16 @@ def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
     if rest:
         return replace(part, **{key: _with_value(getattr(part, key), rest, name, value)})  # type: ignore[type-var]
     return part if value is None else replace(part, **{key: value})  # type: ignore[type-var]
+
+
+def units_of_parameters(names: Sequence[str], job: SweepJob) -> dict[str, str]:
+    """Return the SI unit of each parameter that has one; parameters of the rig are at the motor shaft."""
+    scene, found = cast(Scene, job.task.scene), {"rate": "Hz", "duration": "s", "fade_in": "s"}
+    spaces = {axis.name: axis.workspace for axis in scene.axes}
+    for element in scene.elements:
+        known = quantities(type(element)).items()
+        found |= {f"{element.name}.{name}": each.unit(spaces[axes_of(element)[0]]) for name, each in known}
+    return {name: found[name] for name in names if found.get(name)}
 
 
 def task_at(job: SweepJob, point: Mapping[str, Value]) -> Task:

@@ -9,20 +9,22 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_fieldbus.api.sweep_engines import TYPES, Columns, Rows, Value
+from haptic_fieldbus.api.sweep_engines import DRAWING, TYPES, Columns, Rows, Value
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.provenance import digest
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
+    from matplotlib.figure import Figure
 
 # The points.
 
@@ -40,7 +42,7 @@ class SweepPoints:
     """By the name of the parameter: its values, of a hypercube its least, its largest, and whether it is logarithmic.
     """
     count: int
-    seed: int = 0
+    seed: int
 
     @classmethod
     def of(cls, given: Any, sample: int | None, seed: int) -> "SweepPoints":
@@ -65,8 +67,8 @@ class SweepPoints:
         if sample is not None:
             return _hypercube(columns, sample, seed)
         if not isinstance(given, Mapping):
-            return cls("list", columns, len(given))
-        return cls("product", columns, _checked_count(math.prod(map(len, columns.values()))))
+            return cls("list", columns, len(given), seed)
+        return cls("product", columns, _checked_count(math.prod(map(len, columns.values()))), seed)
 
     def columns(self, first: int, last: int) -> dict[str, list[Value]]:
         """Return the values of the points from `first` to before `last`, by the name of the parameter."""
@@ -177,7 +179,9 @@ class SweepFolder:
     digest: str
 
     @classmethod
-    def begun(cls, path: Path, points: SweepPoints, chunk: int, inputs: Mapping[str, Any]) -> "SweepFolder":
+    def begun(
+        cls, path: Path, points: SweepPoints, chunk: int, inputs: Mapping[str, Any], units: Mapping[str, str]
+    ) -> "SweepFolder":
         """Begin a folder, or take up one with the same inputs; raises UsageError for one with others."""
         text = json.dumps(inputs, sort_keys=True)
         found = cls(path, points, chunk, digest(text))
@@ -197,7 +201,7 @@ class SweepFolder:
             path.mkdir(parents=True, exist_ok=True)
             content = {
                 "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
-                "names": list(points.values), "inputs": json.loads(text),
+                "names": list(points.values), "units": dict(units), "inputs": json.loads(text),
             }  # fmt: skip
             _write_whole(manifest, partial(_write_json, content))
         for left in path.glob("*.new"):  # of a sweep that was killed while it wrote
@@ -247,7 +251,7 @@ def _manifest(path: Path) -> dict[str, Any]:
     """Return the content of a manifest; raises UsageError for a folder without one."""
     try:
         found = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-        return {key: found[key] for key in ("digest", "points", "chunk", "names", "inputs")}
+        return {key: found[key] for key in ("digest", "points", "chunk", "names", "units", "inputs")}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(f"{path}: no {MANIFEST} of a sweep ({type(error).__name__})") from None
 
@@ -267,6 +271,10 @@ class Sweep:
     """Time that this call took [s]; None for a folder that was only read."""
     computed: int = 0
     """Points that this call computed; the others were there."""
+    loop_steps: int = 0
+    """Steps of simulated loops in this call."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Units of the varied parameters that have one."""
 
     @classmethod
     def read(cls, path: str | Path) -> "Sweep":
@@ -274,7 +282,8 @@ class Sweep:
         found = _manifest(Path(path))
         count = -(-found["points"] // found["chunk"])
         whole = len([*Path(path).glob("chunk-*.parquet")]) == count
-        return cls(Path(path), found["inputs"]["engine"], found["points"], tuple(found["names"]), whole)
+        names, units = tuple(found["names"]), found["units"]
+        return cls(Path(path), found["inputs"]["engine"], found["points"], names, whole, units=units)
 
     def tables(self, columns: Sequence[str] | None = None) -> "Iterator[pyarrow.Table]":
         """Yield the rows of each chunk in their order, so that no more than one is held."""
@@ -298,15 +307,41 @@ class Sweep:
         require("pandas", "data")
         return self.to_arrow().to_pandas()
 
+    def plot(self, column: str | None = None) -> "Figure":
+        """Return a map over the first two varied parameters, or lines over one; raises UsageError without matplotlib.
+
+        Without a `column` it is the verdict, of runs the error, else the outcome.
+        """
+        require("matplotlib", "plot")
+        module, _, name = DRAWING.partition(":")
+        figure: Figure = getattr(import_module(module), name)(self, column)
+        return figure
+
     @cached_property
-    def stable_fraction(self) -> float | None:
-        """Share of the judged points that are not unstable, of runs the share that did not trip; None without any."""
-        good = total = 0
-        for table in self.tables(["outcome", "verdict", "grew"]):
+    def _counted(self) -> tuple[dict[str, int], int]:
+        """Number of points by outcome, and the number of those that are neither refused, tripped nor unstable."""
+        outcomes, stable = dict.fromkeys(("done", "refused", "tripped"), 0), 0
+        for table in self.tables(["outcome", *(name for name in ("verdict", "grew") if self.engine != "full")]):
             found = table.to_pydict()
-            for at, outcome in enumerate(found["outcome"]):
-                verdict = found.get("verdict", [None] * len(table))[at] if self.engine == "verdict" else None
-                grew = found.get("grew", [False] * len(table))[at]
-                total += outcome != "refused"
-                good += outcome == "done" and verdict != "unstable" and not grew
-        return good / total if total else None
+            rows = zip(*(found.get(name, [None] * len(table)) for name in ("outcome", "verdict", "grew")), strict=True)
+            for outcome, verdict, grew in rows:
+                outcomes[outcome] += 1
+                stable += outcome == "done" and verdict != "unstable" and not grew
+        return outcomes, stable
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """Number of points by their outcome."""
+        return self._counted[0]
+
+    @property
+    def stable_fraction(self) -> float | None:
+        """Share of the points that were not refused and are stable; of runs, that did not trip. None without any."""
+        outcomes, stable = self._counted
+        total = outcomes["done"] + outcomes["tripped"]
+        return stable / total if total else None
+
+    @property
+    def loop_steps_per_s(self) -> float | None:
+        """Steps of simulated loops a second in this call; None for other engines."""
+        return self.loop_steps / self.wall_s if self.loop_steps and self.wall_s else None

@@ -33,9 +33,10 @@ from haptic_fieldbus.api.sweep_engines import (
     SweepJob,
     check_names,
     evaluate,
+    units_of_parameters,
 )
 from haptic_fieldbus.api.sweep_folder import Given, Sweep, SweepFolder, SweepPoints
-from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
+from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_ENGINE, DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, require
@@ -137,7 +138,7 @@ def _computed(
 class SweepRequest:
     """How a sweep is made."""
 
-    engine: str = "verdict"
+    engine: str = DEFAULT_ENGINE
     out: str | Path | None = None
     sample: int | None = None
     measure: Measure | None = None
@@ -168,7 +169,7 @@ def sweep(
     points: Given,
     rig: str | Path | Rig | None = None,
     *,
-    engine: str = "verdict",
+    engine: str = DEFAULT_ENGINE,
     out: str | Path | None = None,
     sample: int | None = None,
     measure: Measure | None = None,
@@ -237,7 +238,8 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     """Compute the chunks that the folder does not have."""
     began = monotonic()
     chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW))
-    folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk})
+    units = units_of_parameters(list(points.values), job)
+    folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, units)
     job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
     left = sum(last - first for first, last in map(folder.bounds, missing))
@@ -253,7 +255,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
             folder.write(each, columns, rows)
             done += len(next(iter(columns.values())))
             tell(done, points.count)
-    return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left)
+    return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, units=units)
 
 
 def _check_sendable(job: SweepJob) -> None:

@@ -18,6 +18,7 @@ from haptic_fieldbus.cli.report import report
 from haptic_fieldbus.cli.run import demo, run
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import simulate
+from haptic_fieldbus.cli.sweep import sweep
 from haptic_fieldbus.cli.view import view
 from haptic_fieldbus.defaults import DEFAULT_VCAN
 from haptic_fieldbus.errors import UsageError, VcanError
@@ -103,7 +104,7 @@ START, BENCH_PANEL, STUDY, FILES = (
 for panel, commands in {
     START: (run, demo, view, rehearse, plan),
     BENCH_PANEL: (doctor, scan, watch, simulate),
-    STUDY: (stability, response, estimate, replay, report),
+    STUDY: (stability, sweep, response, estimate, replay, report),
 }.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)

@@ -3,15 +3,19 @@
 import math
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import Estimation
 from haptic_fieldbus.api.model import EnvironmentModel, poles_along, poles_of, step_growth
 from haptic_fieldbus.api.open_loop import Response
 from haptic_fieldbus.api.stability_limits import Judgement
+from haptic_fieldbus.api.sweep_folder import Sweep
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
@@ -314,3 +318,115 @@ def _limit_at(judgement: Judgement, damping: float) -> float:
     group = judgement.group
     own = float(getattr(group.stiffest, "damping", 0.0))
     return limit_drawn((group if damping == own else group._damped(damping)).stability)
+
+
+# Picture of a sweep: a map over two parameters, or a line over one.
+
+KINDS_OF_POINTS = {
+    "passive": "#8fd0b5", "stable": "#a9cfe8", "limit-cycle": "#f2d58a", "unstable": "#eda98a", "done": "#a9cfe8",
+    "False": "#a9cfe8", "True": "#eda98a", "tripped": "#eda98a", "refused": "#c9c9c9",
+}  # fmt: skip
+"""Colour of each kind of point; "True" and "False" are loops that grew and that did not."""
+USUAL_COLUMNS = {"verdict": "verdict", "loop": "grew", "full": "error_rms"}
+MOST_DRAWN = 200_000
+"""Number of dots of a picture; more are thinned evenly."""
+
+
+def draw_sweep(found: Sweep, column: str | None = None) -> Figure:
+    """Return a map of a column over the first two varied parameters, or a line over the only one.
+
+    Refused points are grey. Raises UsageError for a sweep without a varied number, and for an unknown column.
+    """
+    chosen = USUAL_COLUMNS[found.engine] if column is None else column
+    table = found.to_arrow([*found.names, "outcome", chosen])
+    if chosen not in table.column_names:
+        raise UsageError(
+            f"no column {chosen}: nothing to draw; expected one of {', '.join(found.to_arrow().column_names)}"
+        )
+    columns = {name: np.array(table[name].to_pylist()) for name in table.column_names if name != chosen}
+    names = [name for name in found.names if columns[name].dtype.kind in "if" and len(np.unique(columns[name])) > 1]
+    if not names:
+        raise UsageError("nothing to draw: no parameter with numbers is varied")
+    values = table[chosen].to_pylist()
+    numbers = all(isinstance(each, int | float) and not isinstance(each, bool) for each in values if each is not None)
+    drawn = figure(5.6, 9.0, f"{chosen} of {len(table)} points", [_others(found, names[:2])])
+    panel = drawn.subplots()
+    axes = [columns[name] for name in names[:2]]
+    if len(names) == 1:
+        _draw_line(panel, axes[0], values, columns["outcome"], numbers=numbers)
+        dress(panel, "", _named(found, names[0]), chosen if numbers else "")
+    else:
+        _draw_map(panel, axes[0], axes[1], values, columns["outcome"], numbers=numbers)
+        dress(panel, "", *(_named(found, name) for name in names[:2]))
+    if panel.get_legend_handles_labels()[0]:
+        drawn.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False)
+    return drawn
+
+
+def _named(found: Sweep, name: str) -> str:
+    """Return the label of an axis: the parameter with its unit."""
+    unit = found.units.get(name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def _others(found: Sweep, shown: list[str]) -> str:
+    rest = [name for name in found.names if name not in shown]
+    return f"engine {found.engine}" + (f"; all values of {', '.join(rest)} on top of each other" if rest else "")
+
+
+def _spaced(panel: Axes, direction: str, values: Array) -> None:
+    """Give an axis a logarithmic scale where the values are spaced so."""
+    ends = np.unique(values)
+    if len(ends) > 2 and ends[0] > 0.0 and ends[-1] / ends[0] > 30.0:
+        getattr(panel, f"set_{direction}scale")("log" if np.median(ends) < 0.25 * ends[-1] else "linear")
+
+
+def _draw_line(panel: Axes, x: Array, values: list[object], outcome: Array, *, numbers: bool) -> None:
+    order = np.argsort(x, kind="stable")
+    _spaced(panel, "x", x)
+    if numbers:
+        panel.plot(x[order], np.array(values, float)[order], ".-", color=BLUE, linewidth=1.2, markersize=4)
+        return
+    kinds = _kinds(values, outcome)
+    found = [kind for kind in KINDS_OF_POINTS if (kinds == kind).any()]
+    for place, kind in enumerate(found):
+        own = x[kinds == kind]
+        panel.plot(own, np.full(len(own), place), "|", markersize=18, markeredgewidth=2, color=KINDS_OF_POINTS[kind])
+    panel.set_yticks(range(len(found)), found)
+    panel.set_ylim(-0.6, len(found) - 0.4)
+
+
+def _kinds(values: list[object], outcome: Array) -> NDArray[np.str_]:
+    return np.where(outcome == "refused", "refused", np.array([str(each) for each in values]))
+
+
+def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Array, *, numbers: bool) -> None:
+    """Draw a grid as an area, and other points as dots, in colours of their numbers or kinds."""
+    shown = [kind for kind in KINDS_OF_POINTS if (_kinds(values, outcome) == kind).any()]
+    colours: Any = "viridis"
+    shades = np.array(values if numbers else outcome == "", float)
+    if not numbers:
+        kinds = _kinds(values, outcome)
+        for place, kind in enumerate(shown):
+            shades[kinds == kind] = place
+        colours = ListedColormap([KINDS_OF_POINTS[kind] for kind in shown])
+        ends: dict[str, Any] = {"vmin": -0.5, "vmax": len(shown) - 0.5}
+    else:
+        ends = {}
+    for direction, each in (("x", x), ("y", y)):
+        _spaced(panel, direction, each)
+    across, upward = np.unique(x), np.unique(y)
+    if len(across) * len(upward) == len(x):
+        area = np.full((len(upward), len(across)), math.nan)
+        area[np.searchsorted(upward, y), np.searchsorted(across, x)] = shades
+        panel.set_facecolor(KINDS_OF_POINTS["refused"])
+        drawn: Any = panel.pcolormesh(across, upward, area, cmap=colours, shading="nearest", rasterized=True, **ends)
+    else:
+        kept = slice(None, None, max(len(x) // MOST_DRAWN, 1))
+        size = max(200.0 / math.sqrt(len(x)), 1.2)
+        drawn = panel.scatter(x[kept], y[kept], c=shades[kept], cmap=colours, s=size**2, linewidths=0.0, **ends)
+    if numbers:
+        panel.figure.colorbar(drawn, ax=panel)
+    else:
+        for kind in shown:
+            panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=kind)

@@ -30,6 +30,7 @@ COMMANDS = {
     "response --model": "response sprung_mass --model",
     "estimate": "estimate signal.csv",
     "replay": "replay run.csv --compare",
+    "sweep": "sweep wall --grid rate=500,1000",
     "scan": "scan",
     "doctor": "doctor",
     "watch": "watch --duration 0.5",

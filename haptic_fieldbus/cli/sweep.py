@@ -1,0 +1,173 @@
+"""Command `sweep`: many points of a scene, judged or run, into a folder."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from haptic_fieldbus.cli.options import (
+    OUTPUT,
+    RENDERING,
+    SceneOptions,
+    check_plot,
+    draw,
+    option,
+    options_of,
+)
+from haptic_fieldbus.cli.screen import console, plain, print_json, show
+from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_SWEEP
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import percent, rounded
+
+POINTS = "Points"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(SceneOptions):
+    """Further options of `sweep`."""
+
+    grid: Annotated[
+        list[str] | None,
+        option(
+            "NAME=LO:HI:N[:log]",
+            "Values of a parameter, or NAME=V1,V2; every product of all is a point. Names are ELEMENT.PARAMETER, "
+            "rig.AXIS.KEY, rate, method and estimator; with the engine full also hand, seed, duration and fade_in.",
+            POINTS,
+        ),
+    ] = None
+    sample: Annotated[
+        int | None, option("N", "Draw N points between NAME=LO:HI[:log] instead, as a Latin hypercube.", POINTS)
+    ] = None
+    engine: Annotated[
+        str,
+        option("NAME", "verdict judges the loop, full runs it in simulation.", RENDERING, default=DEFAULT_ENGINE),
+    ] = DEFAULT_ENGINE
+    out: Annotated[
+        Path, option("FOLDER", "Folder of the rows; a sweep that was ended goes on.", OUTPUT, default=DEFAULT_SWEEP)
+    ] = Path(DEFAULT_SWEEP)
+    workers: Annotated[int | None, option("N", "Number of processes.", POINTS, default="one a processor")] = None
+
+
+LEFT_OUT = (
+    "change", "faults", "prove", "record", "yes", "anonymous", "view", "view_host", "view_port", "view_required",
+    "verbose",
+)  # fmt: skip
+"""Options of `run` that a sweep has not."""
+
+
+@options_of(SweepOptions, without=LEFT_OUT)
+def sweep(options: SweepOptions) -> None:
+    """Judge or run SCENE at many points and keep a row for each. For one point use `stability` or `run`.
+
+    The same command goes on with a folder whose rows are not complete. Refusals and trips are rows.
+    """
+    check_plot(options.plot)
+    points = parse_grid(options.grid or [], options.sample)
+    from haptic_fieldbus.api import Trial
+    from haptic_fieldbus.api.sweep_folder import SweepPoints
+    from haptic_fieldbus.api.sweeping import SweepRequest, sweep_task
+
+    task, trial = options.task(), options.given(Trial)
+    with _progress() as progress:
+        asked = SweepRequest(
+            engine=options.engine, out=options.out, sample=options.sample, workers=options.workers, progress=progress
+        )
+        asked.check()
+        found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)
+    if options.plot is not None:
+        figure = found.plot()
+        draw(options.plot, lambda path: figure.savefig(path))
+    if options.as_json:
+        told = {
+            "points": found.points, "computed": found.computed, "wall_s": found.wall_s,
+            "loop_steps_per_s": found.loop_steps_per_s, "stable_fraction": found.stable_fraction,
+            "outcomes": found.outcomes, "out": str(found.path),
+        }  # fmt: skip
+        print_json({key: plain(value) for key, value in told.items()})
+        return
+    there = found.points - found.computed
+    before = f", {there} of them before" if there else ""
+    speed = f", {rounded(found.loop_steps_per_s / 1e6)} million steps a second" if found.loop_steps_per_s else ""
+    lines = [("points", f"{found.points}{before}, in {rounded(found.wall_s or 0.0)} s{speed}")]
+    lines += [(name, str(count)) for name, count in found.outcomes.items() if name != "done" and count]
+    share = found.stable_fraction
+    lines += [] if share is None else [("stable", f"{percent(share)} of the points that were not refused")]
+    lines += [("rows", str(found.path))]
+    lines += [] if options.plot is None else [("plot", str(options.plot))]
+    show(lines)
+
+
+def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
+    """Return the values of each parameter, or with a sample its range; raises one UsageError for all faults."""
+    points: dict[str, Any] = {}
+    faults = []
+    for text in texts:
+        name, equals, given = (part.strip() for part in text.partition("="))
+        expected = (
+            "NAME=LO:HI, or NAME=LO:HI:log" if sample is not None else "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2"
+        )
+        if not (equals and name and given):
+            faults.append(f'--grid "{text}": expected {expected}')
+        elif name in points:
+            faults.append(f"--grid {name}: given twice")
+        else:
+            try:
+                points[name] = _range(given) if sample is not None else _grid_values(given)
+            except ValueError:
+                faults.append(f'--grid "{text}": expected {expected}')
+    if not texts:
+        faults.append("no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50")
+    if faults:
+        raise UsageError("\n".join(faults))
+    return points
+
+
+def _range(text: str) -> tuple[float | str, ...]:
+    low, high, *how = text.split(":")
+    if how not in ([], ["log"]):
+        raise ValueError
+    return (float(low), float(high), *how)
+
+
+def _grid_values(text: str) -> list[float | str]:
+    """Return the values of LO:HI:N or LO:HI:N:log, or those between commas; raises ValueError."""
+    if ":" not in text:
+        return [_plain_value(part.strip()) for part in text.split(",")]
+    low, high, number, *how = text.split(":")
+    count = int(number)
+    if how not in ([], ["log"]) or not 0 < count <= MOST_VALUES:
+        raise ValueError
+    from numpy import geomspace, linspace
+
+    if how and not (float(low) > 0.0 and float(high) > 0.0):
+        raise ValueError
+    values: list[float | str] = (geomspace if how else linspace)(float(low), float(high), count).tolist()
+    return values
+
+
+MOST_VALUES = 10_000_000
+"""Largest number of values of one parameter."""
+
+
+def _plain_value(text: str) -> float | str:
+    """Return a whole number, a number, or the text itself."""
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int], None] | None]:
+    """Yield a function that moves a progress bar with the time left; None outside a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (BarColumn(bar_width=30), TextColumn("{task.completed} of {task.total} points"), TimeRemainingColumn())
+    with Progress(*columns, console=console(sys.stderr), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

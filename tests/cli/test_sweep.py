@@ -1,0 +1,108 @@
+"""The command `sweep`: its grid, its folder, its lines and its pictures."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from signal import SIGINT, SIGTERM
+
+import pytest
+
+from haptic_fieldbus import Sweep, UsageError, sweep
+from haptic_fieldbus.report.analysis_plots import draw_sweep
+from tests.cli.command import Command, printed
+from tests.pictures import misplaced
+
+GRID = ("--grid", "wall.stiffness=10:3000:6", "--grid", "wall.damping=0,20")
+
+
+def test_the_rows_are_those_of_the_function(command: Command, tmp_path: Path) -> None:
+    done = command("sweep", "wall", *GRID, "--out", tmp_path / "rows", "--workers", 1)
+    assert done.status == 0, done.err
+    lines = dict(printed(done.out))
+    assert lines["points"].startswith("12, in ")
+    assert lines["stable"] == "75 % of the points that were not refused"
+    points = {"wall.stiffness": [10.0, 608.0, 1206.0, 1804.0, 2402.0, 3000.0], "wall.damping": [0, 20]}
+    assert Sweep.read(tmp_path / "rows").to_arrow().equals(sweep("wall", points, workers=1).to_arrow())
+    again = command("sweep", "wall", *GRID, "--out", tmp_path / "rows")
+    assert dict(printed(again.out))["points"].startswith("12, 12 of them before, in ")
+
+
+def test_a_sample_and_refused_points_are_told(command: Command, tmp_path: Path) -> None:
+    grid = ("--grid", "wall.stiffness=100:30000:log", "--grid", "rate=995:1005", "--sample", 9)
+    done = command("sweep", "wall", *grid, "--seed", 3, "--out", tmp_path / "rows", "--json", "--workers", 1)
+    told = json.loads(done.out)
+    assert told["points"] == 9
+    assert told["outcomes"] == {"done": 0, "refused": 9, "tripped": 0}
+    assert told["stable_fraction"] is None
+    assert told["loop_steps_per_s"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "no points: expected --grid NAME=LO:HI:N"),
+        (("--grid", "rate"), '--grid "rate": expected NAME=LO:HI:N'),
+        (("--grid", "rate=1:2"), '--grid "rate=1:2": expected NAME=LO:HI:N'),
+        (("--grid", "rate=0:2:3:log"), '--grid "rate=0:2:3:log": expected'),
+        (("--grid", "rate=1:2:1e9"), '--grid "rate=1:2:1e9": expected'),
+        (("--grid", "rate=1:2:3", "--grid", "rate=1:2:3"), "--grid rate: given twice"),
+        (("--grid", "rate=1:2:3", "--sample", "3"), '--grid "rate=1:2:3": expected NAME=LO:HI, or'),
+        (("--grid", "rate=2:1", "--sample", "3"), "rate: expected (least, largest)"),
+        (("--grid", "wall.stifness=1,2"), 'no parameter "stifness" of wall'),
+        (("--grid", "rate=500", "--engine", "quick"), 'engine "quick": expected verdict'),
+        (("--grid", "rate=500", "--plot", "x.gif"), "the suffix must be one of"),
+    ],
+    ids=str,
+)
+def test_a_wrong_grid_is_refused_in_a_sentence(
+    words: tuple[str, ...], sentence: str, command: Command, tmp_path: Path
+) -> None:
+    done = command("sweep", "wall", *words, "--out", tmp_path / "rows")
+    assert done.status == 2
+    assert sentence in done.err
+    assert not (tmp_path / "rows").exists()
+
+
+def test_a_picture_needs_a_number_that_varies(tmp_path: Path) -> None:
+    found = sweep("wall", {"wall.side": ["positive", "negative"]}, workers=1)
+    with pytest.raises(UsageError, match="no parameter with numbers is varied"):
+        found.plot()
+    with pytest.raises(UsageError, match=r"no column grew: nothing to draw; expected one of wall\.side, outcome"):
+        found.plot("grew")
+
+
+@pytest.mark.thorough("draws", quick=1)
+@pytest.mark.parametrize("column", [None, "growth"])
+@pytest.mark.parametrize(
+    "points",
+    [
+        {"wall.stiffness": [10.0, 1000.0, 3000.0, -1.0], "wall.damping": [0.0, 5.0, 20.0]},
+        {"wall.stiffness": [10.0, 100.0, 1000.0, 10000.0]},
+        [{"wall.stiffness": 20.0 * place**2 + 1.0, "wall.damping": float(place % 5)} for place in range(20)],
+    ],
+    ids=("map", "line", "dots"),
+)
+def test_pictures_of_a_sweep_have_their_texts_in_place(points: object, column: str | None) -> None:
+    found = sweep("wall", points, workers=1)  # type: ignore[arg-type]
+    drawn = draw_sweep(found, column)
+    assert misplaced(drawn) == []
+    assert drawn.axes[0].get_xlabel() == "wall.stiffness [N/m]"
+
+
+@pytest.mark.thorough("waits for processes that are ended")
+@pytest.mark.parametrize(("ending", "status"), [(SIGINT, 130), (SIGTERM, 143)])
+def test_a_sweep_that_is_stopped_goes_on(ending: int, status: int, tmp_path: Path) -> None:
+    words = ["sweep", "sprung_mass", "--grid", "sprung_mass.mass=0.1:3:4000", "--out", str(tmp_path / "rows")]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "haptic_fieldbus", *words], stderr=subprocess.PIPE, text=True, cwd=tmp_path
+    )
+    for _ in range(600):
+        if list((tmp_path / "rows").glob("*.parquet")):
+            break
+        time.sleep(0.05)
+    process.send_signal(ending)
+    assert "Traceback" not in process.communicate(timeout=20.0)[1]
+    assert process.returncode == status
+    assert not Sweep.read(tmp_path / "rows").complete
