@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import Trial, run_task
 from haptic_fieldbus.api.stability_limits import judge_scene
+from haptic_fieldbus.api.sweep_folder import Columns, Rows, Value
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -39,16 +40,9 @@ from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.scenes.wall import Wall
 
 Array = NDArray[np.float64]
-Value = float | int | str | bool
-Columns = Mapping[str, Sequence[Value]]
-"""Values of some points by the name of the parameter."""
-Rows = dict[str, list[Any]]
-"""Figures of these points by their name; None for one that a point does not have."""
 Measure = Callable[[Result], Mapping[str, Any]]
 """Function from the result of a run to figures by their name: numbers, texts, True and False."""
 
-DRAWING = "haptic_fieldbus.report.analysis_plots:draw_sweep"
-"""Function that draws a sweep, as a text: the room stands above this one, and a sweep does without it."""
 OF_TASK = ("rate", "method", "estimator")
 OF_TRIAL = ("hand", "seed", "duration", "fade_in")
 """Parameters without a dot: those of any point, and those of a whole run alone."""
@@ -374,11 +368,3 @@ def run_figures(result: Result) -> dict[str, Any]:
 
 ENGINES: Mapping[str, Callable[[SweepJob, Columns], Rows]] = {"verdict": verdict_rows, "full": full_rows}
 """Engines by their names."""
-TYPES = {
-    **dict.fromkeys(("outcome", "message", "verdict", "trip"), "string"),
-    **dict.fromkeys(
-        ("growth", "damping_share", "error_rms", "error_max", "error_in_contact", "energy_generated_j", "trip_time_s"),
-        "float64",
-    ),
-}
-"""Types of the columns of known figures, which hold where a chunk has none of them."""

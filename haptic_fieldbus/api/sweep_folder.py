@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_fieldbus.api.sweep_engines import DRAWING, TYPES, Columns, Rows, Value
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.provenance import digest
 
@@ -25,6 +24,21 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
     from matplotlib.figure import Figure
+
+Value = float | int | str | bool
+Columns = Mapping[str, Sequence[Value]]
+"""Values of some points by the name of the parameter."""
+Rows = dict[str, list[Any]]
+"""Figures of these points by their name; None for one that a point does not have."""
+TYPES = {
+    **dict.fromkeys(("outcome", "message", "verdict", "trip"), "string"),
+    **dict.fromkeys(
+        ("growth", "damping_share", "error_rms", "error_max", "error_in_contact", "energy_generated_j", "trip_time_s"),
+        "float64",
+    ),
+}
+"""Types of the columns of known figures, which hold where a chunk has none of them."""
+
 
 # The points.
 
@@ -313,8 +327,8 @@ class Sweep:
         Without a `column` it is the verdict, of runs the error, else the outcome.
         """
         require("matplotlib", "plot")
-        module, _, name = DRAWING.partition(":")
-        figure: Figure = getattr(import_module(module), name)(self, column)
+        # The room of pictures stands above this one, and a sweep does without it.
+        figure: Figure = import_module("..report.analysis_plots", __package__).draw_sweep(self, column)
         return figure
 
     @cached_property

@@ -27,15 +27,13 @@ from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
 from haptic_fieldbus.api.sweep_engines import (
     ENGINES,
-    Columns,
     Measure,
-    Rows,
     SweepJob,
     check_names,
     evaluate,
     units_of_parameters,
 )
-from haptic_fieldbus.api.sweep_folder import Given, Sweep, SweepFolder, SweepPoints
+from haptic_fieldbus.api.sweep_folder import Columns, Given, Rows, Sweep, SweepFolder, SweepPoints
 from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_ENGINE, DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.rig import Rig
