@@ -9,9 +9,9 @@ import scipy.signal
 from rows import Row, cost, show
 
 from haptic_fieldbus.margins import Plant, alone
+from haptic_fieldbus.numerics.batch import loops, run
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import environment
-from haptic_fieldbus.study.analysis.batch import loops, run
 
 PERIOD, DELAY, STIFFNESS, DAMPING = 1e-3, 0.3e-3, 600.0, 2.0
 LOOPS, STEPS = 8192, 200

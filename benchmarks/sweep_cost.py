@@ -1,4 +1,4 @@
-"""A sweep of a million verdicts: time, memory, and what a second process brings.
+"""A sweep of a million verdicts, and of 10,000 loops of 10,000 periods: time, memory, what a second process brings.
 
 `python benchmarks/sweep_cost.py [--points N]`. Memory is the largest of any process of the sweep [MB].
 """
@@ -16,6 +16,9 @@ from haptic_fieldbus import sweep
 
 MOST_MEMORY = 500.0
 """[MB]"""
+STEPS = 10_000
+LEAST_SPEED = 2e7
+"""Steps of loops a second with two processes."""
 
 
 def verdicts(count: int, workers: int) -> float:
@@ -23,6 +26,13 @@ def verdicts(count: int, workers: int) -> float:
     side = isqrt(count)
     points = {"wall.stiffness": np.linspace(1.0, 3000.0, count // side), "wall.damping": np.linspace(0.0, 20.0, side)}
     return sweep("wall", points, workers=workers).wall_s or 0.0
+
+
+def simulated(count: int, workers: int) -> float:
+    """Return the time of so many simulated loops of 10,000 periods [s]."""
+    side = isqrt(count)
+    points = {"wall.stiffness": np.linspace(1.0, 3000.0, count // side), "wall.damping": np.linspace(0.0, 20.0, side)}
+    return sweep("wall", points, engine="loop", steps=STEPS, workers=workers).wall_s or 0.0
 
 
 def peak() -> float:
@@ -40,22 +50,25 @@ def alone(engine: str, count: int, workers: int) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=1_000_000)
-    parser.add_argument("--only", choices=["verdict"])
+    parser.add_argument("--only", choices=["verdict", "loop"])
     parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     if asked.only:
-        print(verdicts(asked.points, asked.workers), peak())
+        print((verdicts if asked.only == "verdict" else simulated)(asked.points, asked.workers), peak())
         return
     print(machine())
-    times: dict[int, list[float]] = {}
-    for workers in (1, 2, 1, 2):
-        seconds, memory = alone("verdict", asked.points, workers)
-        times.setdefault(workers, []).append(seconds)
-        print(
-            f"{asked.points} verdicts, {workers} processes: {seconds:.1f} s, {memory:.0f} MB, at most "
-            f"{MOST_MEMORY:.0f} promised"
-        )
-    print(f"two processes beside one: {min(times[1]) / min(times[2]):.2f} times as fast")
+    for engine, count in (("verdict", asked.points), ("loop", asked.points // 100)):
+        times: dict[int, list[float]] = {}
+        for workers in (1, 2, 1, 2):
+            seconds, memory = alone(engine, count, workers)
+            times.setdefault(workers, []).append(seconds)
+            print(
+                f"{count} points of {engine}, {workers} processes: {seconds:.1f} s, {memory:.0f} MB, at most "
+                f"{MOST_MEMORY:.0f} promised"
+            )
+        print(f"{engine}: two processes beside one: {min(times[1]) / min(times[2]):.2f} times as fast")
+    speed = count * STEPS / min(times[2])
+    print(f"loop: {speed:.2g} steps a second with two processes, at least {LEAST_SPEED:.1g} promised")
 
 
 if __name__ == "__main__":

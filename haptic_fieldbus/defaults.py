@@ -39,6 +39,8 @@ DEFAULT_REPORT = "report"
 
 DEFAULT_ENGINE = "verdict"
 """Engine of a sweep."""
+DEFAULT_STEPS = 10_000
+"""Periods of each simulated loop of a sweep."""
 DEFAULT_SWEEP = "sweep"
 """Folder of the rows of a sweep, on the command line."""
 

@@ -5,7 +5,8 @@ the points that are computed with it. A refusal and a trip are rows: `outcome` a
 
 `verdict` judges the loop at the values of rig and profile, as `Stability.nominal`. The points of a lone wall that
 differ in its stiffness and damping alone share a plan: the matrix of a period is affine in both, and the eigenvalues of
-all matrices are found in one call. Any other point costs a plan. `full` renders a whole simulated run.
+all matrices are found in one call. Any other point costs a plan. `loop` simulates sampled loops side by side
+(`numerics.batch`). `full` renders a whole simulated run.
 """
 
 import math
@@ -25,12 +26,16 @@ from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, PlanError, SafetyTripError, UsageError
+from haptic_fieldbus.margins.closed_loop import environment_of
+from haptic_fieldbus.margins.group import Member
 from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.margins.passivity import spread_of, weight
-from haptic_fieldbus.margins.plant import Plant, quantisation_limit
-from haptic_fieldbus.margins.stiffness_map import Places
+from haptic_fieldbus.margins.plant import quantisation_limit
+from haptic_fieldbus.margins.stiffness_map import ParallelStates, Places
 from haptic_fieldbus.margins.verdict import AT_LIMIT, Verdict
-from haptic_fieldbus.numerics.sampled import growth, loop_matrix
+from haptic_fieldbus.numerics import batch
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.sampled import growth, loop_matrix, shift_mode
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import select
@@ -38,6 +43,7 @@ from haptic_fieldbus.scenes.files import named
 from haptic_fieldbus.scenes.registry import quantities
 from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Workspace
 
 Array = NDArray[np.float64]
 Measure = Callable[[Result], Mapping[str, Any]]
@@ -62,6 +68,8 @@ class SweepJob:
     trial: Trial
     digest: str
     """Digest of all inputs."""
+    steps: int = 0
+    """Periods of a simulated loop."""
     measure: Measure | None = None
 
 
@@ -149,14 +157,22 @@ def verdict_rows(job: SweepJob, columns: Columns) -> Rows:
     """Return verdict, growth a period, and the share of the damping of the device that passive hands need."""
     count = len(next(iter(columns.values())))
     rows: Rows = {name: [None] * count for name in ("outcome", "message", "verdict", "growth", "damping_share")}
-    rest = [*range(count)]
-    if _lone_wall(job):
-        rest = list(_wall_rows(job, columns, rows))
-    points = list(_points(columns)) if rest else []
-    for at in rest:
-        for name, value in _judged(task_at(job, points[at])).items():
-            rows[name][at] = value
+    shared, alone = _shared_walls(job, columns, rows) if _lone_wall(job) else ([], [*range(count)])
+    for loop, stiffness, damping, places in shared:
+        grown, share = loop.growth(stiffness, damping), loop.damping_share(stiffness, damping)
+        found: Rows = {"verdict": loop.verdicts(stiffness, damping, grown, share), "outcome": [DONE] * len(places)}
+        _fill(rows, places, found | {"growth": grown.tolist(), "damping_share": share.tolist()})
+    points = list(_points(columns)) if alone else []
+    for at in alone:
+        _fill(rows, [at], {name: [value] for name, value in _judged(task_at(job, points[at])).items()})
     return rows
+
+
+def _fill(rows: Rows, places: Sequence[int], found: Rows) -> None:
+    """Write figures into the rows at these places."""
+    for name, values in found.items():
+        for at, value in zip(places, values, strict=True):
+            rows[name][at] = value
 
 
 def _judged(task: Task) -> dict[str, Any]:
@@ -191,9 +207,10 @@ class WallLoop:
     """Its change by a stiffness of 1."""
     damper: Array
     """Its change by a damping of 1."""
-    plant: Plant
+    states: ParallelStates
+    """The same as systems x_k → F_k."""
+    member: Member
     period: float
-    delay: float
     weight: float
     """Factor of the damping by the weights of the estimator on the moves of single periods."""
     least: float
@@ -205,26 +222,35 @@ class WallLoop:
         moduli = np.abs(np.linalg.eigvals(self.free + stiffness[:, None, None] * self.spring + moving))
         return np.asarray(np.maximum(moduli.max(axis=1), self.least), dtype=np.float64)
 
+    def spaces(self, stiffness: Array, damping: Array) -> list[StateSpace]:
+        """Return the walls as systems x_k → F_k."""
+        pairs = zip(stiffness.tolist(), damping.tolist(), strict=True)
+        return [self.states.at(*pair) for pair in pairs]
+
     def damping_share(self, stiffness: Array, damping: Array) -> Array:
         """Return the damping that passive hands need, as a share of that of the device (`margins.passivity`), (n,)."""
-        lag = self.plant.torque_lag
-        along = stiffness * (0.5 * self.period + self.delay + lag) + damping * self.weight
-        spread = math.sqrt(spread_of(self.period, self.delay, lag))
+        lag = self.member.plant.torque_lag
+        along = stiffness * (0.5 * self.period + self.member.delay + lag) + damping * self.weight
+        spread = math.sqrt(spread_of(self.period, self.member.delay, lag))
         needed = 0.5 * (along + np.hypot(along, stiffness * spread))
-        return needed / self.plant.damping if self.plant.damping else np.full_like(needed, math.inf)
+        return needed / self.member.plant.damping if self.member.plant.damping else np.full_like(needed, math.inf)
 
     def verdicts(self, stiffness: Array, damping: Array, grown: Array, share: Array) -> list[str]:
         """Return the verdict of each wall by the table of `margins.verdict`."""
-        held = quantisation_limit(self.plant)
-        rounding = (0.5 * stiffness + damping * self.weight / self.period) * self.plant.resolution
-        passive = (share <= 1.0 + ROUNDING) & (self.plant.coulomb >= rounding)
+        held = quantisation_limit(self.member.plant)
+        rounding = (0.5 * stiffness + damping * self.weight / self.period) * self.member.plant.resolution
+        passive = (share <= 1.0 + ROUNDING) & (self.member.plant.coulomb >= rounding)
         kinds = (Verdict.UNSTABLE, Verdict.LIMIT_CYCLE, Verdict.PASSIVE)
         cases = [grown > 1.0 + AT_LIMIT, stiffness > (math.inf if held is None else held), passive]
         return list(np.select(cases, [kind.value for kind in kinds], Verdict.STABLE.value).tolist())
 
 
-def _wall_rows(job: SweepJob, columns: Columns, rows: Rows) -> Iterator[int]:
-    """Fill the rows of walls that share a plan, and yield the places of the others."""
+Shared = tuple[WallLoop, Array, Array, list[int]]
+"""What walls have in common, their stiffness and damping, and their places among the points."""
+
+
+def _shared_walls(job: SweepJob, columns: Columns, rows: Rows) -> tuple[list[Shared], list[int]]:
+    """Return the walls that share a plan, and the places of points that need their own; fill the rows of refusals."""
     wall = cast(Wall, _lone_wall(job))
     count = len(next(iter(columns.values())))
     own = {f"{wall.name}.{name}": name for name in ("stiffness", "damping")}
@@ -233,13 +259,24 @@ def _wall_rows(job: SweepJob, columns: Columns, rows: Rows) -> Iterator[int]:
     possible = _usual(Quantity.STIFFNESS, stiffness) & ((damping == 0.0) | _usual(Quantity.DAMPING, damping))
     others = {name: values for name, values in columns.items() if name not in own}
     groups: dict[tuple[Any, ...], list[int]] = {}
-    keys = zip(*others.values(), damping > 0.0, strict=True)
-    for at, key in enumerate(keys):
+    for at, key in enumerate(zip(*others.values(), (damping > 0.0).tolist(), strict=True)):
         if possible[at]:
-            groups.setdefault(tuple(key), []).append(at)
-    yield from np.flatnonzero(~possible).tolist()
+            groups.setdefault(key, []).append(at)
+    found, alone = list[Shared](), np.flatnonzero(~possible).tolist()
     for key, places in groups.items():
-        yield from _fill(job, dict(zip(others, key, strict=False)), bool(key[-1]), places, (stiffness, damping), rows)
+        try:
+            loop = _wall_loop(_Key(job, tuple(zip(others, key, strict=False)), key[-1]))
+        except PlanError as error:  # of rate, bus or drive, whatever the wall is
+            for at in places:
+                rows["outcome"][at], rows["message"][at] = REFUSED, str(error)
+            continue
+        except (HapticFieldbusError, TypeError):
+            loop = None
+        if loop is None:
+            alone += places
+        else:
+            found.append((loop, stiffness[places], damping[places], places))
+    return found, alone
 
 
 def _usual(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
@@ -251,35 +288,6 @@ def _usual(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
 def _numbers(values: Sequence[Value]) -> Array:
     """Return numbers; not-a-number for anything else."""
     return np.array([float(each) if type(each) in (int, float) else math.nan for each in values])
-
-
-def _fill(
-    job: SweepJob,
-    point: dict[str, Value],
-    damped: bool,
-    places: list[int],
-    numbers: tuple[Array, Array],
-    rows: Rows,
-) -> Iterator[int]:
-    """Fill the rows at these places, whose other parameters are those of `point`; yield places that need their own."""
-    try:
-        loop = _wall_loop(_Key(job, tuple(point.items()), damped))
-    except PlanError as error:  # of rate, bus or drive, whatever the wall is
-        for at in places:
-            rows["outcome"][at], rows["message"][at] = REFUSED, str(error)
-        return
-    except (HapticFieldbusError, TypeError):
-        loop = None
-    if loop is None:
-        yield from places
-        return
-    stiffness, damping = (each[places] for each in numbers)
-    grown, share = loop.growth(stiffness, damping), loop.damping_share(stiffness, damping)
-    found = {"verdict": loop.verdicts(stiffness, damping, grown, share)}
-    found |= {"growth": grown.tolist(), "damping_share": share.tolist(), "outcome": [DONE] * len(places)}
-    for name, values in found.items():
-        for at, value in zip(places, values, strict=True):
-            rows[name][at] = value
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +329,91 @@ def _shared(plan: Plan) -> WallLoop | None:
     factor = weight(member.estimator, group.period) if states.estimator is not None else 0.0
     leaves = wall.sides == "unilateral" and states.estimator is not None
     least = growth(device, states.free) if leaves else 0.0
-    return WallLoop(free, spring, damper, member.plant, group.period, member.delay, factor, least)
+    return WallLoop(free, spring, damper, states, member, group.period, factor, least)
+
+
+# Engine `loop`: many simulated loops side by side.
+#
+# A handle in sustained contact is flicked, and swings. Each loop has the delay, the torque loop and the encoder of its
+# plan; Coulomb friction only without a torque loop, because the exact solution with both does not exist
+# (`numerics.batch`). It grew when its farthest excursion in the last quarter exceeds that in the second.
+
+FLICK = {Workspace.LINEAR: 1.0, Workspace.ROTARY: 20.0}
+"""Velocity at the start [m/s or rad/s], far above an encoder count a period."""
+
+
+def loop_rows(job: SweepJob, columns: Columns) -> Rows:
+    """Return whether each loop grew, its growth a period, and its farthest excursions, of all and at the end."""
+    count = len(next(iter(columns.values())))
+    rows: Rows = {name: [None] * count for name in ("outcome", "message", "grew", "growth", "peak", "last")}
+    shared, alone = _shared_walls(job, columns, rows) if _lone_wall(job) else ([], [*range(count)])
+    parts = [
+        SimulatedPart(loop.member, loop.period, loop.spaces(stiffness, damping), places)
+        for loop, stiffness, damping, places in shared
+    ]
+    points = list(_points(columns)) if alone else []
+    for at in alone:
+        try:
+            parts.append(_single_loop(task_at(job, points[at]), at))
+        except (HapticFieldbusError, TypeError) as error:
+            _fill(rows, [at], {"outcome": [REFUSED], "message": [str(error)]})
+    alike: dict[tuple[int, float], list[SimulatedPart]] = {}
+    for part in parts:
+        alike.setdefault((part.spaces[0].order, part.member.plant.torque_lag > 0.0), []).append(part)
+    for group in alike.values():
+        _fill(rows, [at for part in group for at in part.places], _simulated(group, job.steps))
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPart:
+    """Loops on one bench: their axis, period [s], environments x_k → F_k, and places among the points."""
+
+    member: Member
+    period: float
+    spaces: list[StateSpace]
+    places: list[int]
+
+
+def _single_loop(task: Task, at: int) -> SimulatedPart:
+    """Return the loop of a point that has a plan of its own."""
+    plan = select(task).plan
+    groups = [axis.group for axis in plan.axes]
+    if len(groups) != 1 or groups[0] is None or groups[0].members[0].bodies or groups[0].members[0].plant.tachometer:
+        raise UsageError(
+            "the engine loop simulates one axis with a rigid shaft and an encoder; expected the engine full"
+        )
+    (member,), period = groups[0].members, groups[0].period
+    space = environment_of(member.elements, period, member.method, member.estimator)
+    if shift_mode(space) is not None:
+        raise UsageError("nothing holds the handle at a place, so its excursions say nothing; expected another engine")
+    return SimulatedPart(member, period, [space], [at])
+
+
+def _simulated(parts: Sequence[SimulatedPart], steps: int) -> Rows:
+    """Run loops whose environments have the same order, and return their figures."""
+    many: dict[str, list[float]] = {}
+    for part in parts:
+        plant = part.member.plant
+        space = Workspace.ROTARY if part.member.unit.startswith("N·m") else Workspace.LINEAR
+        values = {
+            "mass": plant.mass, "damping": plant.damping, "lag": plant.torque_lag, "resolution": plant.resolution,
+            "coulomb": 0.0 if plant.torque_lag else plant.coulomb, "period": part.period, "delay": part.member.delay,
+            "velocity": FLICK[space],
+        }  # fmt: skip
+        for name, value in values.items():
+            many.setdefault(name, []).extend([value] * len(part.spaces))
+    spaces = [space for part in parts for space in part.spaces]
+    ended = batch.run(batch.loops(environments=spaces, **many), steps, parts=4)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        growth = np.nan_to_num((ended.peaks[3] / ended.peaks[1]) ** (2.0 / steps))
+    return {
+        "grew": (ended.diverged | (ended.peaks[3] > ended.peaks[1])).tolist(),
+        "growth": np.where(ended.diverged, math.inf, growth).tolist(),
+        "peak": ended.peaks.max(axis=0).tolist(),
+        "last": ended.peaks[3].tolist(),
+        "outcome": [DONE] * len(spaces),
+    }
 
 
 # Engine `full`.
@@ -366,5 +458,9 @@ def run_figures(result: Result) -> dict[str, Any]:
     }
 
 
-ENGINES: Mapping[str, Callable[[SweepJob, Columns], Rows]] = {"verdict": verdict_rows, "full": full_rows}
+ENGINES: Mapping[str, Callable[[SweepJob, Columns], Rows]] = {
+    "verdict": verdict_rows,
+    "loop": loop_rows,
+    "full": full_rows,
+}
 """Engines by their names."""

@@ -33,7 +33,17 @@ Rows = dict[str, list[Any]]
 TYPES = {
     **dict.fromkeys(("outcome", "message", "verdict", "trip"), "string"),
     **dict.fromkeys(
-        ("growth", "damping_share", "error_rms", "error_max", "error_in_contact", "energy_generated_j", "trip_time_s"),
+        (
+            "growth",
+            "damping_share",
+            "peak",
+            "last",
+            "error_rms",
+            "error_max",
+            "error_in_contact",
+            "energy_generated_j",
+            "trip_time_s",
+        ),
         "float64",
     ),
 }

@@ -34,7 +34,14 @@ from haptic_fieldbus.api.sweep_engines import (
     units_of_parameters,
 )
 from haptic_fieldbus.api.sweep_folder import Columns, Given, Rows, Sweep, SweepFolder, SweepPoints
-from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_ENGINE, DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
+from haptic_fieldbus.defaults import (
+    DEFAULT_DURATION,
+    DEFAULT_ENGINE,
+    DEFAULT_FADE_IN,
+    DEFAULT_NODE,
+    DEFAULT_SEED,
+    DEFAULT_STEPS,
+)
 from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, require
@@ -53,9 +60,9 @@ if TYPE_CHECKING:
 
 # The work.
 
-MOST_CHUNKS_OF_FEW = 64
-"""Number of chunks of a sweep of few points, so that several processes have work."""
-LARGEST_CHUNK = {"verdict": 4096, "full": 8}
+MOST_CHUNKS_OF_FEW = {"verdict": 64, "loop": 4, "full": 64}
+"""Number of chunks of a sweep of few points, so that several processes have work; loops are quicker side by side."""
+LARGEST_CHUNK = {"verdict": 4096, "loop": 1024, "full": 8}
 """Largest number of points of a chunk by the engine: some seconds of work, which a killed sweep loses at most."""
 AHEAD = 32
 """Chunks that an executor of somebody else holds at once."""
@@ -132,6 +139,10 @@ def _computed(
             each.cancel()
 
 
+LEAST_STEPS, MOST_STEPS = 8, 10**8
+"""Periods of a simulated loop: at least two of each quarter."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest:
     """How a sweep is made."""
@@ -140,6 +151,7 @@ class SweepRequest:
     out: str | Path | None = None
     sample: int | None = None
     measure: Measure | None = None
+    steps: int = DEFAULT_STEPS
     chunk: int | None = None
     workers: int | None = None
     executor: Executor | None = None
@@ -154,6 +166,8 @@ class SweepRequest:
             for name, value in (("sample", self.sample), ("chunk", self.chunk), ("workers", self.workers))
             if value is not None and value < 1
         ]
+        if not LEAST_STEPS <= self.steps <= MOST_STEPS:
+            faults.append(f"steps {self.steps}: expected {LEAST_STEPS} to {MOST_STEPS} periods of a loop")
         if self.engine not in ENGINES:
             faults.append(f'engine "{self.engine}": expected {", ".join(ENGINES)}')
         if self.measure is not None and self.engine != "full":
@@ -171,6 +185,7 @@ def sweep(
     out: str | Path | None = None,
     sample: int | None = None,
     measure: Measure | None = None,
+    steps: int = DEFAULT_STEPS,
     rate: float | None = None,
     settings: Mapping[str, Setting] | None = None,
     method: "str | Integrator | None" = None,
@@ -196,15 +211,16 @@ def sweep(
     `points` maps parameters to their values, of which every product is a point; with `sample` to (least, largest) or
     (least, largest, "log"), of which a Latin hypercube of so many points is drawn by `seed`; or it is a list of points.
     Parameters are element.parameter, rig.axis.key, rate, method and estimator, and for the engine `full` hand, seed,
-    duration and fade_in. The engine `verdict` judges the loop; `full` runs it in simulation, with `force` above its
+    duration and fade_in. The engine `verdict` judges the loop; `loop` simulates `steps`
+    periods after a flick in sustained contact; `full` runs it in simulation, with `force` above its
     limit too, and `measure` maps the result of a run to figures. Rows go to the folder `out`, by chunks of `chunk`
     points; the same call goes on with a folder that is not complete. The work is done by `workers` processes (one a
     processor), or by any `executor`. Refusals and trips are rows. Raises TypeError, DocumentError or UsageError for
     what no point could have, and UsageError for a folder with other inputs.
     """
     asked = SweepRequest(
-        engine=engine, out=out, sample=sample, measure=measure, chunk=chunk, workers=workers, executor=executor,
-        progress=progress,
+        engine=engine, out=out, sample=sample, measure=measure, steps=steps, chunk=chunk, workers=workers,
+        executor=executor, progress=progress,
     )  # fmt: skip
     task = Task(
         scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
@@ -235,7 +251,7 @@ def sweep_task(task: Task, trial: Trial, points: SweepPoints, asked: SweepReques
 def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoints, asked: SweepRequest) -> Sweep:
     """Compute the chunks that the folder does not have."""
     began = monotonic()
-    chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW))
+    chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW[asked.engine]))
     units = units_of_parameters(list(points.values), job)
     folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, units)
     job = replace(job, digest=folder.digest)
@@ -243,6 +259,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     left = sum(last - first for first, last in map(folder.bounds, missing))
     if asked.executor is None and asked.workers != 1:
         _check_sendable(job)
+    steps = left * asked.steps if asked.engine == "loop" else 0
     tell = progress_line() if asked.progress is True else asked.progress or (lambda done, total: None)
     done = points.count - left
     tell(done, points.count)
@@ -253,7 +270,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
             folder.write(each, columns, rows)
             done += len(next(iter(columns.values())))
             tell(done, points.count)
-    return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, units=units)
+    return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, steps, units)
 
 
 def _check_sendable(job: SweepJob) -> None:
@@ -287,7 +304,7 @@ def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest
     own = replace(
         task, scene=found.scene, rig=found.rig, settings=part, drive=None, bus=None, node=DEFAULT_NODE, zero=None
     )
-    job = SweepJob(asked.engine, own, trial, "", asked.measure)
+    job = SweepJob(asked.engine, own, trial, "", asked.steps, asked.measure)
     check_names(list(points.values), job)
     files = texts_of_profiles(found.rig, task)
     scene = text_of_scene(found.scene)
@@ -303,6 +320,7 @@ def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest
         "run": None
         if asked.engine != "full"
         else {name: getattr(trial, name) for name in ("duration", "hand", "fade_in", "force")},
+        "steps": asked.steps if asked.engine == "loop" else None,
         "measure": None if asked.measure is None else _source_of(asked.measure),
         "version": versions().get("haptic-fieldbus"),
     }

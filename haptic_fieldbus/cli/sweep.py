@@ -17,7 +17,7 @@ from haptic_fieldbus.cli.options import (
     options_of,
 )
 from haptic_fieldbus.cli.screen import console, plain, print_json, show
-from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_SWEEP
+from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import percent, rounded
 
@@ -42,8 +42,16 @@ class SweepOptions(SceneOptions):
     ] = None
     engine: Annotated[
         str,
-        option("NAME", "verdict judges the loop, full runs it in simulation.", RENDERING, default=DEFAULT_ENGINE),
+        option(
+            "NAME",
+            "verdict judges the loop, loop simulates it in sustained contact, full runs it.",
+            RENDERING,
+            default=DEFAULT_ENGINE,
+        ),
     ] = DEFAULT_ENGINE
+    steps: Annotated[int, option("N", "Periods of each loop of the engine loop.", RENDERING, default=DEFAULT_STEPS)] = (
+        DEFAULT_STEPS
+    )
     out: Annotated[
         Path, option("FOLDER", "Folder of the rows; a sweep that was ended goes on.", OUTPUT, default=DEFAULT_SWEEP)
     ] = Path(DEFAULT_SWEEP)
@@ -72,7 +80,12 @@ def sweep(options: SweepOptions) -> None:
     task, trial = options.task(), options.given(Trial)
     with _progress() as progress:
         asked = SweepRequest(
-            engine=options.engine, out=options.out, sample=options.sample, workers=options.workers, progress=progress
+            engine=options.engine,
+            steps=options.steps,
+            out=options.out,
+            sample=options.sample,
+            workers=options.workers,
+            progress=progress,
         )
         asked.check()
         found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)

@@ -17,12 +17,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
 from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.api.sweep_folder import SweepPoints
+from haptic_fieldbus.margins.closed_loop import environment_of
 from haptic_fieldbus.planning.request import Task
 
 WALLS = {"wall.stiffness": [50.0, 600.0, 2500.0, 60000.0], "wall.damping": [0.0, 3.0, 40.0]}
@@ -191,6 +193,7 @@ def test_points_are_the_same_in_any_chunks(sizes: list[int], chunk: int, sample:
         ({"wall.stiffness": (0.0, 1.0, "log")}, {"sample": 3}, '"log" above 0'),
         ({"wall.stiffness": (1.0, 2.0)}, {"sample": 0}, "sample 0: expected a whole number from 1 up"),
         ({"rate": [500.0]}, {"engine": "fast", "chunk": 0}, 'chunk 0.*\nengine "fast": expected verdict'),
+        ({"rate": [500.0]}, {"engine": "loop", "steps": 4}, "steps 4: expected 8 to"),
         ({"rate": [500.0]}, {"measure": cycles}, "only runs of the engine full"),
         ({"rate": [500.0]}, {"engine": "full", "bus": "socketcan:can9"}, "a sweep runs simulated drives alone"),
         ({"rate": [500.0]}, {"engine": "full", "duration": math.nan}, "expected a time above 0 s"),
@@ -217,6 +220,84 @@ def test_what_no_point_could_have_is_refused_before_anything_is_computed(
 def test_points_of_the_wrong_kind_name_the_argument(points: Any, words: str) -> None:
     with pytest.raises(TypeError, match=words):
         sweep("wall", points)
+
+
+# The engine `loop`.
+
+
+FINE = {"rig.handle.encoder_counts_per_revolution": [2**28]}
+"""An encoder whose counts are too small to count."""
+
+
+@pytest.mark.parametrize(
+    ("scene", "values"),
+    [
+        ("wall", {"wall.stiffness": 900.0}),
+        ("damped_wall", {"wall.stiffness": 2000.0, "wall.damping": 5.0}),
+        ("wall", {"wall.stiffness": 1700.0}),
+        ("kelvin_voigt", {}),
+        ("standard_linear_solid", {}),
+    ],
+)
+def test_a_simulated_loop_is_that_of_scipy(scene: str, values: dict[str, float]) -> None:
+    """By `dlsim` of the matrix of a period, which the batch does not use."""
+    steps = 400
+    points = {name: [value] for name, value in values.items()} | FINE
+    (row,) = rows(sweep(scene, points, engine="loop", steps=steps, workers=1))
+    group = judge_scene(Task(scene, settings=values)).group
+    (member,) = group.members
+    environment = environment_of(member.elements, group.period, member.method, member.estimator)
+    matrix = group.loop.matrix(environment)
+    order = len(matrix)
+    system = scipy.signal.dlti(matrix, np.zeros((order, 1)), np.eye(order)[:1], np.zeros((1, 1)), dt=group.period)
+    _, positions, _ = scipy.signal.dlsim(system, np.zeros(steps), x0=np.eye(order)[1])
+    peaks = [float(np.abs(part).max()) for part in np.split(positions[:, 0], 4)]
+    assert row["outcome"] == "done"
+    assert row["peak"] == pytest.approx(max(peaks), rel=1e-5)
+    assert row["last"] == pytest.approx(peaks[3], rel=1e-4)
+    assert row["grew"] is (peaks[3] > peaks[1])
+    assert row["growth"] == pytest.approx((peaks[3] / peaks[1]) ** (2.0 / steps), rel=1e-6)
+
+
+@pytest.mark.thorough("simulates 400 loops of 4000 periods", quick=("backward-difference",))
+@pytest.mark.parametrize("estimator", ["backward-difference", "low-pass", "least-squares"])
+def test_loops_grow_where_the_verdict_says_unstable(estimator: str) -> None:
+    points = {"wall.stiffness": np.geomspace(300.0, 20000.0, 20), "wall.damping": np.linspace(0.0, 15.0, 20)}
+    loops = rows(sweep("wall", points | FINE, engine="loop", steps=4000, estimator=estimator))
+    verdicts = rows(sweep("wall", points | FINE, estimator=estimator))
+    apart = [
+        (one["grew"], other["verdict"] == "unstable")
+        for one, other in zip(loops, verdicts, strict=True)
+        if abs(other["growth"] - 1.0) > 2e-4
+    ]
+    assert len(apart) > 300
+    assert {grew for grew, _ in apart} == {True, False}
+    assert [pair for pair in apart if pair[0] != pair[1]] == []
+
+
+def test_a_loop_does_not_depend_on_the_loops_beside_it() -> None:
+    points = {
+        "rate": [1000.0, 500.0, 333.0],
+        "wall.stiffness": np.linspace(100.0, 2000.0, 5),
+        "wall.damping": [0.0, 2.0],
+    }
+    options: dict[str, Any] = {"engine": "loop", "steps": 200, "workers": 1}
+    together = sweep("wall", points, **options)
+    assert equal(together, sweep("wall", points, chunk=1, **options))
+    assert equal(together, sweep("wall", points, chunk=7, **options))
+    assert together.loop_steps == 6000
+    assert together.loop_steps_per_s is not None
+    assert together.outcomes == {"done": 20, "refused": 10, "tripped": 0}
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [("sprung_mass", "nothing holds the handle"), ("virtual_shaft", "one axis with a rigid shaft")],
+)
+def test_a_loop_that_cannot_be_simulated_is_a_row(scene: str, words: str) -> None:
+    (row,) = rows(sweep(scene, {"rate": [1000.0]}, engine="loop", workers=1))
+    assert row["outcome"] == "refused"
+    assert words in row["message"]
 
 
 GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "sweep_parameters.md"

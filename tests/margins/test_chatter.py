@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.study.analysis.batch import Running, loops
+from haptic_fieldbus.numerics.batch import Running, loops
 from haptic_fieldbus.study.analysis.cycles import chatter_speed, edge_chatter
 from tests.loops import LAG, PERIOD, wall
 from tests.margins.events import Bench

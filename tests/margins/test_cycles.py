@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant, quantisation_limit
-from haptic_fieldbus.study.analysis.batch import Loops, Running, loops
+from haptic_fieldbus.numerics.batch import Loops, Running, loops
 from haptic_fieldbus.study.analysis.cycles import edge_chatter
 from tests.loops import PERIOD, Array, wall
 

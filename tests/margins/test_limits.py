@@ -9,10 +9,10 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, alone, judge, stiffness_limit, weakened
+from haptic_fieldbus.numerics.batch import loops, run
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant as SimulatedPlant
-from haptic_fieldbus.study.analysis.batch import loops, run
 from tests.cases import every
 from tests.loops import BENCH, PERIOD, Array, wall, with_damping
 from tests.margins.extended import DIGITS, all_inside, characteristic

@@ -8,9 +8,9 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, sample, stiffness_limit
+from haptic_fieldbus.numerics.batch import BLOCK, loops, run
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import SampledPlant
-from haptic_fieldbus.study.analysis.batch import BLOCK, loops, run
 from tests.loops import PERIOD, ByHand, sprung_mass, with_damping
 
 STEPS = 400

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from haptic_fieldbus.study.analysis.batch import SampledMass, slide
+from haptic_fieldbus.numerics.batch import SampledMass, slide
 from tests.cases import every
 
 SPAN = 1e-3

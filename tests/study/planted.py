@@ -170,7 +170,7 @@ PLANTED = {
         ),
     ),
     "friction 1 % too large": Planted(
-        "haptic_fieldbus/study/analysis/batch.py",
+        "haptic_fieldbus/numerics/batch.py",
         "= SampledMass(loops.mass, loops.damping, loops.coulomb)",
         "= SampledMass(loops.mass, loops.damping, 1.01 * loops.coulomb)",
         ("coarse-encoder", "coulomb-rescue", "local-stability"),

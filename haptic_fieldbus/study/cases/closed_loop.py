@@ -9,12 +9,11 @@ from haptic_fieldbus import Verdict, plan
 from haptic_fieldbus.cycle import TripKind
 from haptic_fieldbus.margins import Group, HungBody, Member, Plant, alone, judge, passive_limit, sample, stiffness_limit
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.numerics import integrators, sampled
+from haptic_fieldbus.numerics import batch, integrators, sampled
+from haptic_fieldbus.numerics.batch import loops
 from haptic_fieldbus.numerics.integrators import METHODS, trajectory
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.analysis import batch
-from haptic_fieldbus.study.analysis.batch import loops
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive import PERIOD_NS, Feeder, feed
 from haptic_fieldbus.study.measure.loops import flicked

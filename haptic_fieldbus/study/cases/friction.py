@@ -11,7 +11,7 @@ import numpy as np
 
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.study.analysis.batch import Array, Loops, Running, loops
+from haptic_fieldbus.numerics.batch import Array, Loops, Running, loops
 from haptic_fieldbus.study.analysis.cycles import chatter_speed, edge_chatter
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure.problems import spring

@@ -16,11 +16,10 @@ from haptic_fieldbus.margins import (
     stiffness_limit,
 )
 from haptic_fieldbus.numerals import exactly, rounded
-from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.numerics import batch, sampled
+from haptic_fieldbus.numerics.batch import Array, loops
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.analysis import batch
-from haptic_fieldbus.study.analysis.batch import Array, loops
 from haptic_fieldbus.study.case import CaseResult, share_used, signed, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring

@@ -12,11 +12,11 @@ import numpy as np
 
 from haptic_fieldbus.margins import ROUNDING
 from haptic_fieldbus.numerics import estimators, integrators, sampled
+from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS, OneStep
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, zoh
 from haptic_fieldbus.numerics.sampled import SampledPlant, environment
-from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand, free, grounded
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, KnownMotion, Problem, peak, sine, sprung_mass
 from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn

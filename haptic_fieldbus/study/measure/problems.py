@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import Integrator
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
-from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.oracles.events import states_of
 
 # Prescribed inputs as autonomous linear systems, so that a reference needs one matrix exponential and no quadrature.

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.margins import passive_limit_of, stiffness_limit
+from haptic_fieldbus.numerics import batch
+from haptic_fieldbus.numerics.batch import Array, loops, run
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.sampled import environment
-from haptic_fieldbus.study.analysis import batch
-from haptic_fieldbus.study.analysis.batch import Array, loops, run
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, Bench
 
 # Plane of damping β = b/(K·T) and friction σ = fc/(K·D), measured by simulating walls, for motions of one size.

@@ -21,10 +21,10 @@ from haptic_fieldbus.assessing import Record
 from haptic_fieldbus.cycle import Cycle, Permission, bind_limiter, columns, decoded_columns, law_of
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.numerics import estimators, integrators
+from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
-from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.bench import DEFAULT_METHOD, Bench, Tools, library_scenes
 from haptic_fieldbus.study.measure.problems import free_puck, sprung_mass
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.numerics import integrators
+from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.problems import Problem, peak
 from haptic_fieldbus.study.measure.timing import Cost, Quartiles, Timed, in_turn
 

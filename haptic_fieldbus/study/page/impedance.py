@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus import Plan
 from haptic_fieldbus.margins import Plant, frequency_response, sample
 from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.planning.compile import grouped
@@ -24,7 +25,6 @@ from haptic_fieldbus.report.drawing import (
     name_lines,
     svg,
 )
-from haptic_fieldbus.study.analysis.batch import Array
 from haptic_fieldbus.study.measure.bench import Bench, bench_of
 from haptic_fieldbus.study.page.html import Context, Entry, Section, paragraph, picture, table
 
