@@ -34,6 +34,7 @@ def test_every_example_is_run_here() -> None:
         "own_memory",
         "recording_to_pandas",
         "replay_as_a_test",
+        "sweep_to_a_figure",
         "wall_in_python",
     }
 
@@ -58,6 +59,18 @@ def test_the_changed_line_is_found_in_contact_alone(capsys: pytest.CaptureFixtur
     same, other = text.splitlines()
     assert same == "first difference: None"
     assert re.match(r"first difference: period \d+, 0\.\d+ s after the first: handle\.target torque is", other)
+
+
+@pytest.mark.thorough("judges and simulates many loops")
+def test_the_swept_wall_grows_above_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
+    text, _ = shown_by("sweep_to_a_figure", capsys)
+    limit = stability("wall").stiffness_limit.stable
+    assert limit is not None
+    told = text.splitlines()
+    assert told[0].startswith("2400 points")
+    step = (30000.0 / 10.0) ** (1 / 59)
+    assert limit / step < float(told[1].split()[5]) <= limit
+    assert limit < float(told[2].split()[4]) <= limit * (3000.0 / 800.0) ** (1 / 19)
 
 
 def test_the_wall_made_in_python_bears_the_hand(capsys: pytest.CaptureFixture[str]) -> None:

@@ -246,7 +246,7 @@ class WallLoop:
 
 
 Shared = tuple[WallLoop, Array, Array, list[int]]
-"""What walls have in common, their stiffness and damping, and their places among the points."""
+"""Common part of some walls, their stiffness and damping, and their places among the points."""
 
 
 def _shared_walls(job: SweepJob, columns: Columns, rows: Rows) -> tuple[list[Shared], list[int]]:
