@@ -379,6 +379,7 @@ SAME_QUESTION = {
     "free_puck": "the lecture's free puck",
     "growth": "spectral radius but for shifts, of one axis or several",
     "host": "drives hosted on a bus that other programs join, by its protocol",
+    "identify": "the command and the API behind it",
     "in_place_of": "a bus that is named in the place of one of a rig, by its protocol",
     "listen": "a bus heard before anything is sent, by its protocol",
     "loop_matrix": "one period of a loop, of one axis or several",

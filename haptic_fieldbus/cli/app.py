@@ -1,6 +1,7 @@
 """Typer application: all commands and groups of commands."""
 
 import sys
+from collections.abc import Callable
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,7 @@ import typer
 from haptic_fieldbus.cli import profiles, scenes
 from haptic_fieldbus.cli.bench import doctor, scan, watch
 from haptic_fieldbus.cli.failures import tell
+from haptic_fieldbus.cli.identify import identify
 from haptic_fieldbus.cli.options import option, seconds
 from haptic_fieldbus.cli.planning import estimate, plan, response, stability
 from haptic_fieldbus.cli.rehearse import rehearse
@@ -101,11 +103,12 @@ START, BENCH_PANEL, STUDY, FILES = (
     "Files: scenes and drive profiles",
 )
 # `--help` lists the panels and their commands in this order.
-for panel, commands in {
+COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     START: (run, demo, view, rehearse, plan),
-    BENCH_PANEL: (doctor, scan, watch, simulate),
+    BENCH_PANEL: (doctor, scan, watch, identify, simulate),
     STUDY: (stability, sweep, response, estimate, replay, report),
-}.items():
+}
+for panel, commands in COMMANDS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.command(context_settings={"allow_interspersed_args": False}, rich_help_panel=BENCH_PANEL)(vcan)

@@ -97,7 +97,7 @@ def _run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: 
             show(announcement(plan, changes, verbose=options.verbose))
             sys.stdout.flush()  # in a pipe, too, the plan is read before the run and not after it
 
-    confirm = _tell_question if options.yes else _ask
+    confirm = tell_question if options.yes else ask
     if repeats is None:
         trial = replace(trial, changes=changes)
     trial = replace(trial, confirm=confirm, progress=progress, announce=announce)
@@ -137,7 +137,7 @@ def _drawn_faults(source: str | None, duration: float, plan: "Plan") -> list[tup
     return [(None, line) for line in (head, *toml_of(faults_for(source, duration, plan)).splitlines())]
 
 
-def _ask(text: str) -> bool:
+def ask(text: str) -> bool:
     """Print a warning and return the answer of a person to its last line, the question before a real drive is enabled.
 
     Raises UsageError when standard input is no terminal: a script must give `--yes`.
@@ -160,7 +160,7 @@ def instruct(text: str) -> None:
     sys.stderr.flush()
 
 
-def _tell_question(text: str) -> bool:
+def tell_question(text: str) -> bool:
     """Print the question that `--yes` answers, because it contains the traffic heard and the coming steps."""
     show([(None, line) for line in text.splitlines()], sys.stderr)
     return True

@@ -113,7 +113,7 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-Value = str | int | float
+Value = str | int | float | list[float]
 MOST_HEADERS = 8
 """Largest number of lines tried as the header of a table; all but one can only be lines of multi-line texts."""
 _BARE = re.compile(r"[A-Za-z0-9_-]+")

@@ -52,6 +52,8 @@ Damping = Annotated[NonNegativeFloat, Measured(Quantity.DAMPING)]
 """[N·m·s/rad]"""
 TorqueConstant = Annotated[PositiveFloat, Measured(Quantity.EFFORT_PER_CURRENT)]
 """[N·m/A]"""
+Interval = tuple[NonNegativeFloat, NonNegativeFloat]
+"""Lower and upper end."""
 TorqueScale = Annotated[float, Gt(0), Ge(1e-3), Le(1e3)]
 """Torque that is given over torque that was asked for."""
 Current = Annotated[PositiveFloat, Measured(Quantity.CURRENT)]

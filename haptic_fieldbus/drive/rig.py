@@ -27,9 +27,11 @@ from haptic_fieldbus.drive.fields import (
     HandleRange,
     HandleSpeed,
     Inertia,
+    Interval,
     Measured,
     MetresPerRevolution,
     NonNegativeFloat,
+    NonNegativeTime,
     PositiveFloat,
     Power,
     PulseShare,
@@ -401,6 +403,44 @@ class Seen:
 
 
 @dataclass(frozen=True)
+class Identified:
+    """Values measured by `haptic-fieldbus identify`, each with its interval of 95 %. Plans and limits do not use them:
+    they follow from the values of the axis."""
+
+    inertia: Inertia | None = None
+    """[kg·m²]"""
+    inertia_interval: Annotated[Interval, Measured(Quantity.MASS)] | None = None
+    """Interval of 95 % of the value above [kg·m²]."""
+    viscous_damping: Damping | None = None
+    """[N·m·s/rad]"""
+    viscous_damping_interval: Annotated[Interval, Measured(Quantity.DAMPING)] | None = None
+    """Interval of 95 % of the value above [N·m·s/rad]."""
+    coulomb_friction: Friction | None = None
+    """[N·m]"""
+    coulomb_friction_interval: Annotated[Interval, Measured(Quantity.EFFORT)] | None = None
+    """Interval of 95 % of the value above [N·m]."""
+    delay_and_lag: NonNegativeTime | None = None
+    """Time from the latch of a sample until its torque acts, with the lag of the torque loop [s]."""
+    delay_and_lag_interval: Annotated[Interval, Measured(Quantity.TIME)] | None = None
+    """Interval of 95 % of the value above [s]."""
+    torque_lag: NonNegativeTime | None = None
+    """Time constant of the torque loop [s]."""
+    torque_lag_interval: Annotated[Interval, Measured(Quantity.TIME)] | None = None
+    """Interval of 95 % of the value above [s]."""
+    date: Annotated[str, Len(1)] | None = None
+    """Date of the measurement."""
+    profile: Annotated[str, Len(1)] | None = None
+    """Profile of the drive at the measurement."""
+    rate: Frequency | None = None
+    """Loop rate at the measurement [Hz]."""
+    top_speed: NonNegativeFloat | None = None
+    """Largest speed of the motor in the measurement [rad/s]."""
+    residual_counts: NonNegativeFloat | None = None
+    """Motion that the fit leaves unexplained, root mean square [counts]."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class RigAxis:
     """One drive with its motor and mechanism; values are at the motor shaft. An omitted value is unknown."""
 
@@ -441,6 +481,7 @@ class RigAxis:
     limits: Limits = field(default_factory=Limits)
     permissions: Permissions = field(default_factory=Permissions)
     seen: Seen = field(default_factory=Seen)
+    identified: Identified = field(default_factory=Identified)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Simulated bench where it differs from the values of the axis."""
     __pydantic_config__: ClassVar = STRICT

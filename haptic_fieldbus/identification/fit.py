@@ -1,8 +1,9 @@
 """Fit of the shaft model to records, with intervals, and with the reason where a value cannot be separated.
 
 Theory. The values minimise the sum of the squared prediction errors of all samples, by the method of Levenberg and
-Marquardt within bounds: inertia, lag and delay are positive, damping and friction at least 0, and the delay plus the
-lag, which is what a hand feels, is a parameter of its own. Derivatives are differences of whole predictions.
+Marquardt within bounds: inertia and lag are positive, damping, friction and delay at least 0. Derivatives are
+differences of whole predictions. A solution at a bound of delay or lag is tried again from another share of the lag.
+Of delay and lag the sum is best known, and is what a hand feels; it has an interval of its own.
 
 The covariance is (HᵀH)⁻¹·S·(HᵀH)⁻¹ with the sensitivities H and S = Σ w_l·Γ_l, the covariances Γ of the gradient over
 lags up to `MEMORY` with the weights of Bartlett (Newey and West, Econometrica 55, 1987, 703). So a residual that is no
@@ -21,18 +22,27 @@ from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.numerics.linear import Matrix
 
 FEWEST_SAMPLES = 200
+ENCODER_NOISE = 0.4
+"""Largest prediction error of a shaft that the model explains, a little above that of rounding, 1/√12 [counts]."""
+SETTLED = 0.6
+"""Time after which the first speed of a record is forgotten [s]."""
 MEMORY = 0.15
 """Longest lag of the residual that widens an interval [s]."""
 WIDTH = 2.4
 """Half of an interval in standard deviations: 95 % where the covariance itself is uncertain by a fifth."""
+LEAST_SHARE = 1e-3
+"""Half of an interval is at least this share of its value: set-points act a little earlier or later in each period."""
 MOST_STEPS = 60
 SHORTEST_LAG, LONGEST_LAG = 1e-5, 0.02
 """Range of the lag of a torque loop [s]."""
 LONGEST_DELAY = 6.0
 """Longest delay plus lag, in periods, beyond the lag."""
+LAG_SHARES = (0.3, 0.7)
+"""Shares of the lag in the delay and the lag together, from which a solution at a bound is tried again."""
 SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
-NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag", "load")
+NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
+DELAY, LAG = NAMES.index("delay"), NAMES.index("torque_lag")
 UNITS = {
     "inertia": "kg·m²",
     "viscous_damping": "N·m·s/rad",
@@ -165,64 +175,60 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, floa
     return left, (max(inertia, 1e-3 * scale, 1e-12), float(values[1]), float(values[2]), float(values[3]))
 
 
+def prediction_errors(model: ShaftModel, record: ShaftRecord) -> Matrix:
+    """Return the prediction errors of a record [counts], without those of its beginning, shape (n,).
+
+    The first speed is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
+    """
+    first, width = 0.0, max(2, round(0.01 / record.period))
+    moved = record.positions[width] - record.positions[0]
+    if abs(moved) > 2.5 * record.resolution:
+        first = moved / (width * record.period)
+    found = predicted_positions(model, record.positions, record.torques, record.period, first)
+    errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
+    return errors
+
+
+def unsettled_samples(record: ShaftRecord) -> int:
+    """Return the number of samples until the first speed is forgotten."""
+    return min(round(SETTLED / record.period), len(record.positions) // 4)
+
+
 # The problem in scaled values.
 
 
 class _Problem:
-    """Sum of squares over all records; a vector holds `NAMES`, then the first speed of each record, all scaled."""
+    """Sum of squares over all records; a vector holds the scaled values of `NAMES`."""
 
     def __init__(self, records: Sequence[ShaftRecord], guess: ShaftModel) -> None:
         self.records, self.period = records, records[0].period
         torque = float(np.sqrt(np.mean(np.concatenate([each.torques for each in records]) ** 2))) or 1.0
         speed = max(each.top_speed for each in records) or 1.0
-        self.scales = np.array(
-            [guess.inertia, torque / speed, torque, self.period, self.period, torque, *[speed] * len(records)]
-        )
-        both = guess.delay + guess.lag
-        values = [guess.inertia, guess.damping, guess.coulomb, both, guess.lag, guess.load]
-        firsts = [self._first_speed(each) for each in records]
-        self.start = np.array([*values, *firsts]) / self.scales
+        self.scales = np.array([guess.inertia, torque / speed, torque, self.period, self.period, torque])
+        values = [guess.inertia, guess.damping, guess.coulomb, guess.delay, guess.lag, guess.load]
+        self.start = np.array(values) / self.scales
         low = np.full(len(self.start), -np.inf)
         high = np.full(len(self.start), np.inf)
         low[0], high[0] = 1e-3, 1e3
-        low[1] = low[2] = 0.0
-        low[4], high[4] = np.array([SHORTEST_LAG, LONGEST_LAG]) / self.period
-        low[3], high[3] = low[4], high[4] + LONGEST_DELAY
+        low[1] = low[2] = low[DELAY] = 0.0
+        high[DELAY] = LONGEST_DELAY
+        low[LAG], high[LAG] = np.array([SHORTEST_LAG, LONGEST_LAG]) / self.period
         self.low, self.high = low, high
 
-    def _first_speed(self, record: ShaftRecord) -> float:
-        width = max(2, round(0.01 / record.period))
-        return (record.positions[width] - record.positions[0]) / (width * record.period)
-
     def model(self, vector: Matrix) -> ShaftModel:
-        inertia, damping, coulomb, both, lag, load = (vector * self.scales)[: len(NAMES)].tolist()
-        return ShaftModel(inertia, damping, coulomb, max(both - lag, 0.0), lag, load)
+        return ShaftModel(*(vector * self.scales).tolist())
 
     def residuals(self, vector: Matrix) -> Matrix:
         """Return the prediction errors of all records [counts], shape (n,)."""
-        model, speeds = self.model(vector), (vector * self.scales)[len(NAMES) :]
-        parts = [
-            (
-                np.array(each.positions)
-                - predicted_positions(model, each.positions, each.torques, each.period, float(speed))
-            )
-            / each.resolution
-            for each, speed in zip(self.records, speeds, strict=True)
-        ]
-        return np.concatenate(parts)
-
-    def within(self, vector: Matrix) -> Matrix:
-        """Return the vector inside its bounds; the lag is at most the delay and the lag together."""
-        inside = np.clip(vector, self.low, self.high)
-        inside[4] = min(inside[4], inside[3])
-        return inside
+        model = self.model(vector)
+        return np.concatenate([prediction_errors(model, each) for each in self.records])
 
     def sensitivities(self, vector: Matrix, residuals: Matrix) -> Matrix:
         """Return the derivative of the residuals, shape (n, m)."""
         columns = []
         for place in range(len(vector)):
-            step = SMALL if place != len(NAMES) - 1 else SMALL * 0.1
-            if vector[place] + step > self.high[place] or (place == 4 and vector[4] + step > vector[3]):
+            step = SMALL
+            if vector[place] + step > self.high[place]:
                 step = -step
             moved = vector.copy()
             moved[place] += step
@@ -231,25 +237,38 @@ class _Problem:
 
     def solved(self) -> Matrix:
         """Return the vector of the least sum of squares."""
-        vector = self.within(self.start)
+        cost, vector = self._descended(self.start)
+        for share in LAG_SHARES:
+            inner = self.low[DELAY] < vector[DELAY] < self.high[DELAY] and self.low[LAG] < vector[LAG] < self.high[LAG]
+            if inner:
+                break
+            again, both = vector.copy(), vector[DELAY] + vector[LAG]
+            again[DELAY], again[LAG] = (1.0 - share) * both, share * both
+            cost, vector = min((cost, vector), self._descended(again), key=lambda each: each[0])
+        return vector
+
+    def _descended(self, start: Matrix) -> tuple[float, Matrix]:
+        """Return the sum of squares at the end of the way down from a start, and the vector there."""
+        vector = np.clip(start, self.low, self.high)
         residuals = self.residuals(vector)
         cost, damping = float(residuals @ residuals), 1e-3
         for _ in range(MOST_STEPS):
             slopes = self.sensitivities(vector, residuals)
             gradient, curvature = slopes.T @ residuals, slopes.T @ slopes
             while damping < 1e9:
-                moved = self.within(vector - self._step(vector, gradient, curvature, damping))
+                step = self._step(vector, gradient, curvature, damping)
+                moved = np.clip(vector - step, self.low, self.high)
                 after = self.residuals(moved)
                 if (new := float(after @ after)) < cost:
                     break
                 damping *= 5.0
             else:
-                return vector
+                return cost, vector
             gained, cost = cost - new, new
             vector, residuals, damping = moved, after, max(damping * 0.2, 1e-9)
             if gained < 1e-7 * cost:
-                return vector
-        return vector
+                break
+        return cost, vector
 
     def _step(self, vector: Matrix, gradient: Matrix, curvature: Matrix, damping: float) -> Matrix:
         """Return the step of the values that no bound holds."""
@@ -268,36 +287,37 @@ class _Problem:
     def told(self, vector: Matrix) -> ShaftFit:
         """Return the fit with its intervals and reasons."""
         residuals = self.residuals(vector)
-        covariance = self._covariance(self.sensitivities(vector, residuals), residuals)
+        spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
         model, top = self.model(vector), max(each.top_speed for each in self.records)
-        estimates = {}
-        for place, name in enumerate(NAMES):
-            value = float(vector[place] * self.scales[place])
-            spread = float(WIDTH * math.sqrt(covariance[place, place]) * self.scales[place])
-            lowest = -math.inf if name == "load" else 0.0
-            estimates[name] = Estimate(value, max(value - spread, lowest), value + spread, UNITS[name])
-        variance = float(covariance[3, 3] + covariance[4, 4] - 2.0 * covariance[3, 4])
-        spread = WIDTH * self.period * math.sqrt(max(variance, 0.0))
-        estimates["delay"] = Estimate(model.delay, max(model.delay - spread, 0.0), model.delay + spread, "s")
+        found = dict(zip(NAMES, (vector * self.scales).tolist(), strict=True))
+        found["delay_and_lag"] = model.delay + model.lag
         rms = float(np.sqrt(np.mean(residuals**2)))
+        # Above the noise of an encoder, a residual is a torque that the model lacks, and it may take sides.
+        unexplained = 1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0))
+        estimates = {}
+        for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True):
+            value, lowest = found[name], -math.inf if name == "load" else 0.0
+            half = max(WIDTH * unexplained * spread, LEAST_SHARE * abs(value))
+            estimates[name] = Estimate(value, max(value - half, lowest), value + half, UNITS[name])
         told = {name: replace(each, reason=reason_of(name, estimates, top)) for name, each in estimates.items()}
         return ShaftFit(model, told, rms, top, len(residuals), tuple(self._warnings(rms)))
 
-    def _covariance(self, slopes: Matrix, residuals: Matrix) -> Matrix:
-        """Return the covariance of the scaled values, shape (m, m)."""
+    def _spreads(self, slopes: Matrix, residuals: Matrix) -> list[float]:
+        """Return the standard deviation of each of `NAMES`, and then of the delay and the lag together."""
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-14)
         noise = max(float(residuals @ residuals) / max(len(residuals) - slopes.shape[1], 1), 1.0 / 12.0)
-        white = noise * inverse
-        first, robust = 0, np.zeros_like(white)
+        first, coloured = 0, np.zeros_like(inverse)
         for record in self.records:
-            rows = slice(first, first + len(record.positions))
-            first += len(record.positions)
-            robust += _long_run(slopes[rows] * residuals[rows, np.newaxis], round(MEMORY / record.period))
-        coloured = inverse @ robust @ inverse
-        # The correlations of the wider one; each variance is at least that of white noise.
-        ratio = np.sqrt(np.maximum(np.diag(coloured), np.diag(white)) / np.maximum(np.diag(white), 1e-300))
-        widened: Matrix = white * np.outer(ratio, ratio)
-        return widened
+            rows = slice(first, first + len(record.positions) - unsettled_samples(record))
+            first = rows.stop
+            coloured += _long_run(slopes[rows] * residuals[rows, np.newaxis], round(MEMORY / record.period))
+        forms = np.vstack([np.eye(len(NAMES)), np.zeros(len(NAMES))])
+        forms[-1, [DELAY, LAG]] = 1.0
+        forms = forms * self.scales
+        white = np.einsum("ij,jk,ik->i", forms, noise * inverse, forms)
+        wide = np.einsum("ij,jk,ik->i", forms, inverse @ coloured @ inverse, forms)
+        spreads: list[float] = np.sqrt(np.maximum(np.maximum(white, wide), 0.0)).tolist()
+        return spreads
 
     def _warnings(self, rms: float) -> Iterator[str]:
         """Yield what the fit cannot explain."""

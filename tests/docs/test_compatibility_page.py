@@ -13,6 +13,7 @@ from haptic_fieldbus.assessing.result import Stopped, TripRecord
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import OUTCOMES
 from haptic_fieldbus.eds import eds_text
+from tests.api.test_identification import rig_text
 from tests.eds.sheets import generic
 from tests.scenes.packages import install
 
@@ -34,6 +35,7 @@ COMMANDS = {
     "scan": "scan",
     "doctor": "doctor",
     "watch": "watch --duration 0.5",
+    "identify": "identify --rig rig.toml --bus sim",
     "profiles list": "profiles list",
     "profiles check": "profiles check maxon_epos4",
     "profiles check --eds": "profiles check nanotec_c5_e --eds push1.eds",
@@ -44,7 +46,7 @@ COMMANDS = {
     "a failed command": "plan no_such_scene",
 }
 BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes", "growth", "depth",
-                          "versions", "drives", "columns")  # fmt: skip
+                          "versions", "drives", "columns", "values")  # fmt: skip
 """Objects whose keys are not ours, and those that a page of their own lists."""
 
 
@@ -74,6 +76,7 @@ def test_a_command_prints_the_keys_of_the_page(
     monkeypatch.chdir(tmp_path)
     Path("push1.eds").write_text(eds_text(generic()), encoding="utf-8")
     Path("signal.csv").write_text("time,position\n0,0\n0.1,1\n", encoding="utf-8")
+    Path("rig.toml").write_text(rig_text(), encoding="utf-8")
     if name == "replay":
         run("wall", duration=0.05, record="run.csv")
     with pytest.raises(SystemExit):

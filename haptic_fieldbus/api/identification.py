@@ -1,0 +1,454 @@
+"""Measurement of the shaft of a bench: two experiments on its drive, each a run with all guards, and the fit between.
+
+The motor is off before, between and after the experiments. Values are at the motor shaft and SI, as in a rig.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from haptic_fieldbus.api import Trial, prepare_run
+from haptic_fieldbus.assessing.result import Json
+from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
+from haptic_fieldbus.drive.rig import Identified, Rig, RigAxis
+from haptic_fieldbus.errors import SafetyTripError, UsageError
+from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
+from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.numerals import in_unit, percent, rounded
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import SPEED_LIMIT
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.running.loop import Caller
+from haptic_fieldbus.running.session import Session
+from haptic_fieldbus.scenes.element import Law
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.signals import Signal
+
+NAME = "identify"
+"""Name of the scene and of its element."""
+EFFORT_SHARE = 0.25
+"""Largest effort, as a share of rated effort."""
+TRAVELS_PER_SECOND = 4.0
+"""Largest speed, in travels a second."""
+LONGEST_TRAVEL = 12.0 * math.pi
+"""Longest travel at the motor shaft [rad]; a longer one is not needed."""
+DEFAULT_TURNS = 1.0
+"""Travel of a rig without position limits, in turns of the motor."""
+MARGIN = 0.06
+"""Part of the travel at each of its ends that an experiment does not plan to use."""
+FADE_IN = 0.2
+"""[s]"""
+LONGEST = 300.0
+"""Longest time of one experiment [s]."""
+KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
+"""Values that a rig keeps."""
+WIDE = 0.3
+"""Half width of an interval, of its value, from which on its ends are told."""
+STATED = ("inertia", "viscous_damping", "coulomb_friction")
+
+
+@dataclass(frozen=True)
+class BenchTask:
+    """Request of a caller: the axis of a rig, and bounds for its motion."""
+
+    rig: str | Path | Rig
+    _: KW_ONLY
+    axis: str | None = None
+    """Name of the axis; None: the only one of the rig."""
+    bus: str | None = None
+    """Bus in the place of that of the rig, such as sim."""
+    rate: float | None = None
+    """[Hz]"""
+    travel: float | None = None
+    """Travel of the handle [m or rad]; None: the position limits of the rig, or a turn of the motor."""
+    effort: float | None = None
+    """Largest effort [N or N·m]; None: a quarter of the rated effort."""
+    speed: float | None = None
+    """Largest speed [m/s or rad/s]; None: four travels a second."""
+    profiles: str | Path | None = None
+    seed: int = DEFAULT_SEED
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """Largest motion and effort of both experiments, in the workspace of the axis."""
+
+    axis: str
+    low: float
+    high: float
+    """Travel [m or rad]."""
+    speed: float
+    effort: float
+    length_unit: str
+    effort_unit: str
+    share: float
+    """Effort as a share of rated effort."""
+    from_start: bool
+    """True: the travel is counted from the position of the handle at enabling."""
+
+    def lines(self) -> Iterator[str]:
+        """Yield what will move, how far, how fast and how strongly."""
+        low, high = (in_unit(each, self.length_unit) for each in (self.low, self.high))
+        begin = "from where it is; put it in the middle of its travel" if self.from_start else "by the rig's zero"
+        yield f"axis {self.axis}: the handle moves by itself, from {low} to {high} {begin}; keep hands off"
+        yield (
+            f"at most {in_unit(self.effort, self.effort_unit)} ({percent(self.share)} of rated torque) and "
+            f"{in_unit(self.speed, f'{self.length_unit}/s')}; beyond these the motor is switched off"
+        )
+        yield "first run: rest, slow pushes until it moves, short pulses"
+        yield "second run: slow motion with small oscillations"
+
+
+@dataclass(frozen=True)
+class IdentifiedBench:
+    """The measured values of an axis, and what they rest on."""
+
+    axis: str
+    fit: ShaftFit
+    announced: Announcement
+    rate: float
+    """[Hz]"""
+    check: float
+    """Prediction error of the part of the record that the fit did not use [counts, rms]."""
+    stated: Mapping[str, float | None]
+    """Values of the rig."""
+    records: tuple[ShaftRecord, ...] = field(default=(), repr=False)
+    """Records of probe and motion, and the part of the motion that was not used in the fit."""
+    warnings: tuple[str, ...] = ()
+    written: str = ""
+    """File of the rig into which the values were written; empty if they were not."""
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the object of `identify --json`."""
+        told = self.announced
+        values: dict[str, Json] = {
+            name: {
+                "value": each.value,
+                "low": each.low,
+                "high": each.high,
+                "unit": each.unit,
+                "reason": each.reason or None,
+                "stated": self.stated.get(name),
+            }
+            for name, each in self.fit.values.items()
+        }
+        return {
+            "axis": self.axis,
+            "values": values,
+            "rate_hz": self.rate,
+            "travel": [told.low, told.high],
+            "speed": told.speed,
+            "effort": told.effort,
+            "residual": {"fit": self.fit.residual, "check": self.check, "unit": "counts"},
+            "samples": self.fit.samples,
+            "warnings": list(self.warnings),
+            "written": self.written or None,
+        }
+
+
+@dataclass(frozen=True)
+class MeasuringLaw:
+    """The law of an experiment as an element of a scene; it gives nothing until it is armed."""
+
+    axis: str
+    experiment: Experiment
+    armed: list[bool]
+    """Empty until the experiment may begin."""
+    effort: float
+    name: str = NAME
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION,)
+
+    @property
+    def strongest(self) -> float:
+        """Largest effort of this active element [N or N·m]."""
+        return self.effort
+
+    def begin(self, period: float) -> Law:
+        """Return the law of the position."""
+        return lambda position: self.experiment.effort(position) if self.armed else 0.0
+
+    def linearised(self) -> StateSpace:
+        return gain([[0.0, 0.0]])
+
+
+def identify(
+    task: BenchTask,
+    *,
+    confirm: Callable[[str], bool] | None = None,
+    instruct: Callable[[str], None] | None = None,
+    announce: Callable[[Announcement], None] | None = None,
+    progress: Callable[[str], None] | None = None,
+    write: bool = True,
+) -> IdentifiedBench:
+    """Measure an axis, and write its values into the rig file unless `write` is False or the bus is replaced.
+
+    `announce` is called before any bus is opened, `progress` with the name of each stage. Raises DocumentError,
+    UsageError, PlanError, and as a run BusError, DriveFaultError or SafetyTripError; the motor is off by then.
+    """
+    bench = _Bench(task, confirm, instruct, progress or (lambda stage: None))
+    if announce is not None:
+        announce(bench.announced)
+    probe, _ = bench.conducted(Probe(bench.bounds))
+    guess = _fitted([probe]).model
+    ratio = bench.ratio
+    motion = GuidedMotion(
+        bench.bounds, guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio, guess.delay + guess.lag
+    )
+    record, stages = bench.conducted(motion)
+    used = _part(record, stages, "motion")
+    rest = _part(record, stages, "check")
+    fit = fit_shaft([probe, used], guess)
+    check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
+    found = IdentifiedBench(
+        bench.name, fit, bench.announced, 1.0 / bench.bounds.period, check, bench.stated,
+        (probe, used, rest), (*fit.warnings, *_contradictions(fit, bench.stated)),
+    )  # fmt: skip
+    return _written(found, bench) if write and bench.own_bus else found
+
+
+def bounds_of(task: BenchTask) -> Announcement:
+    """Return what `identify` would announce; nothing is opened. Raises DocumentError, UsageError or PlanError."""
+    return _Bench(task, None, None, lambda stage: None).announced
+
+
+class _Bench:
+    """The axis of a task, its bounds, and its runs."""
+
+    def __init__(
+        self,
+        task: BenchTask,
+        confirm: Callable[[str], bool] | None,
+        instruct: Callable[[str], None] | None,
+        progress: Callable[[str], None],
+    ) -> None:
+        self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
+        self.rig, self.name = _one_axis(task)
+        axis = self.rig.axis[self.name]
+        self.ratio = axis.mechanism.ratio
+        self.stated = {key: getattr(axis, key) for key in STATED}
+        self.own_bus = task.bus is None and bool(self.rig.source)
+        plan = self._plan(axis)
+        self.profile = plan.axes[0].profile.name
+        self.announced = _announced(task, self.name, axis, plan.axes[0])
+        told = self.announced
+        self._limits = replace(axis.limits, position=(told.low, told.high), speed=told.speed, effort=told.effort)
+        margin = MARGIN * (told.high - told.low)
+        self.bounds = Bounds(
+            plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin, 0.9 * told.speed, told.effort,
+            self._plan(replace(axis, limits=self._limits)).axes[0].limits.acceleration,
+        )  # fmt: skip
+
+    def _task_with(self, axis: RigAxis, experiment: Experiment, armed: list[bool], effort: float) -> Task:
+        law = MeasuringLaw(self.name, experiment, armed, effort)
+        scene = Scene(NAME, "Measures the bench", (SceneAxis(self.name, axis.mechanism.workspace),), (law,))
+        rig, task = replace(self.rig, axis={self.name: axis}), self._task
+        return Task(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
+
+    def _plan(self, axis: RigAxis) -> Plan:
+        """Return the plan of the axis under a law without force."""
+        nothing = Bounds(1e-3, 1e-6, -1.0, 1.0, 1.0, 1.0, math.inf)
+        return load(self._task_with(axis, Probe(nothing), [], 0.0)).plan
+
+    def conducted(self, experiment: Experiment) -> tuple[ShaftRecord, list[str]]:
+        """Conduct an experiment in a run of its own; return the record at the shaft and the stage of each sample.
+
+        Raises SafetyTripError with the reason when the experiment ended early, and the errors of a run.
+        """
+        armed: list[bool] = []
+        axis = replace(self.rig.axis[self.name], limits=self._limits)
+        task = self._task_with(axis, experiment, armed, self.announced.effort)
+        # Without a stated bench the run is one without a limit, with the cap of such a run.
+        unknown = axis.inertia is None or axis.viscous_damping is None
+        trial = Trial(
+            duration=LONGEST, hand="none", fade_in=FADE_IN, seed=self._task.seed, force=unknown, confirm=self._confirm,
+            instruct=self._instruct,
+        )  # fmt: skip
+        session, place = prepare_run(task, trial)
+        caller, taken = Caller(), _Taken(self, experiment, armed)
+        for _ in session.steps(place, caller):
+            caller.stopping = taken.period(session)
+        if experiment.failure:
+            raise SafetyTripError(f"{experiment.failure}; torque is off")
+        if not experiment.done:
+            raise SafetyTripError("the experiment was ended before its last stage; torque is off")
+        return taken.record()
+
+    def stage(self, name: str) -> None:
+        """Tell that a stage has begun."""
+        self._progress(name)
+
+
+class _Taken:
+    """Samples of one experiment, taken after each period of its run."""
+
+    def __init__(self, bench: _Bench, experiment: Experiment, armed: list[bool]) -> None:
+        self._bench, self._experiment, self._armed = bench, experiment, armed
+        self._stage = ""
+        self._times: list[int] = []
+        self._places: list[float] = []
+        self._efforts: list[float] = []
+        self._stages: list[str] = []
+
+    def period(self, session: Session) -> bool:
+        """Note one period; return True when the run is to end."""
+        if session.cycle is None:  # confirmed, and not yet enabled
+            return False
+        cycle = session.cycle
+        axis, unit = cycle.axes[self._bench.name], session.plan.axes[0].effort_unit
+        state = axis.state
+        if not self._armed:
+            permitted = state.permitted_ns
+            if permitted is not None and cycle.t_ns - permitted >= 1e9 * FADE_IN:
+                self._armed.append(True)
+            return False
+        if state.steps:
+            self._times.append(cycle.t_ns)
+            self._places.append(state.position)
+            self._efforts.append(state.target * unit)
+            self._stages.append(self._experiment.stage)
+        if self._experiment.stage != self._stage:
+            self._stage = self._experiment.stage
+            self._bench.stage(self._stage)
+        return self._experiment.done
+
+    def record(self) -> tuple[ShaftRecord, list[str]]:
+        """Return the record at the motor shaft, and its stages; missing samples are drawn as straight lines.
+
+        Raises SafetyTripError when more than one sample in a hundred is missing.
+        """
+        period = self._bench.bounds.period
+        first = self._times[0]
+        places = np.rint((np.array(self._times) - first) / (1e9 * period)).astype(int)
+        count = int(places[-1]) + 1
+        if count - len(places) > 0.01 * count:
+            missing = rounded(100.0 * (count - len(places)) / count)
+            raise SafetyTripError(f"{missing} % of the samples are missing; torque is off")
+        grid, ratio = np.arange(count), self._bench.ratio
+        positions = np.interp(grid, places, self._places) / ratio
+        held = np.searchsorted(places, grid, side="right") - 1
+        torques = np.array(self._efforts)[held] * ratio
+        resolution = self._bench.bounds.resolution / ratio
+        record = ShaftRecord(period, tuple(positions.tolist()), tuple(torques.tolist()), resolution)
+        return record, [self._stages[each] for each in held]
+
+
+def _one_axis(task: BenchTask) -> tuple[Rig, str]:
+    """Return the rig with the axis alone, and its name; raises DocumentError or UsageError."""
+    rig = task.rig if isinstance(task.rig, Rig) else load_rig(task.rig, task.profiles)
+    names = ", ".join(rig.axis)
+    if task.axis is None and len(rig.axis) > 1:
+        raise UsageError(f"the rig has several axes; name one with --axis: {names}")
+    name = task.axis or next(iter(rig.axis))
+    if name not in rig.axis:
+        raise UsageError(f'--axis "{name}": expected an axis of the rig: {names}')
+    axis = rig.axis[name]
+    return replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={name: axis}), name
+
+
+def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan) -> Announcement:
+    """Return the bounds of the experiments: those of the task inside those of the rig; raises UsageError."""
+    given = {"travel": task.travel, "effort": task.effort, "speed": task.speed}
+    expected = "expected a number above 0"
+    wrong = [f"--{key} {each}: {expected}" for key, each in given.items() if each is not None and not each > 0.0]
+    if wrong:
+        raise UsageError("\n".join(wrong))
+    low, high = _travel(task, axis)
+    effort = min(task.effort or EFFORT_SHARE * plan.rated_effort, plan.limits.effort)
+    highest = axis.limits.speed or SPEED_LIMIT[axis.mechanism.kind]
+    speed = min(task.speed or TRAVELS_PER_SECOND * (high - low), highest)
+    space = axis.mechanism.workspace
+    return Announcement(
+        name, low, high, speed, effort, space.length_unit, space.effort_unit, effort / plan.rated_effort,
+        axis.mechanism.zero == "start",
+    )  # fmt: skip
+
+
+def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
+    """Return the travel [m or rad], within the position limits of the rig and around their middle."""
+    turn = 2.0 * math.pi * axis.mechanism.ratio
+    limits = axis.limits.position
+    if limits is None and axis.mechanism.zero != "start":
+        raise UsageError("the rig has an encoder count as zero and no limits.position; state limits.position")
+    low, high = limits or (-0.5 * DEFAULT_TURNS * turn, 0.5 * DEFAULT_TURNS * turn)
+    if limits is None and task.travel is not None:
+        low, high = -0.5 * task.travel, 0.5 * task.travel
+    wanted = min(high - low, task.travel or math.inf, LONGEST_TRAVEL * axis.mechanism.ratio)
+    middle = 0.5 * (low + high)
+    return middle - 0.5 * wanted, middle + 0.5 * wanted
+
+
+def _part(record: ShaftRecord, stages: list[str], stage: str) -> ShaftRecord:
+    """Return the samples of one stage."""
+    here = [number for number, each in enumerate(stages) if each == stage]
+    first, last = here[0], here[-1] + 1
+    return replace(record, positions=record.positions[first:last], torques=record.torques[first:last])
+
+
+def _fitted(records: list[ShaftRecord]) -> ShaftFit:
+    """Return the fit of records, or raise SafetyTripError with its reason."""
+    try:
+        return fit_shaft(records)
+    except ValueError as error:
+        raise SafetyTripError(f"{error}; torque is off") from error
+
+
+def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterator[str]:
+    """Yield a sentence for each value of the rig that lies outside of its interval."""
+    for name, value in stated.items():
+        each = fit.values[name]
+        # Friction left out of a rig is 0 there, and nobody has stated it.
+        if value is None or (name == "coulomb_friction" and not value) or each.low <= value <= each.high:
+            continue
+        yield f"{name}: the rig states {in_unit(value, each.unit)}, measured {interval_text(each)}"
+
+
+def interval_text(each: Estimate) -> str:
+    """Return a value with its interval of 95 %: in percent, or its ends if it is wide."""
+    if each.value > 0.0 and each.half_width < WIDE * each.value:
+        return f"{in_unit(each.value, each.unit)} ± {percent(each.half_width / each.value)}"
+    return f"{in_unit(each.low, each.unit)} to {in_unit(each.high, each.unit)}"
+
+
+# The rig file.
+
+
+def kept_values(found: IdentifiedBench, profile: str) -> dict[str, Value]:
+    """Return the keys of `[axis.NAME.identified]`."""
+    values: dict[str, Value] = {}
+    for name in KEPT:
+        each = found.fit.values[name]
+        values[name] = float(f"{each.value:.6g}")
+        values[f"{name}_interval"] = [float(f"{each.low:.6g}"), float(f"{each.high:.6g}")]
+    kept = Identified(
+        date=datetime.now().astimezone().isoformat(timespec="seconds"), profile=profile, rate=found.rate,
+        top_speed=float(f"{found.fit.top_speed:.4g}"), residual_counts=float(f"{found.fit.residual:.3g}"),
+    )  # fmt: skip
+    told = ("date", "profile", "rate", "top_speed", "residual_counts")
+    return values | {key: getattr(kept, key) for key in told}
+
+
+def _written(found: IdentifiedBench, bench: _Bench) -> IdentifiedBench:
+    """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
+    path, values = ("axis", found.axis, "identified"), kept_values(found, bench.profile)
+    try:
+        edit_file(bench.rig.source, partial(with_table, path=path, values=values))
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        told = (
+            f"the values were not saved in {bench.rig.source}: {why}. To add them by hand:\n{table_text(path, values)}"
+        )
+        return replace(found, warnings=(*found.warnings, told))
+    return replace(found, written=bench.rig.source)

@@ -1,0 +1,299 @@
+"""`identify` on simulated benches that differ from their rigs, over CANopen and Modbus."""
+
+import random
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.api.identification import Announcement, BenchTask, IdentifiedBench, bounds_of, identify
+from haptic_fieldbus.api.identification import interval_text as told
+from haptic_fieldbus.documents.edits import with_table
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
+from haptic_fieldbus.identification.fit import Estimate
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.protocols.catalogue import load_rig
+
+BUSES = {
+    "canopen": ("haptic_sim", "bench", 5, "maxon_epos4"),
+    "modbus-tcp": ("sim-modbus-tcp", "sim", 1, "generic_cia402_modbus"),
+    "modbus-rtu": ("sim-modbus-rtu", "sim", 1, "generic_cia402_modbus"),
+}
+RIG = """\
+# My bench.
+[bus.here]
+interface = "{interface}"
+channel = "{channel}"
+
+[axis.handle]  # the left one
+bus = "here"
+node = {node}
+profile = "{profile}"
+rated_torque = 0.4
+encoder_counts_per_revolution = {counts}
+inertia = 4.0e-5  # with the handle
+viscous_damping = 3.0e-4  # a guess
+coulomb_friction = 2.0e-3
+mechanism = {mechanism}
+
+[axis.handle.limits]
+position = {position}
+"""
+LINEAR = ('{ kind = "linear", metres_per_revolution = 0.05 }', "[-0.1, 0.1]")
+GEARED = ('{ kind = "rotary", gear_ratio = 4.0, sign = -1 }', "[-1.5, 1.5]")
+
+
+def rig_text(*simulation: str, bus: str = "canopen", counts: int = 4096, handle: tuple[str, str] = LINEAR) -> str:
+    interface, channel, node, profile = BUSES[bus]
+    told = RIG.format(
+        interface=interface, channel=channel, node=node, profile=profile, counts=counts, mechanism=handle[0],
+        position=handle[1],
+    )  # fmt: skip
+    return told + "\n".join(["\n[axis.handle.simulation]", *simulation, ""]) if simulation else told
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    return tmp_path / "rig.toml"
+
+
+def measured(bench: Path, text: str, **words: object) -> IdentifiedBench:
+    bench.write_text(text, encoding="utf-8")
+    return identify(BenchTask(bench, **words))  # type: ignore[arg-type]
+
+
+def drawn(seed: int) -> tuple[dict[str, float], str]:
+    """A true bench, and the text of a rig that states other values."""
+    draw = random.Random(seed)
+    true = {
+        "inertia": 4e-5 * 3.0 ** draw.uniform(-1.0, 1.0),
+        "viscous_damping": 1e-4 * 3.0 ** draw.uniform(-1.0, 1.0),
+        "coulomb_friction": 2e-3 * 2.0 ** draw.uniform(-1.0, 1.0),
+    }
+    counts, bus, handle = draw.choice([1024, 4096, 20_000]), list(BUSES)[seed % 3], draw.choice([LINEAR, GEARED])
+    return true, rig_text(*(f"{key} = {value!r}" for key, value in true.items()), bus=bus, counts=counts, handle=handle)
+
+
+@pytest.mark.thorough("measures 12 drawn benches over their buses", quick=2)
+@pytest.mark.parametrize("seed", range(12))
+def test_a_bench_that_differs_from_its_rig_is_measured_over_its_bus(bench: Path, seed: int) -> None:
+    true, text = drawn(seed)
+    found = measured(bench, text)
+    values, announced = found.fit.values, found.announced
+    assert values["inertia"].value == pytest.approx(true["inertia"], rel=0.05)
+    assert values["viscous_damping"].value == pytest.approx(true["viscous_damping"], rel=0.15)
+    assert values["coulomb_friction"].value == pytest.approx(true["coulomb_friction"], rel=0.15)
+    (axis,) = load(task_on(bench)).plan.axes
+    known = axis.delay.transport + axis.delay.torque_loop
+    assert values["delay_and_lag"].value == pytest.approx(known, abs=max(1e-4, 0.1 * known))
+    ratio = axis.rig.mechanism.ratio
+    for record in found.records:
+        places = [ratio * each for each in record.positions]
+        assert announced.low <= min(places)
+        assert max(places) <= announced.high
+        assert max(map(abs, record.torques)) / ratio <= announced.effort * (1.0 + 1e-9)
+        assert record.top_speed * ratio <= announced.speed
+    kept = load_rig(bench).axis["handle"].identified
+    assert kept.inertia == pytest.approx(values["inertia"].value, rel=1e-5)
+    assert found.written == str(bench)
+
+
+def task_on(bench: Path) -> Task:
+    """A scene for the mechanism of the bench."""
+    if load_rig(bench).axis["handle"].mechanism.kind == "rotary":
+        return Task("knob_menu", bench, axes={"knob": "handle"})
+    return Task("wall", bench)
+
+
+# The rig file.
+
+
+def test_the_rig_keeps_its_comments_and_gets_one_table(bench: Path) -> None:
+    text = rig_text("viscous_damping = 1.0e-4")
+    found = measured(bench, text)
+    after = bench.read_text(encoding="utf-8")
+    assert after.startswith(text)
+    table = tomllib.loads(after)["axis"]["handle"]["identified"]
+    low, high = table["viscous_damping_interval"]
+    assert low <= 1e-4 <= high
+    assert table["viscous_damping"] == pytest.approx(1e-4, rel=0.01)
+    assert any("viscous_damping: the rig states 0.3 mN·m·s/rad" in each for each in found.warnings)
+    assert not any("coulomb_friction" in each for each in found.warnings)
+
+
+@pytest.mark.thorough("measures a bench")
+def test_the_next_measurement_replaces_the_table(bench: Path) -> None:
+    measured(bench, rig_text("viscous_damping = 1.0e-4"))
+    identify(BenchTask(bench))
+    assert bench.read_text(encoding="utf-8").count("identified]") == 1
+
+
+def test_no_plan_reads_the_measured_values(bench: Path) -> None:
+    bench.write_text(rig_text(), encoding="utf-8")
+    stated = load(Task("wall", bench)).plan
+    values = {"inertia": 1e-3, "viscous_damping": 0.01, "delay_and_lag": 0.1}
+    bench.write_text(with_table(rig_text(), ("axis", "handle", "identified"), values), encoding="utf-8")
+    now = load(Task("wall", bench)).plan
+    assert load_rig(bench).axis["handle"].identified.inertia == 1e-3
+    assert (now.axes[0].plant, now.axes[0].limits, now.stability) == (
+        stated.axes[0].plant, stated.axes[0].limits, stated.stability,
+    )  # fmt: skip
+
+
+@pytest.mark.thorough("measures a bench")
+def test_a_rig_that_cannot_be_written_is_told_with_the_table(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "it is read-only")
+
+    monkeypatch.setattr("haptic_fieldbus.api.identification.edit_file", refuse)
+    found = measured(bench, rig_text())
+    assert found.written == ""
+    assert "not saved" in found.warnings[-1]
+    assert "it is read-only" in found.warnings[-1]
+    assert "[axis.handle.identified]\ninertia = " in found.warnings[-1]
+
+
+@pytest.mark.thorough("measures a bench")
+@pytest.mark.parametrize("asked", [{"bus": "sim"}, {"write": False}])
+def test_a_bench_on_another_bus_is_not_written_into_the_rig(bench: Path, asked: dict[str, object]) -> None:
+    bench.write_text(rig_text(), encoding="utf-8")
+    write = bool(asked.pop("write", True))
+    found = identify(BenchTask(bench, **asked), write=write)  # type: ignore[arg-type]
+    assert found.written == ""
+    assert bench.read_text(encoding="utf-8") == rig_text()
+
+
+# What is announced, and what is refused.
+
+
+def test_what_will_move_is_announced_before_anything_is_opened(bench: Path) -> None:
+    bench.write_text(rig_text(), encoding="utf-8")
+    announced: list[Announcement] = []
+
+    class NotYetError(Exception):
+        pass
+
+    def stop(told: Announcement) -> None:
+        announced.append(told)
+        raise NotYetError
+
+    with pytest.raises(NotYetError):
+        identify(BenchTask(bench, travel=0.04, effort=3.0, speed=0.1), announce=stop)
+    assert announced == [bounds_of(BenchTask(bench, travel=0.04, effort=3.0, speed=0.1))]
+    lines = " ".join(announced[0].lines())
+    for part in ("-0.02 m to 0.02 m", "3 N", "0.1 m/s", "% of rated torque", "keep hands off"):
+        assert part in lines
+
+
+def test_the_bounds_of_a_task_stay_inside_those_of_the_rig(bench: Path) -> None:
+    bench.write_text(rig_text().replace("[-0.1, 0.1]", "[-0.02, 0.06]\neffort = 2.0\nspeed = 0.3"), encoding="utf-8")
+    wide = bounds_of(BenchTask(bench, travel=5.0, effort=500.0, speed=50.0))
+    assert (wide.low, wide.high, wide.effort, wide.speed) == pytest.approx((-0.02, 0.06, 2.0, 0.3))
+    narrow = bounds_of(BenchTask(bench, travel=0.02))
+    assert (narrow.low, narrow.high) == pytest.approx((0.01, 0.03))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words", "complaint"),
+    [
+        ("", "", {"axis": "knob"}, "expected an axis of the rig: handle"),
+        ("", "", {"travel": -1.0}, "--travel -1.0: expected a number above 0"),
+        ("", "", {"effort": 0.0}, "--effort 0.0: expected a number above 0"),
+        ("0.05 }", "0.05, zero = 7 }\nrated_current = 8.0", {}, ""),
+        ("[axis.handle.limits]\nposition = [-0.1, 0.1]", "", {}, ""),
+    ],
+)
+def test_a_request_that_contradicts_its_rig_is_refused(
+    bench: Path, old: str, new: str, words: dict[str, object], complaint: str
+) -> None:
+    bench.write_text(rig_text().replace(old, new) if old else rig_text(), encoding="utf-8")
+    if not complaint:
+        assert bounds_of(BenchTask(bench, **words)).speed > 0.0  # type: ignore[arg-type]
+        return
+    with pytest.raises(UsageError, match=complaint.replace("(", r"\(")):
+        bounds_of(BenchTask(bench, **words))  # type: ignore[arg-type]
+
+
+def test_an_encoder_zero_without_position_limits_is_refused(bench: Path) -> None:
+    text = rig_text().replace("0.05 }", "0.05, zero = 7 }").replace("position = [-0.1, 0.1]", "")
+    bench.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match=r"state limits\.position"):
+        bounds_of(BenchTask(bench))
+
+
+def test_one_of_several_axes_must_be_named(bench: Path) -> None:
+    second = rig_text().partition("[axis.handle]")[2].replace("node = 5", "node = 6").replace("handle", "other")
+    bench.write_text(f"{rig_text()}\n[axis.other]{second}", encoding="utf-8")
+    with pytest.raises(UsageError, match="several axes; name one with --axis: handle, other"):
+        bounds_of(BenchTask(bench))
+    assert bounds_of(BenchTask(bench, axis="other")).axis == "other"
+
+
+def test_a_travel_without_limits_is_a_turn_of_the_motor_or_that_of_the_task(bench: Path) -> None:
+    bench.write_text(rig_text().replace("position = [-0.1, 0.1]", ""), encoding="utf-8")
+    turn, asked = bounds_of(BenchTask(bench)), bounds_of(BenchTask(bench, travel=0.02))
+    assert (turn.low, turn.high) == pytest.approx((-0.025, 0.025))
+    assert (asked.low, asked.high) == pytest.approx((-0.01, 0.01))
+
+
+# What ends a measurement: torque is off, the rig is as it was.
+
+
+@pytest.mark.parametrize(
+    ("truth", "words", "error", "complaint"),
+    [
+        ("gravity = { torque = 0.005 }", {}, SafetyTripError, "moves while no effort acts on it"),
+        ("coulomb_friction = 0.2", {}, PlanError, "motor direction not confirmed"),
+        ("torque_bandwidth = 45", {}, HapticFieldbusError, "set-points do not act"),
+    ],
+)
+def test_a_bench_that_cannot_be_measured_is_told_and_left_alone(
+    bench: Path, truth: str, words: dict[str, object], error: type[HapticFieldbusError], complaint: str
+) -> None:
+    with pytest.raises(error, match=complaint):
+        measured(bench, rig_text(truth), **words)
+    assert bench.read_text(encoding="utf-8") == rig_text(truth)
+
+
+@pytest.mark.thorough("measures a bench")
+def test_samples_that_are_missing_too_often_end_it(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from haptic_fieldbus.api import identification
+
+    taken = identification._Taken.period
+    counter = iter(range(1_000_000))
+
+    def gappy(self: identification._Taken, session: object) -> bool:
+        before = len(self._times)
+        ended = taken(self, session)  # type: ignore[arg-type]
+        if len(self._times) > before and before and next(counter) % 20 == 0:
+            for kept in (self._times, self._places, self._efforts, self._stages):
+                kept.pop()
+        return ended
+
+    monkeypatch.setattr(identification._Taken, "period", gappy)
+    with pytest.raises(SafetyTripError, match="of the samples are missing"):
+        measured(bench, rig_text())
+
+
+@pytest.mark.thorough("measures a bench")
+def test_a_bench_of_unknown_inertia_is_measured(bench: Path) -> None:
+    text = rig_text("torque_scale = 1.0").replace("inertia = 4.0e-5  # with the handle\n", "")
+    found = measured(bench, text.replace("viscous_damping = 3.0e-4  # a guess\n", ""))
+    assert found.fit.values["inertia"].value == pytest.approx(4e-5, rel=0.01)
+    assert found.stated["inertia"] is None
+
+
+@pytest.mark.thorough("measures a bench")
+def test_a_rig_made_in_python_is_measured_and_nothing_is_written(bench: Path) -> None:
+    bench.write_text(rig_text(), encoding="utf-8")
+    known = load_rig(bench)
+    found = identify(BenchTask(Rig(known.bus, known.axis)))
+    assert found.written == ""
+    assert found.to_json()["written"] is None
+
+
+def test_intervals_are_told_in_percent_or_by_their_ends() -> None:
+    assert told(Estimate(1e-4, 0.9e-4, 1.1e-4, "N·m")) == "0.1 mN·m ± 10 %"
+    assert told(Estimate(1e-4, 0.0, 3e-4, "N·m")) == "0 N·m to 0.3 mN·m"

@@ -1,0 +1,66 @@
+"""Command `identify`."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.api.test_identification import rig_text
+from tests.cli.command import Command
+
+KEYS = "axis values rate_hz travel speed effort residual samples warnings written"
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_text("viscous_damping = 1.0e-4"), encoding="utf-8")
+    return path
+
+
+def test_a_dry_run_says_what_would_move_and_changes_nothing(rig: Path, command: Command) -> None:
+    before = rig.read_text(encoding="utf-8")
+    ended = command("identify", "--rig", rig, "--dry-run")
+    assert ended.status == 0
+    assert "axis handle: the handle moves by itself, from -0.1 m to 0.1 m" in ended.out
+    assert "25 % of rated torque" in ended.out
+    assert rig.read_text(encoding="utf-8") == before
+
+
+def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, command: Command) -> None:
+    picture = tmp_path / "bench.png"
+    ended = command("identify", "--rig", rig, "--plot", picture)
+    assert ended.status == 0, ended.err
+    assert "the rig states 0.3 mN·m·s/rad, measured" in ended.out
+    assert f"[axis.handle.identified] written into {rig}" in ended.out
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.thorough("measures a bench")
+def test_json_has_every_value_with_its_interval(rig: Path, command: Command) -> None:
+    ended = command("identify", "--rig", rig, "--bus", "sim", "--json")
+    assert ended.status == 0, ended.err
+    found = json.loads(ended.out)
+    assert list(found) == KEYS.split()
+    assert set(found["values"]) == {
+        "inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "delay_and_lag", "load",
+    }  # fmt: skip
+    for each in found["values"].values():
+        assert each["low"] <= each["value"] <= each["high"]
+        assert set(each) == {"value", "low", "high", "unit", "reason", "stated"}
+    assert found["written"] is None
+    assert "keep hands off" in ended.err
+
+
+def test_a_load_that_falls_is_told_and_nothing_is_written(rig: Path, command: Command) -> None:
+    text = rig_text("gravity = { torque = 0.005 }")
+    rig.write_text(text, encoding="utf-8")
+    ended = command("identify", "--rig", rig)
+    assert ended.status == 3
+    assert "moves while no effort acts on it" in ended.err
+    assert "torque is off" in ended.err
+    assert rig.read_text(encoding="utf-8") == text
+
+
+def test_a_command_without_a_rig_is_wrong_usage(command: Command) -> None:
+    assert command("identify").status == 2
