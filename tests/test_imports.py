@@ -52,7 +52,7 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.identify": "api.identification report.identification_plot",
+        "cli.identify": "api.identification identification report.identification_plot",
         "cli.options": "documents.quantities planning.request protocols.registry signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots api planning.explain"

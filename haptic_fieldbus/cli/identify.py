@@ -24,14 +24,15 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import ask, instruct, tell_question
-from haptic_fieldbus.cli.screen import print_json, show
+from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.numerals import OutputRow, lines_of, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from haptic_fieldbus.api.identification import BenchTask, IdentifiedBench
+    from haptic_fieldbus.api.identification import BenchTask
+    from haptic_fieldbus.identification import Announcement, IdentifiedBench
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,14 +85,14 @@ class IdentifyOptions:
 @options_of(IdentifyOptions)
 def identify(options: IdentifyOptions) -> None:
     """Measure inertia, friction, damping and delay of a bench with its own drive, and write them into the rig file."""
-    from haptic_fieldbus.api.identification import Announcement, bounds_of
+    from haptic_fieldbus.api.identification import bounds_of
     from haptic_fieldbus.api.identification import identify as measure_bench
 
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
     talk = sys.stderr if options.as_json else sys.stdout
 
-    def announce(told: Announcement) -> None:
+    def announce(told: "Announcement") -> None:
         show([("move" if number == 0 else "", line) for number, line in enumerate(told.lines())], talk)
         talk.flush()
 
@@ -108,7 +109,7 @@ def identify(options: IdentifyOptions) -> None:
         progress=lambda stage: show([("stage", stage)], sys.stderr) if sys.stderr.isatty() else None,
     )
     if options.as_json:
-        print_json(found.to_json())
+        print_json({key: plain(value) for key, value in found.to_json().items()})
     else:
         show(lines_of(_rows(found)))
     sys.stdout.flush()
@@ -132,7 +133,7 @@ LABELS = {
 
 def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     """Yield the result as lines."""
-    from haptic_fieldbus.api.identification import interval_text
+    from haptic_fieldbus.identification import interval_text
 
     for name, label in LABELS.items():
         each = found.fit.values[name]

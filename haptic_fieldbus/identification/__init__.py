@@ -1,1 +1,94 @@
 """Measurement of a bench: two experiments, and the fit of a shaft to a record."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
+from haptic_fieldbus.numerals import in_unit, percent
+
+WIDE = 0.3
+"""Half width of an interval, of its value, from which on its ends are told."""
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """Largest motion and effort of both experiments, in the workspace of the axis."""
+
+    axis: str
+    low: float
+    high: float
+    """Travel [m or rad]."""
+    speed: float
+    effort: float
+    length_unit: str
+    effort_unit: str
+    share: float
+    """Effort as a share of rated effort."""
+    from_start: bool
+    """True: the travel is counted from the position of the handle at enabling."""
+
+    def lines(self) -> Iterator[str]:
+        """Yield what will move, how far, how fast and how strongly."""
+        low, high = (in_unit(each, self.length_unit) for each in (self.low, self.high))
+        begin = "from where it is; put it in the middle of its travel" if self.from_start else "by the rig's zero"
+        yield f"axis {self.axis}: the handle moves by itself, from {low} to {high} {begin}; keep hands off"
+        yield (
+            f"at most {in_unit(self.effort, self.effort_unit)} ({percent(self.share)} of rated torque) and "
+            f"{in_unit(self.speed, f'{self.length_unit}/s')}; beyond these the motor is switched off"
+        )
+        yield "first run: rest, slow pushes until it moves, short pulses"
+        yield "second run: slow motion with small oscillations"
+
+
+@dataclass(frozen=True)
+class IdentifiedBench:
+    """The measured values of an axis, and what they rest on."""
+
+    axis: str
+    fit: ShaftFit
+    announced: Announcement
+    rate: float
+    """[Hz]"""
+    check: float
+    """Prediction error of the part of the record that the fit did not use [counts, rms]."""
+    stated: Mapping[str, float | None]
+    """Values of the rig."""
+    records: tuple[ShaftRecord, ...] = field(default=(), repr=False)
+    """Records of probe and motion, and the part of the motion that was not used in the fit."""
+    warnings: tuple[str, ...] = ()
+    written: str = ""
+    """File of the rig into which the values were written; empty if they were not."""
+
+    def to_json(self) -> dict[str, object]:
+        """Return the object of `identify --json`."""
+        told = self.announced
+        values: dict[str, object] = {
+            name: {
+                "value": each.value,
+                "low": each.low,
+                "high": each.high,
+                "unit": each.unit,
+                "reason": each.reason or None,
+                "stated": self.stated.get(name),
+            }
+            for name, each in self.fit.values.items()
+        }
+        return {
+            "axis": self.axis,
+            "values": values,
+            "rate_hz": self.rate,
+            "travel": [told.low, told.high],
+            "speed": told.speed,
+            "effort": told.effort,
+            "residual": {"fit": self.fit.residual, "check": self.check, "unit": "counts"},
+            "samples": self.fit.samples,
+            "warnings": list(self.warnings),
+            "written": self.written or None,
+        }
+
+
+def interval_text(each: Estimate) -> str:
+    """Return a value with its interval of 95 %: in percent, or its ends if it is wide."""
+    if each.value > 0.0 and each.half_width < WIDE * each.value:
+        return f"{in_unit(each.value, each.unit)} ± {percent(each.half_width / each.value)}"
+    return f"{in_unit(each.low, each.unit)} to {in_unit(each.high, each.unit)}"

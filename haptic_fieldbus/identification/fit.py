@@ -180,10 +180,10 @@ def prediction_errors(model: ShaftModel, record: ShaftRecord) -> Matrix:
 
     The first speed is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
     """
-    first, width = 0.0, max(2, round(0.01 / record.period))
-    moved = record.positions[width] - record.positions[0]
-    if abs(moved) > 2.5 * record.resolution:
-        first = moved / (width * record.period)
+    first, width = 0.0, max(6, round(0.02 / record.period))
+    begin = np.array(record.positions[:width])
+    if np.ptp(begin) > 2.5 * record.resolution:
+        first = float(np.polyfit(record.period * np.arange(width), begin, 2)[1])
     found = predicted_positions(model, record.positions, record.torques, record.period, first)
     errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
     return errors

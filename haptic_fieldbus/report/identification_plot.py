@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.api.identification import IdentifiedBench, interval_text
 from haptic_fieldbus.assessing.result import Array
+from haptic_fieldbus.identification import IdentifiedBench, interval_text
 from haptic_fieldbus.identification.fit import ShaftRecord, prediction_errors, unsettled_samples
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.report.drawing import BLUE, GREY, ORANGE, dress, figure, name_lines, save, thin

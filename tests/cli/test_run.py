@@ -221,11 +221,11 @@ def test_on_a_real_bus_an_unknown_bench_is_refused(command: Command) -> None:
 
 def test_without_a_person_only_yes_enables_a_drive() -> None:
     with pytest.raises(UsageError, match="--yes"):
-        module._ask("about to enable torque\nEnable?")
+        module.ask("about to enable torque\nEnable?")
 
 
 def test_what_yes_answers_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert module._tell_question("can0: listened for 1 s\nabout to enable torque")
+    assert module.tell_question("can0: listened for 1 s\nabout to enable torque")
     printed = capsys.readouterr()
     assert printed.err == "can0: listened for 1 s\nabout to enable torque\n"
     assert printed.out == ""

@@ -1,0 +1,47 @@
+"""The result of a measurement, as people and programs get it."""
+
+import json
+
+import pytest
+
+from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
+from haptic_fieldbus.identification.fit import UNITS, Estimate, ShaftFit
+from haptic_fieldbus.identification.shaft import ShaftModel
+
+TOLD = Announcement("handle", -0.1, 0.1, 0.8, 12.5, "m", "N", 0.25, from_start=True)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (0.9e-4, 1.1e-4, "0.1 mN·m ± 10 %"),
+        (0.0, 3e-4, "0 N·m to 0.3 mN·m"),
+        (-1e-4, 1e-4, "-0.1 mN·m to 0.1 mN·m"),
+    ],
+)
+def test_an_interval_is_told_in_percent_or_by_its_ends(low: float, high: float, text: str) -> None:
+    value = 0.0 if low < 0.0 else 1e-4
+    assert interval_text(Estimate(value, low, high, "N·m")) == text
+
+
+def test_an_announcement_says_how_far_how_fast_and_how_strongly() -> None:
+    lines = list(TOLD.lines())
+    assert "from -0.1 m to 0.1 m from where it is" in lines[0]
+    assert "keep hands off" in lines[0]
+    assert "at most 12.5 N (25 % of rated torque) and 0.8 m/s" in lines[1]
+    fixed = Announcement("handle", -0.1, 0.1, 0.8, 12.5, "m", "N", 0.25, from_start=False)
+    assert "by the rig's zero" in next(fixed.lines())
+
+
+def test_json_holds_each_value_with_its_interval_and_what_the_rig_states() -> None:
+    values = {name: Estimate(1.0, 0.9, 1.1, unit, "" if name == "inertia" else "why") for name, unit in UNITS.items()}
+    fit = ShaftFit(ShaftModel(1.0, 1.0, 1.0, 1.0, 1.0), values, 0.3, 20.0, 8000)
+    found = IdentifiedBench("handle", fit, TOLD, 1000.0, 0.31, {"inertia": 2.0}, warnings=("a warning",))
+    told = json.loads(json.dumps(found.to_json()))
+    assert told["values"]["inertia"] == {
+        "value": 1.0, "low": 0.9, "high": 1.1, "unit": "kg·m²", "reason": None, "stated": 2.0,
+    }  # fmt: skip
+    assert told["values"]["load"]["stated"] is None
+    assert told["values"]["load"]["reason"] == "why"
+    assert told["residual"] == {"fit": 0.3, "check": 0.31, "unit": "counts"}
+    assert (told["travel"], told["written"], told["warnings"]) == ([-0.1, 0.1], None, ["a warning"])
