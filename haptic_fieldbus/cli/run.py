@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.planning.plan import Plan
     from haptic_fieldbus.planning.request import Task
     from haptic_fieldbus.recordings.provenance import Provenance
+    from haptic_fieldbus.running.live import Live
 
 
 @options_of(RunOptions)
@@ -75,7 +76,29 @@ def run_and_tell(
         return
     duration = VIEWED_DURATION if options.duration is None and repeats is None else trial.duration
     with viewed(options.view_host or LOOPBACK, options.view_port, options.view_required, browser=browser) as live:
-        _run_and_tell(options, task, replace(trial, live=live, duration=duration), repeats)
+        trial = replace(trial, live=live, duration=duration)
+        # A file or an object is that of one run, and so are faults and scheduled changes.
+        if not (repeats or options.record or options.plot or options.as_json or options.change or options.faults):
+            _offer_scenes(live, task, trial)
+        _run_and_tell(options, task, trial, repeats)
+        while (name := live.renew()) is not None:
+            live.command = [name if word == str(options.scene) else word for word in live.command]
+            options, task = replace(options, scene=name, settings=None), replace(task, scene=name, settings={})
+            _run_and_tell(options, task, trial, None)
+
+
+def _offer_scenes(live: "Live", task: "Task", trial: "Trial") -> None:
+    """Let a page of a simulation choose among the scenes of the library."""
+    from haptic_fieldbus import api
+    from haptic_fieldbus.planning.refusal import check_stable
+    from haptic_fieldbus.scenes.catalogue import scene_names
+
+    def check(name: str) -> None:
+        found = api.plan_task(replace(task, scene=name, settings={}))
+        if not trial.force:
+            check_stable(found)
+
+    live.scenes, live.check_scene = scene_names(), check
 
 
 def _run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: "Provenance | None") -> None:
@@ -107,7 +130,7 @@ def _run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: 
         finally:  # before any line is printed: the bar is drawn over its own line
             if progress is not None:
                 progress.close()
-    if trial.live is not None:
+    if trial.live is not None and not trial.live.goes_on:
         trial.live.end({"text": result.stopped.message if result.stopped else "its duration is over"})
     _tell(result, options)
     if options.plot is not None:

@@ -12,6 +12,7 @@ of the ring and the description of the run, and sends commands, one JSON object 
 | `{"pages": 1}` | says, again and again, that a page is shown; with `required` its loss ends the run |
 | `{"pull": ["handle", 0.01]}` | simulation only: the hand pulls the handle to a place; null lets go |
 | `{"hand": "push"}` | simulation only: another hand takes the handle |
+| `{"scene": "detents"}` | simulation only: the run ends and one with that scene begins, if it can be run |
 | `{"speed": 0.1}`, `{"paused": true}`, `{"step": 1}` | simulation only: the pace of the simulated time |
 
 No command enables a drive.
@@ -65,6 +66,8 @@ FIRST_PAGE = 120.0
 POLL = 0.25
 SLACK_NS = 2_000_000
 """By how much simulated time may be ahead of real time, so that not every period sleeps."""
+NEXT_SCENE = 0
+"""Mark of an end after which another scene begins; a signal, and STOP, take its place."""
 MOST_STEPS = 10_000
 """Largest number of periods that a paused simulation is still to go on."""
 SEND_BUFFER = 1 << 20
@@ -79,8 +82,8 @@ HANDS = ("push", "tap", "release", "none")
 """Hands of a simulation that a page may choose."""
 EXPECTED = {
     "pages": "expected a number of pages", "pull": "expected an axis and a place, or null to let go",
-    "hand": f"expected one of {', '.join(HANDS)}", "speed": "expected a finite number",
-    "paused": "expected true or false", "step": "expected a number of periods",
+    "hand": f"expected one of {', '.join(HANDS)}", "scene": "expected a scene that this simulation offers",
+    "speed": "expected a finite number", "paused": "expected true or false", "step": "expected a number of periods",
 }  # fmt: skip
 """End of the sentence that refuses the value of a command."""
 STATES = {state: state.value for state in PowerState}
@@ -225,6 +228,14 @@ class Live:
         """Command line of the run, for a page to copy."""
         self.ready: Callable[[], None] = lambda: None
         """Called before a bus is opened: waits for the server."""
+        self.scenes: Sequence[str] = ()
+        """Scenes that a page may begin in place of this one, in simulation."""
+        self.check_scene: Callable[[str], object] = lambda name: None
+        """Raises the error of a run with a scene; called while the present run goes on."""
+        self.next_scene: str | None = None
+        """Scene for which the run was ended."""
+        self._run = 0
+        """Number of the run; a page draws itself anew for another one."""
         self.time = SimulatedTime()
         self.changes: Changes | None = None
         self.led = False
@@ -272,6 +283,29 @@ class Live:
         if self._record is not None:
             self._record.ring.close()
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether the run has ended for another scene alone; Ctrl-C and STOP take its place."""
+        return self._ending is not None and self._ending.signal == NEXT_SCENE
+
+    def renew(self) -> str | None:
+        """Prepare the next run and return its scene; None when no other one is to begin."""
+        scene, ending, record = self.next_scene, self._ending, self._record
+        if not self.goes_on or ending is None or record is None:
+            return None
+        with self._lock:  # a reader that connects now waits for the description of the next run
+            self._hello, self._handles, self._record, self._ending = None, {}, None, None
+        record.ring.close()
+        speed, self.time = self.time.speed, SimulatedTime()
+        self.time.set(speed=speed)
+        self._pulled.clear()
+        self._shown.clear()
+        self._page_seen, self._taken, self.led, self.next_scene = math.inf, None, False, None
+        self._run, self.ready = self._run + 1, lambda: None
+        ending.signal = None
+        ending.resume()
+        return scene
+
     # What the run calls.
 
     def record(self, plan: Plan, columns: Sequence[str], capacity: int) -> Record:
@@ -299,6 +333,8 @@ class Live:
         told = {
             "columns": columns,
             **words,
+            "run": self._run,
+            "scenes": [*self.scenes] if self._handles else [],
             "required": self._required,
             "command": self.command,
             **self._describe(plan),
@@ -401,6 +437,16 @@ class Live:
         above = [*above_limit(change.plan)]
         self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above})
 
+    def _begin_scene(self, reader: _Reader, name: str) -> None:
+        try:
+            self.check_scene(name)
+        except HapticFieldbusError as error:
+            self._tell({"refused": f"{name} cannot be run here: {' '.join(str(error).splitlines())}"}, reader)
+            return
+        if self._ending is not None and self._ending.signal is None:
+            self.next_scene, self._ending.signal = name, NEXT_SCENE
+            self.time.changed.set()
+
     # The thread that receives commands.
 
     def _receive(self) -> None:
@@ -472,11 +518,17 @@ class Live:
         elif name == "change":
             self._tasks.put(lambda: self._change(reader, value))
         elif self._handles:
-            self._simulate(name, value)
+            self._simulate(reader, name, value)
+        elif name == "scene":
+            raise ValueError
 
-    def _simulate(self, name: str, value: Any) -> None:
+    def _simulate(self, reader: _Reader, name: str, value: Any) -> None:
         """Carry out a command that exists in a simulation alone."""
-        if name == "pull":
+        if name == "scene":
+            if value not in self.scenes:
+                raise ValueError
+            self._tasks.put(lambda: self._begin_scene(reader, value))
+        elif name == "pull":
             axis, target = value
             if axis not in self._handles or not (target is None or math.isfinite(target)):
                 raise ValueError

@@ -177,7 +177,12 @@ def _finite(value: float) -> float | None:
 
 
 def base_command(arguments: list[str]) -> list[str]:
-    """Return a command line without the options of the view and of the parameters, which a page adds anew."""
+    """Return a command line without the options of the view and of the parameters, which a page adds anew.
+
+    That of `demo` is that of the same run.
+    """
+    if arguments[:1] == ["demo"]:
+        return ["run", arguments[arguments.index("--scene") + 1] if "--scene" in arguments else "wall"]
     kept: list[str] = []
     words = iter(arguments)
     for word in words:

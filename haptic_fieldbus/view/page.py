@@ -157,9 +157,14 @@ class Controls:
             speed.on("update:model-value", js_handler=_JS_SPEED)
             hand = ui.select({name: HANDS_SHOWN[name] for name in HANDS}, value="none", label="Hand")
             hand.on("update:model-value", js_handler=_JS_HAND)
-            for each in (speed, hand):
+            chosen = [speed, hand]
+            if hello["scenes"]:
+                scenes = [*dict.fromkeys([hello["scene"], *hello["scenes"]])]
+                chosen += [ui.select(scenes, value=hello["scene"], label="Scene; ends this run and begins anew")]
+                chosen[-1].on("update:model-value", js_handler="(option) => haptic.scene(option.label)")
+            for each in chosen:
                 each.props("dense outlined options-dense")
-            self._steered += [speed, hand]
+            self._steered += chosen
 
     # What comes back.
 

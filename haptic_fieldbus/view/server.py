@@ -50,7 +50,7 @@ WAITING = 64
 """Messages that wait for a page; of more, the oldest are dropped."""
 STEERING_TIME = 5.0
 """Time without an answer after which a page steers no more [s]."""
-STEERING = ("change", "pull", "hand", "speed", "paused", "step")
+STEERING = ("change", "pull", "hand", "scene", "speed", "paused", "step")
 """Commands of the page that steers; every page may stop."""
 SIGN_OF_LIFE = 0.3
 """Time between two words to a run that ends without a page [s]."""
@@ -187,7 +187,7 @@ class Hub:
             self._ring = RingReader(fd)
             os.close(fd)
             self.hello = message["hello"]
-            self.first = self.first or {each["name"]: each["value"] for each in self.hello["parameters"]}
+            self.first = {each["name"]: each["value"] for each in self.hello["parameters"]}
             for page in self._pages:
                 page.next_row = -1
             self.known.set()

@@ -7,6 +7,7 @@ import contextlib
 import csv
 import math
 import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +22,8 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.cli.view import _handles
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.live import MOST_STEPS, Live, LiveReader, SimulatedTime, folder, sockets
+from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
+from haptic_fieldbus.running.live import MOST_STEPS, Live, LiveReader, SimulatedTime, _Reader, folder, sockets
 from haptic_fieldbus.running.ring import RingReader
 
 LONG = 600.0
@@ -336,6 +338,56 @@ def test_a_reader_that_stands_still_delays_nobody() -> None:
         still.close()
 
     assert not run_watched(watch).trips
+
+
+def test_another_scene_begins_after_a_run_that_ended_torque_free_and_its_readers_follow() -> None:
+    results, hellos = [], []
+
+    def check(name: str) -> None:
+        if name == "wall":
+            raise UsageError("not twice")
+
+    def watch(watcher: Watcher) -> None:
+        for name, refused in (("wall", "wall cannot be run here: not twice"), ("nowhere", "expected a scene")):
+            enabled(watcher) if name == "wall" else None
+            watcher.reader.send({"scene": name})
+            assert refused in watcher.until("refused")
+        watcher.reader.send({"pull": ["handle", 0.03]})
+        watcher.row_where("handle.force", lambda value: value < -2.0)
+        watcher.reader.send({"scene": "detents"})
+        hellos.append(watcher.until("hello"))
+        watcher.row_where("enabled", lambda value: value == 1.0)
+
+    with Live(described, handles=_handles) as live:
+        live.scenes, live.check_scene = ("wall", "detents"), check
+        live.time.set(speed=10.0)
+        with ended_by_signals() as ending, watched(live, watch):
+            results.append(run("wall", duration=LONG, live=live, hand="none"))
+            assert live.goes_on
+            assert live.renew() == "detents"
+            assert ending.signal is None
+            results.append(run("detents", duration=LONG, live=live, hand="none"))
+            assert live.renew() is None
+    assert (hellos[0]["scene"], hellos[0]["run"]) == ("detents", 1)
+    assert [each.stopped is not None and not each.trips for each in results] == [True, True]
+    assert [each.provenance is not None and each.provenance.conditions.led for each in results] == [True, False]
+
+
+def test_an_end_of_any_other_kind_takes_the_place_of_another_scene() -> None:
+    with Live(described) as live:
+        live._ending = EndSignals()
+        live.scenes = ("detents",)
+        live._begin_scene(_Reader(live._listener), "detents")
+        assert live.goes_on
+        live._obey(_Reader(live._listener), "stop", True)
+        assert live._ending.signal == signal.SIGINT
+        assert not live.goes_on
+        assert live.renew() is None
+        live._ending = EndSignals()
+        live._begin_scene(_Reader(live._listener), "detents")
+        with pytest.raises(KeyboardInterrupt):
+            live._ending.receive(signal.SIGTERM)
+        assert not live.goes_on
 
 
 def test_the_socket_goes_with_the_run_and_those_of_killed_runs_are_removed() -> None:

@@ -1,6 +1,7 @@
 """The page in a real headless Chromium: it moves as the simulation does, steers, refuses, stops, and is seen dead."""
 
 import csv
+import math
 import os
 import shutil
 import signal
@@ -237,6 +238,54 @@ def test_a_page_that_is_reloaded_again_and_again_leaves_the_run_as_it_is(page: P
 
 def overflows(browser: webdriver.Chrome) -> Callable[[str], bool]:
     return lambda side: browser.execute_script(f"return document.documentElement.scroll{side} > window.inner{side}")
+
+
+def test_a_scene_chosen_on_the_page_begins_and_a_rotary_handle_stands_at_its_angle(browser: webdriver.Chrome) -> None:
+    drawn_now = "haptic.drawn[haptic.state().hello.axes[0].name]"
+    with serving("demo", "--no-browser", "--port", "0") as served:
+        screen(browser, 1280, 800)
+        opened(browser, served)
+        browser.execute_script("haptic.scene('knob_menu')")
+        until(browser, f"haptic.state().hello.scene === 'knob_menu' && {drawn_now}.t_ns > 0")
+        until(browser, "document.querySelector('h1').textContent.startsWith('knob_menu')")
+        axis = browser.execute_script("return haptic.state().hello.axes[0]")
+        assert axis["rotary"]
+        until(browser, "haptic.state().steers && haptic.rows().at(-1)[haptic.state().hello.columns.indexOf('enabled')]")
+        # Led with the mouse to a quarter of a turn, from above: to the right.
+        canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-kind=handle]")
+        ActionChains(browser).move_to_element_with_offset(canvas, 2, -40).click_and_hold().move_by_offset(
+            60, 44
+        ).perform()
+        until(browser, f"{drawn_now}.position > 0.5")
+        drawn, centre, radius = browser.execute_script(
+            "const canvas = document.querySelector('canvas[data-kind=handle]');"
+            f"return [{{...{drawn_now}}}, canvas.centre, canvas.placeOf(Math.PI / 2) - canvas.centre[0]];"
+        )
+        assert drawn["x"] == pytest.approx(centre[0] + radius * math.sin(drawn["position"]))
+        ActionChains(browser).release().perform()
+        ActionChains(browser).send_keys(Keys.ESCAPE).perform()
+        assert served.ended()[0] == 130
+
+
+def test_a_trip_stays_on_the_page_in_words_and_the_charts_are_held(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "hand_hit"\nat = 8.0\nforce = 60.0\n', encoding="utf-8")
+    with serving("run", "wall", "--view", "--view-port", "0", "--faults", str(faults)) as served:
+        screen(browser, 1280, 800)
+        opened(browser, served)
+        until(browser, "!document.getElementById('trip').hidden")
+        until(browser, "haptic.state().ended")
+        text = browser.find_element(By.ID, "trip").text
+        assert "limit" in text
+        assert (
+            browser.execute_script("return [haptic.state().held, document.getElementById('stop').disabled]")
+            == [True] * 2
+        )
+        status, out, err = served.ended()
+        assert status == 3
+        assert text.partition(" ")[2] in " ".join((out + err).split())
+    browser.get("about:blank")
+    browser.get_log("browser")  # that the server is gone is an error to a browser
 
 
 WRITTEN = """

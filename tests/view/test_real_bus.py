@@ -45,6 +45,8 @@ def test_no_command_of_a_page_enables_a_drive(tmp_path: Path, monkeypatch: pytes
             assert watcher.until("hello")["simulated"] is False
             for command in COMMANDS:
                 watcher.reader.send(command)
+            watcher.reader.send({"scene": "detents"})
+            assert "expected a scene that this simulation offers" in watcher.until("refused")
             watcher.reader.send({"change": {"wall.stiffness": 100.0}})
             assert "no run uses these changes" in watcher.until("refused")  # so all before it were carried out
             states.append(statusword(bus))

@@ -227,3 +227,20 @@ def test_a_wrong_value_of_a_page_leaves_the_server_with_its_run_and_the_page_ste
         page.send('{"change": {"wall.stiffness": 700}}')
         assert told(page, "changed") == {"wall.stiffness": 700}
         page.close()
+
+
+def test_another_scene_is_begun_by_the_process_of_the_run_which_says_how_each_ended() -> None:
+    with serving("demo", "--no-browser", "--port", "0") as served:
+        page = connected(served, "page")
+        assert "detents" in begun(page)["scenes"]
+        page.send('{"scene": "detents"}')
+        hello = begun(page)
+        assert [hello["scene"], hello["run"]] == ["detents", 1]
+        page.send('{"change": {"detents.amplitude": 0.8}}')
+        assert told(page, "changed") == {"detents.amplitude": 0.8}
+        page.send('{"stop": true}')
+        status, out, _ = served.ended()
+        page.close()
+    assert status == 130
+    assert [line.split()[1] for line in out.splitlines() if line.startswith("scene")] == ["wall:", "detents:"]
+    assert out.count("no trip") == 2

@@ -39,6 +39,7 @@ window.haptic = (() => {
 
   function told(message) {
     if (message.hello && message.hello.columns) {
+      if (hello && hello.run !== message.hello.run) { hello = null; location.reload(); return; } // another run of this process
       const other = !hello || message.hello.columns.join() !== hello.columns.join();
       hello = message.hello;
       first = message.first || first;
@@ -47,7 +48,7 @@ window.haptic = (() => {
       pace(hello);
       if (hello.trip) trip(hello.trip);
     }
-    if (message.scene) {
+    if (message.scene && hello) {
       Object.assign(hello, message.scene);
       const title = document.querySelector(".title h1");
       title.textContent = title.title = hello.scene_text;
@@ -141,6 +142,7 @@ window.haptic = (() => {
   }
   function preview() { answer("", ""); }
   function stop() { send({ stop: 1 }); }
+  function scene(name) { answer("", `${name} is being checked …`); send({ scene: name }); }
   function pause() { send({ paused: !paused }); }
   function step() { send({ paused: true, step: 1 }); }
   function hold() { held = held ? null : rows.slice(); marks = []; changed = true; const place = $("hold"); if (place) place.classList.toggle("held", Boolean(held)); }
@@ -526,6 +528,6 @@ window.haptic = (() => {
     requestAnimationFrame(draw);
   }
   start();
-  return { send, change, preview, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
+  return { send, change, scene, preview, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
     rows: () => rows, state: () => ({ steers, ended, paused, speed, held: Boolean(held), next, hello }) };
 })();
