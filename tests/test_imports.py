@@ -63,8 +63,8 @@ DOES_WITHOUT = {
         "api.rehearsal": "sim.canopen.bus",
         "cli.replay": "api.replaying recordings.reading report.plot",
         "cli.report": "api study.make_report study.measure.bench",
-        "cli.run": "api api.provenance assessing.loop_report planning.request recordings.reading report.plot"
-        " report.texts sim.faults sim.faults.drawing",
+        "cli.run": "api api.provenance assessing.loop_report planning.refusal planning.request recordings.reading"
+        " report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
         "cli.sweep": "api api.sweep_folder api.sweeping",

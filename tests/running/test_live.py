@@ -378,16 +378,15 @@ def test_an_end_of_any_other_kind_takes_the_place_of_another_scene() -> None:
         live._ending = EndSignals()
         live.scenes = ("detents",)
         live._begin_scene(_Reader(live._listener), "detents")
-        assert live.goes_on
+        said = [live.goes_on]
         live._obey(_Reader(live._listener), "stop", True)
-        assert live._ending.signal == signal.SIGINT
-        assert not live.goes_on
-        assert live.renew() is None
+        said += [live.goes_on, live._ending.signal == signal.SIGINT, live.renew() is None]
         live._ending = EndSignals()
         live._begin_scene(_Reader(live._listener), "detents")
+        said += [live.goes_on]
         with pytest.raises(KeyboardInterrupt):
             live._ending.receive(signal.SIGTERM)
-        assert not live.goes_on
+        assert [*said, live.goes_on] == [True, False, True, True, True, False]
 
 
 def test_the_socket_goes_with_the_run_and_those_of_killed_runs_are_removed() -> None:

@@ -319,7 +319,7 @@ def lying_on_another(browser: webdriver.Chrome) -> list[tuple[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("scene", ["wall", "detents", "virtual_coupling"])
+@pytest.mark.parametrize("scene", ["detents", "virtual_coupling", "knob_menu", "virtual_shaft"])
 def test_no_word_of_a_picture_lies_on_another_one_at_any_width(browser: webdriver.Chrome, scene: str) -> None:
     with serving("run", scene, "--view", "--view-port", "0", "--hand", "none") as served:
         screen(browser, 1280, 800)

@@ -255,7 +255,9 @@ window.haptic = (() => {
     (axis.rotary ? dial : track)(pen, width, height, axis, position, asked, given);
     const [shownUnit, factor] = axis.rotary ? ["°", DEGREES] : ["mm", MM];
     words(pen, `${(position * factor).toFixed(2)} ${shownUnit}`, 12, height - 10, colours.ink);
-    words(pen, `asked ${asked.toFixed(axis.rotary ? 4 : 2)}, given ${given.toFixed(axis.rotary ? 4 : 2)} ${axis.effort_unit}`, width - 12, height - 10, colours.ink, "right");
+    const said = [`asked ${asked.toFixed(axis.rotary ? 4 : 2)}`, `given ${given.toFixed(axis.rotary ? 4 : 2)} ${axis.effort_unit}`];
+    if (axis.rotary && width < 560) said.forEach((text, number) => words(pen, text, width - 12, height - 26 + 16 * number, colours.ink, "right"));
+    else words(pen, said.join(", "), width - 12, height - 10, colours.ink, "right");
     drawn[axis.name] = { position, asked, given, t_ns: row ? row[places.t_ns] : 0, x: canvas.placeOf ? canvas.placeOf(position) : null };
   }
 
@@ -315,12 +317,12 @@ window.haptic = (() => {
     const law = axis.law, step = (high - low) / (law.length - 1);
     law.forEach((force, number) => {
       const place = low + number * step, colour = force === null ? null : mix(force, axis);
-      if (!colour || Math.abs(place) > Math.PI) return;
+      if (!colour || Math.abs(place - position) > Math.PI) return; // of a longer travel, the turn around the handle
       pen.globalAlpha = colour[1]; pen.strokeStyle = colour[0]; pen.lineWidth = 14;
       pen.beginPath(); pen.arc(cx, cy, radius + 12, place - step - Math.PI / 2, place + step - Math.PI / 2); pen.stroke();
       pen.globalAlpha = 1;
     });
-    for (const each of axis.surfaces) if (Math.abs(each.at) <= Math.PI) line(pen, [at(each.at, radius + 3), at(each.at, radius + 22)], colours.ink, 2.5);
+    for (const each of axis.surfaces) if (Math.abs(each.at - position) <= Math.PI) line(pen, [at(each.at, radius + 3), at(each.at, radius + 22)], colours.ink, 2.5);
     for (let degrees = -180; degrees < 180; degrees += 30) {
       line(pen, [at(degrees / DEGREES, radius + 3), at(degrees / DEGREES, radius + (degrees % 90 ? 6 : 10))], colours.grey, 1);
       if (degrees % 90 === 0) words(pen, `${degrees}°`, ...at(degrees / DEGREES, radius + 27).map((each, which) => each + 4 * which), colours.faint, "center");
