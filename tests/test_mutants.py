@@ -87,6 +87,7 @@ def test_a_constant_is_reached_where_a_function_reads_it_also_in_another_module(
     assert read.keys() == {
         "haptic_fieldbus/cycle/gaps.py",
         "haptic_fieldbus/cycle/axis.py",
+        "haptic_fieldbus/planning/axis_plan.py",
         "haptic_fieldbus/planning/energy.py",
         "haptic_fieldbus/planning/explain.py",
     }

@@ -37,7 +37,7 @@ from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import growth, loop_matrix, shift_mode
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.scenes.files import named
 from haptic_fieldbus.scenes.registry import quantities
@@ -311,7 +311,9 @@ def _wall_loop(key: _Key) -> WallLoop | None:
     """Return what the walls on this bench have in common; None where a point needs a plan of its own."""
     wall = cast(Wall, _lone_wall(key.job))
     usual = {f"{wall.name}.stiffness": 1.0, f"{wall.name}.damping": 1.0 if key.damped else 0.0}
-    return _shared(select(task_at(key.job, {**usual, **dict(key.point)})).plan)
+    task = task_at(key.job, {**usual, **dict(key.point)})
+    check_request(rate=task.rate)
+    return _shared(select(task).plan)
 
 
 def _shared(plan: Plan) -> WallLoop | None:

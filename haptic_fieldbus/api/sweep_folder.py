@@ -8,7 +8,7 @@ any moment goes on with the chunks that are missing when it is asked for again; 
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set, Sized
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from importlib import import_module
@@ -54,6 +54,8 @@ TYPES = {
 
 LARGEST_COUNT = 10**9
 """Largest number of points."""
+LONGEST_LIST = 10**7
+"""Largest number of values of one parameter; more belong into a hypercube."""
 Given = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -142,6 +144,8 @@ def _values(name: str, given: Any) -> tuple[Value, ...]:
         raise wrong_kind("points", "the name of a parameter, such as wall.stiffness", name)
     if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
         raise wrong_kind(f"points: {name}", "a list of values", given)
+    if isinstance(given, Sized) and len(given) > LONGEST_LIST:
+        raise UsageError(f"points: {name}: {len(given)} values; expected at most {LONGEST_LIST}")
     plain = tuple(each.item() if hasattr(each, "item") else each for each in given)
     for each in plain:
         if not isinstance(each, int | float | str):

@@ -98,8 +98,10 @@ def test_refusals_are_rows() -> None:
         {"wall.stiffness": stiffness, "wall.damping": 0.0, "rate": rate}
         for stiffness, rate in ((600.0, 1000.0), (-1.0, 1000.0), (math.nan, 1000.0), (600.0, 900.0), (1e300, 500.0))
     ]
+    points += [{**points[0], "rate": rate} for rate in (0.0, -1000.0, math.nan, 1e9)]
     found = rows(sweep("wall", points, workers=1))
-    assert [row["outcome"] for row in found] == ["done", "refused", "refused", "refused", "refused"]
+    assert [row["outcome"] for row in found] == ["done"] + ["refused"] * 8
+    assert all("expected a rate above 0" in row["message"] for row in found[5:])
     assert "wall.stiffness: -1" in found[1]["message"]
     assert "does not support a period" in found[3]["message"]
     assert found[0]["message"] is None
@@ -185,6 +187,7 @@ def test_points_are_the_same_in_any_chunks(sizes: list[int], chunk: int, sample:
         ({"rig.handle.inertial": [1.0]}, {}, 'no "inertial" there; nearest: inertia'),
         ({"rig.handle.simulation.coupling.stiffness": [1.0]}, {}, 'the rig has no "stiffness" there'),
         ({"hand": ["push"]}, {}, "hand: the engine verdict has no such parameter"),
+        ({"wall.stiffness": range(10**9)}, {}, "1000000000 values; expected at most 10000000"),
         ({"wall.stiffness": []}, {}, "each with at least one value"),
         ({}, {}, "at least one parameter"),
         ([{"rate": 500.0}, {"wall.damping": 1.0}], {}, "the same parameters in every point"),
