@@ -10,9 +10,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from inspect import getsource
 from pathlib import Path
@@ -64,6 +64,8 @@ MOST_CHUNKS_OF_FEW = {"verdict": 64, "loop": 4, "full": 64}
 """Number of chunks of a sweep of few points, so that several processes have work; loops are quicker side by side."""
 LARGEST_CHUNK = {"verdict": 4096, "loop": 1024, "full": 8}
 """Largest number of points of a chunk by the engine: some seconds of work, which a killed sweep loses at most."""
+CONNECTING = 10.0
+"""Time in which a scheduler must answer [s]."""
 AHEAD = 32
 """Chunks that an executor of somebody else holds at once."""
 LOOK_EVERY = 0.5
@@ -155,6 +157,7 @@ class SweepRequest:
     chunk: int | None = None
     workers: int | None = None
     executor: Executor | None = None
+    scheduler: str | None = None
     progress: Callable[[int, int], None] | bool | None = None
 
     def check(self) -> None:
@@ -170,6 +173,8 @@ class SweepRequest:
             faults.append(f"steps {self.steps}: expected {LEAST_STEPS} to {MOST_STEPS} periods of a loop")
         if self.engine not in ENGINES:
             faults.append(f'engine "{self.engine}": expected {", ".join(ENGINES)}')
+        if sum(each is not None for each in (self.workers, self.executor, self.scheduler)) > 1:
+            faults.append("workers, executor, scheduler: expected one of them")
         if self.measure is not None and self.engine != "full":
             faults.append("measure: only runs of the engine full have a result to measure")
         if faults:
@@ -204,23 +209,25 @@ def sweep(
     chunk: int | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
+    scheduler: str | None = None,
     progress: Callable[[int, int], None] | bool | None = None,
 ) -> Sweep:
     """Judge or run a scene at many points, and return the rows.
 
-    `points` maps parameters to their values, of which every product is a point; with `sample` to (least, largest) or
-    (least, largest, "log"), of which a Latin hypercube of so many points is drawn by `seed`; or it is a list of points.
-    Parameters are element.parameter, rig.axis.key, rate, method and estimator, and for the engine `full` hand, seed,
-    duration and fade_in. The engine `verdict` judges the loop; `loop` simulates `steps`
-    periods after a flick in sustained contact; `full` runs it in simulation, with `force` above its
-    limit too, and `measure` maps the result of a run to figures. Rows go to the folder `out`, by chunks of `chunk`
-    points; the same call goes on with a folder that is not complete. The work is done by `workers` processes (one a
-    processor), or by any `executor`. Refusals and trips are rows. Raises TypeError, DocumentError or UsageError for
-    what no point could have, and UsageError for a folder with other inputs.
+    `points` maps parameters to their values, of which every product is a point; with `sample` to (least, largest)
+    or (least, largest, "log"), of which a Latin hypercube of so many points is drawn by `seed`; or it is a list of
+    points. Parameters are element.parameter, rig.axis.key, rate, method and estimator, and for the engine `full`
+    hand, seed, duration and fade_in. The engine `verdict` judges the loop; `loop` simulates `steps` periods after a
+    flick in sustained contact; `full` runs it in simulation, with `force` above its limit too, and `measure` maps
+    the result of a run to figures. Rows go to the folder `out`, by chunks of `chunk` points; the same call goes on
+    with a folder that is not complete. The work is done by `workers` processes (one a processor), by any
+    `executor`, or by the Dask cluster whose `scheduler` has this address. Refusals and trips are rows. Raises
+    TypeError, DocumentError or UsageError for what no point could have, and UsageError for a folder with other
+    inputs.
     """
     asked = SweepRequest(
         engine=engine, out=out, sample=sample, measure=measure, steps=steps, chunk=chunk, workers=workers,
-        executor=executor, progress=progress,
+        executor=executor, scheduler=scheduler, progress=progress,
     )  # fmt: skip
     task = Task(
         scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
@@ -257,20 +264,28 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
     left = sum(last - first for first, last in map(folder.bounds, missing))
-    if asked.executor is None and asked.workers != 1:
+    if asked.scheduler is not None or (asked.executor is None and asked.workers != 1):
         _check_sendable(job)
     steps = left * asked.steps if asked.engine == "loop" else 0
     tell = progress_line() if asked.progress is True else asked.progress or (lambda done, total: None)
     done = points.count - left
     tell(done, points.count)
     count = min(asked.workers or os.cpu_count() or 1, max(len(missing), 1))
-    with _workers(count) if asked.executor is None else _lent(asked.executor) as executor:
-        ahead = AHEAD if asked.executor is not None else 2 * count if count > 1 else 1
+    own = asked.executor is None and asked.scheduler is None
+    with _executor(asked, count) as executor:
+        ahead = AHEAD if not own else 2 * count if count > 1 else 1
         for each, columns, rows in _computed(executor, ahead, job, folder, missing):
             folder.write(each, columns, rows)
             done += len(next(iter(columns.values())))
             tell(done, points.count)
     return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, steps, units)
+
+
+def _executor(asked: SweepRequest, count: int) -> AbstractContextManager[Executor]:
+    """Return the executor that was asked for; else so many processes."""
+    if asked.scheduler is not None:
+        return _cluster(asked.scheduler)
+    return _workers(count) if asked.executor is None else _lent(asked.executor)
 
 
 def _check_sendable(job: SweepJob) -> None:
@@ -283,6 +298,27 @@ def _check_sendable(job: SweepJob) -> None:
             f"{part}: cannot be sent to another process ({error}); "
             "expected a function or class of a module, or workers=1"
         ) from None
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    """Yield an executor of the Dask cluster with this address; raises UsageError when no scheduler answers there."""
+    require("distributed", "cluster")
+    from distributed import Client, KilledWorker
+
+    try:
+        client = Client(address, timeout=CONNECTING, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UsageError(
+            f"scheduler {address}: no Dask scheduler answers ({error}); expected such as tcp://host:8786"
+        ) from None
+    with client:
+        try:
+            yield client.get_executor()
+        except (KilledWorker, CancelledError) as error:
+            raise HapticFieldbusError(
+                f"scheduler {address}: the cluster lost its work ({error}); ask again with the same folder to go on"
+            ) from error
 
 
 @contextmanager

@@ -55,6 +55,9 @@ class SweepOptions(SceneOptions):
     out: Annotated[
         Path, option("FOLDER", "Folder of the rows; a sweep that was ended goes on.", OUTPUT, default=DEFAULT_SWEEP)
     ] = Path(DEFAULT_SWEEP)
+    scheduler: Annotated[
+        str | None, option("ADDRESS", "Dask scheduler whose workers do the work, such as tcp://host:8786.", POINTS)
+    ] = None
     workers: Annotated[int | None, option("N", "Number of processes.", POINTS, default="one a processor")] = None
 
 
@@ -85,6 +88,7 @@ def sweep(options: SweepOptions) -> None:
             out=options.out,
             sample=options.sample,
             workers=options.workers,
+            scheduler=options.scheduler,
             progress=progress,
         )
         asked.check()
