@@ -179,6 +179,17 @@ METADATA = b"haptic_fieldbus.sweep"
 """Key of the metadata of each Parquet file, whose value is the digest of the inputs."""
 
 
+def _is_alive(process: str) -> bool:
+    """Return whether a process with this number is there."""
+    try:
+        os.kill(int(process), 0)
+    except (ValueError, ProcessLookupError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
 def _write_json(content: Mapping[str, Any], path: Path) -> None:
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
@@ -232,8 +243,9 @@ class SweepFolder:
                 "names": list(points.values), "units": dict(units), "inputs": json.loads(text),
             }  # fmt: skip
             _write_whole(manifest, partial(_write_json, content))
-        for left in path.glob("*.new"):  # of a sweep that was killed while it wrote
-            left.unlink(missing_ok=True)
+        for left in path.glob("*.new"):  # of a sweep that was killed while it wrote, not of one that still writes
+            if not _is_alive(left.suffixes[-2].lstrip(".")):
+                left.unlink(missing_ok=True)
         return found
 
     @property

@@ -330,11 +330,14 @@ def test_a_folder_is_taken_up_where_it_was_left(tmp_path: Path) -> None:
     assert not half.complete
     assert len(half.to_arrow()) == 20
     (out / "chunk-000001.parquet").write_bytes(b"PAR1 cut off")
-    (out / "chunk-000002.parquet.123.new").write_bytes(b"")
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    (out / f"chunk-000002.parquet.{gone.pid}.new").write_bytes(b"")
+    (out / f"chunk-000003.parquet.{os.getppid()}.new").write_bytes(b"of a sweep that still writes")
     found = sweep("wall", points, out=out, chunk=5, workers=1)
     assert found.complete
     assert found.computed == 25
-    assert not list(out.glob("*.new"))
+    assert [path.name for path in out.glob("*.new")] == [f"chunk-000003.parquet.{os.getppid()}.new"]
     assert equal(found, sweep("wall", points, workers=1, chunk=5))
     assert sweep("wall", points, out=out, chunk=5).computed == 0
     assert Sweep.read(out).complete

@@ -11,7 +11,7 @@ from pathlib import Path
 import can
 import pytest
 
-from haptic_fieldbus import run
+from haptic_fieldbus import run, session
 from haptic_fieldbus.buses.canopen.frames import open_frame_writer
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
@@ -184,3 +184,15 @@ class TestServicesThatARunDoesNotUse:
         assert {0x01, 0x81} <= {each.number("canopen.nmt_ctrl.cd") for each in seen}
         boot_up = [each for each in seen if each.number("canopen.cob_id") == 0x700 + NODE]
         assert [each.number("canopen.nmt_guard.state") for each in boot_up][-1] == 0
+
+
+def test_the_frames_of_a_session_are_read_as_canopen(tshark: str, tmp_path: Path) -> None:
+    """Also of one that its caller left in the middle of a period."""
+    path = tmp_path / "session.log"
+    with session("wall", node=NODE, duration=0.2, record=path) as live:
+        for state in live:
+            if state.time > 0.1:
+                break
+    frames = dissected(tshark, path)
+    assert_well_formed(frames)
+    assert len(frames) == len(read_candump(path)) > 300
