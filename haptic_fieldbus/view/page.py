@@ -23,6 +23,7 @@ SPEEDS = {1.0: "real time", 0.25: "1/4", 0.1: "1/10", 0.02: "1/50"}
 STARTING = 60.0
 """Time for which a page waits for the run to begin [s]."""
 HANDS_SHOWN = {"none": "none (drag the handle)", "push": "push", "tap": "tap", "release": "push, then release"}
+NO_TRIGGER = "held at a trip"
 FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
@@ -103,6 +104,11 @@ class Controls:
                     _button("pause", "Hold the charts; the run goes on (key H)", "haptic.hold()", "hold")
                     _button("table_view", "Save the window as CSV", "haptic.saveCsv()")
                     _button("image", "Save the window as PNG", "haptic.savePng()")
+                    column = ui.select([NO_TRIGGER, *hello["columns"]], value=NO_TRIGGER)
+                    column.props('dense borderless options-dense aria-label="Column that holds the charts"')
+                    column.on("update:model-value", js_handler="(option) => haptic.arm({column: option.label})")
+                    level = ui.number(placeholder="level").props('dense borderless step=any aria-label="Level"')
+                    level.on("update:model-value", js_handler=_JS_LEVEL)
                     ui.html('<span id="cursor"></span>', sanitize=False)
                     span = ui.select({2: "2 s", 5: "5 s", 10: "10 s"}, value=5).props("dense borderless")
                     span.props('aria-label="Time that is shown"').on("update:model-value", js_handler=_JS_SPAN)
@@ -186,6 +192,7 @@ class Controls:
 
 
 _JS_SPAN = "(option) => haptic.span(Number(option.label.split(' ')[0]))"
+_JS_LEVEL = "(value) => haptic.arm({level: value === '' || value === null ? NaN : Number(value)})"
 _JS_SPEED = (
     "(option) => haptic.send({speed: " + json.dumps({each: key for key, each in SPEEDS.items()}) + "[option.label]})"
 )

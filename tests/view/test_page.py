@@ -288,6 +288,29 @@ def test_a_trip_stays_on_the_page_in_words_and_the_charts_are_held(browser: webd
     browser.get_log("browser")  # that the server is gone is an error to a browser
 
 
+def test_a_column_that_crosses_a_level_holds_the_charts_with_the_crossing_in_the_middle(page: Page) -> None:
+    browser, _, _ = page
+    browser.execute_script("haptic.span(2); haptic.arm({column: 'handle.position'})")
+    browser.find_element(By.CSS_SELECTOR, "input[aria-label='Level']").send_keys("15")
+    until(browser, "document.getElementById('cursor').textContent === 'trigger: handle.position at 15 mm'")
+    browser.execute_script("haptic.send({pull: ['handle', 0.03]})")
+    until(browser, "haptic.state().held")
+    marks, held = browser.execute_script(
+        "const {marks, hello} = haptic.state(), place = hello.columns.indexOf('handle.position');"
+        "return [marks, haptic.shown().map((row) => [row[0] * 1e-9, row[place]])];"
+    )
+    (crossing,) = marks
+    before = [where for at, where in held if crossing - 0.0035 <= at <= crossing - 0.0005]
+    after = [where for at, where in held if crossing <= at <= crossing + 0.003]
+    assert max(before) < 0.015 <= min(after)
+    assert held[-1][0] - crossing == pytest.approx(1.0, abs=0.0015)
+    browser.execute_script("document.activeElement.blur()")
+    ActionChains(browser).send_keys("h").perform()
+    until(browser, "!haptic.state().held")
+    browser.execute_script("haptic.send({pull: ['handle', 0.0]})")  # armed again, in the other direction
+    until(browser, "haptic.state().held")
+
+
 WRITTEN = """
 const pen = CanvasRenderingContext2D.prototype, write = pen.fillText, clear = pen.fillRect;
 window.written = new Map();

@@ -12,6 +12,7 @@ window.haptic = (() => {
   let next = -1, lastRow = 0, frames = [], held = null, shown = 5, changed = true, speed = 1;
   let accepted = null; // the change that is accepted and has not begun
   let mouse = null, marks = [], dragged = null;
+  const trigger = { column: null, level: NaN, before: NaN, at: null }; // holds the charts when a column crosses a level
   const limits = {}; // scales of charts, which grow at once and shrink slowly
   const drawn = {}; // what was drawn last, for tests and the curious
 
@@ -71,7 +72,10 @@ window.haptic = (() => {
     if (!width) return;
     const count = (values.length - 2) / width;
     if (values[0] > next + 1) rows = rows.length && values[0] - next < hello.rate ? rows : [];
-    for (let at = 0; at < count; at++) rows.push(values.subarray(2 + at * width, 2 + (at + 1) * width));
+    for (let at = 0; at < count; at++) {
+      rows.push(values.subarray(2 + at * width, 2 + (at + 1) * width));
+      if (trigger.column && !held) watch(rows[rows.length - 1]);
+    }
     next = values[1];
     const oldest = time(rows[rows.length - 1]) - KEPT;
     let gone = 0;
@@ -80,6 +84,18 @@ window.haptic = (() => {
     lastRow = performance.now();
     changed = true;
     if (document.hidden) send({ ack: 1 }); // nothing is drawn, and the run is still followed
+  }
+
+  function watch(row) { // a crossing is held in the middle of the window
+    const now = value(row, trigger.column) * scaled(trigger.column)[1], { before, level } = trigger;
+    if (trigger.at === null && before < level !== now < level && Number.isFinite(before + now + level)) trigger.at = time(row);
+    trigger.before = now;
+    if (trigger.at !== null && time(row) >= trigger.at + shown / 2) { const { at } = trigger; hold(); marks = [at]; }
+  }
+  function arm(what) {
+    Object.assign(trigger, what, { before: NaN, at: null });
+    if (!(trigger.column in places)) trigger.column = null;
+    changed = true;
   }
 
   function alive() {
@@ -145,7 +161,7 @@ window.haptic = (() => {
   function scene(name) { answer("", `${name} is being checked …`); send({ scene: name }); }
   function pause() { send({ paused: !paused }); }
   function step() { send({ paused: true, step: 1 }); }
-  function hold() { held = held ? null : rows.slice(); marks = []; changed = true; const place = $("hold"); if (place) place.classList.toggle("held", Boolean(held)); }
+  function hold() { held = held ? null : rows.slice(); marks = []; arm({}); const place = $("hold"); if (place) place.classList.toggle("held", Boolean(held)); }
   function span(seconds) { shown = seconds; store("span", seconds); changed = true; }
   function theme() { Quasar.Dark.toggle(); store("dark", Quasar.Dark.isActive); setTimeout(restyle, 0); }
   function restyle() { readColours(); changed = true; }
@@ -460,7 +476,8 @@ window.haptic = (() => {
     $("state").className = ended || paused || !enabled ? "bad" : "good";
     $("time").textContent = Number.isFinite(t) ? `${t.toFixed(2)} s` + (hello.simulated ? ` simulated${speed === 1 ? "" : ` × ${speed}`}` : "") : "–";
     const cursor = $("cursor");
-    if (cursor) cursor.textContent = marks.length === 2 ? `Δt ${((marks[1] - marks[0]) * 1e3).toFixed(1)} ms` : held ? "charts held; click sets two cursors" : "";
+    if (cursor) cursor.textContent = marks.length === 2 ? `Δt ${((marks[1] - marks[0]) * 1e3).toFixed(1)} ms` : held ? "charts held; click sets two cursors"
+      : trigger.column && Number.isFinite(trigger.level) ? `trigger: ${trigger.column} at ${short(trigger.level)} ${scaled(trigger.column)[0]}` : "";
   }
 
   let drawnAt = 0;
@@ -530,6 +547,6 @@ window.haptic = (() => {
     requestAnimationFrame(draw);
   }
   start();
-  return { send, change, scene, preview, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
-    rows: () => rows, state: () => ({ steers, ended, paused, speed, held: Boolean(held), next, hello }) };
+  return { send, change, scene, arm, preview, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
+    rows: () => rows, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello }) };
 })();
