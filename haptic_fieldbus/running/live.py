@@ -68,6 +68,8 @@ SLACK_NS = 2_000_000
 """By how much simulated time may be ahead of real time, so that not every period sleeps."""
 NEXT_SCENE = 0
 """Mark of an end after which another scene begins; a signal, and STOP, take its place."""
+MOST_CHANGES = 8
+"""Tasks that wait to be judged, from which on a further change is refused: judging takes time beside the loop."""
 MOST_STEPS = 10_000
 """Largest number of periods that a paused simulation is still to go on."""
 SEND_BUFFER = 1 << 20
@@ -254,7 +256,7 @@ class Live:
         self._taken: str | None = None
         """Hand that is to take the handles."""
         self._ending: EndSignals | None = None
-        self._shown = threading.Event()
+        self._shown, self._pacing = threading.Event(), threading.Event()
         self._page_seen = math.inf
         self._ended = False
 
@@ -330,22 +332,15 @@ class Live:
         record.of_run, record.after = self._of_run(cycle, report), self._after(plan, cycle, report)
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
         words = {"states": [*STATES.values()], "flags": [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]}
-        told = {
-            "columns": columns,
-            **words,
-            "run": self._run,
-            "scenes": [*self.scenes] if self._handles else [],
-            "required": self._required,
-            "command": self.command,
-            **self._describe(plan),
-        }
+        told = {"columns": columns, **words, "run": self._run, "required": self._required, "command": self.command}
+        told |= {"scenes": [*self.scenes] if self._handles else [], **self._describe(plan)}
         with self._lock:
             self._hello = {**told, **self._pace()}
             for reader in self._readers:
                 reader.send({"hello": self._hello}, fd=record.ring.fd)
-        if self._required and not self._shown.wait(FIRST_PAGE):
-            raise UsageError(f"no page was opened within {FIRST_PAGE:.0f} s, and --view-required needs one")
         if self._required:
+            if not self._shown.wait(FIRST_PAGE):
+                raise UsageError(f"no page was opened within {FIRST_PAGE:.0f} s, and --view-required needs one")
             self._page_seen = monotonic()
 
     def end(self, told: Message) -> None:
@@ -437,6 +432,10 @@ class Live:
         above = [*above_limit(change.plan)]
         self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above})
 
+    def _tell_pace(self) -> None:
+        self._pacing.clear()
+        self._tell({"pace": self._pace()})
+
     def _begin_scene(self, reader: _Reader, name: str) -> None:
         try:
             self.check_scene(name)
@@ -515,6 +514,8 @@ class Live:
             self._shown.set()
             if self._page_seen < math.inf:
                 self._page_seen = monotonic()
+        elif name == "change" and self._tasks.qsize() >= MOST_CHANGES:
+            self._tell({"refused": "too many changes wait to be checked; try again"}, reader)
         elif name == "change":
             self._tasks.put(lambda: self._change(reader, value))
         elif self._handles:
@@ -546,7 +547,9 @@ class Live:
             self.time.set(**{"steps" if name == "step" else name: number})
             with self._lock:
                 self._hello = {**(self._hello or {}), **self._pace()}
-            self._tasks.put(lambda: self._tell({"pace": self._pace()}))
+            if not self._pacing.is_set():  # however many commands come, one message waits
+                self._pacing.set()
+                self._tasks.put(self._tell_pace)
 
     def _check_page(self) -> None:
         """End a run that requires a page and has lost it."""

@@ -52,6 +52,8 @@ STEERING_TIME = 5.0
 """Time without an answer after which a page steers no more [s]."""
 STEERING = ("change", "pull", "hand", "scene", "speed", "paused", "step")
 """Commands of the page that steers; every page may stop."""
+MOST_COMMANDS = 240.0
+"""Commands that a page may send in a second; STOP is always passed on."""
 SIGN_OF_LIFE = 0.3
 """Time between two words to a run that ends without a page [s]."""
 FAREWELL = 1.0
@@ -143,6 +145,16 @@ class Page:
     waiting: deque[str] = field(default_factory=lambda: deque(maxlen=WAITING))
     next_row: int = -1
     answered: float = 0.0
+    credit: float = MOST_COMMANDS
+    """Commands that the page may send at once."""
+
+    def may_command(self) -> bool:
+        """Count a command; False when the page sends too many."""
+        now, before = _now(), self.answered
+        self.answered = now
+        self.credit = min(MOST_COMMANDS, self.credit + MOST_COMMANDS * (now - before))
+        self.credit -= self.credit >= 1.0
+        return self.credit >= 1.0
 
 
 class Hub:
@@ -270,7 +282,7 @@ class Hub:
 
     def _obey(self, page: Page, command: dict[str, Any]) -> None:
         """Pass on a command of a page; one that only looks may stop the run, and ask to steer."""
-        page.answered = _now()
+        may = page.may_command()
         if "ack" in command:
             page.drawn = True
             page.wake.set()
@@ -281,8 +293,10 @@ class Hub:
             self._tell_roles()
         if page is self._steers:
             passed = {name: command[name] for name in STEERING if name in command}
-            if passed:
+            if passed and may:
                 self._send(passed)
+            elif passed:
+                self.tell({"refused": "too many commands at once; try again"}, page)
 
     def _choose(self) -> None:
         """Let the only page steer."""

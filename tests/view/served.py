@@ -8,8 +8,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import urlsplit
 
+GROWTH = 20_000_000
+"""Largest growth of a server under attack [octets]."""
 ADDRESS = re.compile(r"http://\S+")
 
 
@@ -69,3 +72,9 @@ def children(pid: int) -> list[int]:
                 continue
             found += [int(entry)] if parent == pid else []
     return found
+
+
+def memory_of(pid: int) -> int:
+    """Return the resident memory of a process [octets]."""
+    text = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    return 1024 * int(text.partition("VmRSS:")[2].split()[0])

@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 import signal
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,9 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from tests.view.served import Served, children, serving
+from haptic_fieldbus.running.live import folder
+from tests.running.test_live import Watcher
+from tests.view.served import GROWTH, Served, children, memory_of, serving
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 pytestmark = [
@@ -228,12 +231,56 @@ def test_a_second_page_looks_and_a_lost_connection_is_seen(page: Page) -> None:
     browser.get_log("browser")  # that the server is gone is an error to a browser
 
 
-def test_a_page_that_is_reloaded_again_and_again_leaves_the_run_as_it_is(page: Page) -> None:
+def test_a_page_that_is_reloaded_again_and_again_leaves_run_and_server_as_they_are(page: Page) -> None:
     browser, served, _ = page
-    for _ in range(5):
-        opened(browser, served)
+    (server,) = children(served.process.pid)
+    for number in range(50):
+        if number == 5:
+            before = memory_of(server)
+        browser.get(served.address)
+        until(browser, "haptic.rows().length > 10")
+    # The server keeps the controls of each page for a while, because it may come back.
+    assert memory_of(server) - before < 45 * KEPT_PAGE
     until(browser, "haptic.state().steers")
     assert served.process.poll() is None
+
+
+def descendants(pid: int) -> list[int]:
+    found = children(pid)
+    return [*found, *(each for child in found for each in descendants(child))]
+
+
+KEPT_PAGE = 2_000_000
+"""Largest memory of the controls of a page [octets]."""
+FROZEN = 60.0
+"""Time for which a page stands still [s]."""
+
+
+def test_a_page_that_was_frozen_is_young_again_at_once_and_has_cost_no_memory(page: Page) -> None:
+    browser, served, _ = page
+    (server,) = children(served.process.pid)
+    watcher = Watcher(folder() / f"{served.process.pid}.sock")
+    watcher.until("hello")
+    assert watcher.ring is not None
+    ring, place = watcher.ring, watcher.columns.index("t_ns")
+    before, pushed = memory_of(server), ring.pushed
+    stopped = descendants(browser.service.process.pid)  # the driver goes on
+    for pid in stopped:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(FROZEN)
+    grown, went_on = memory_of(server) - before, ring.pushed - pushed
+    for pid in stopped:
+        os.kill(pid, signal.SIGCONT)
+    thawed = time.monotonic()
+    ages = []
+    while not ages or ages[-1] >= 0.2:
+        assert time.monotonic() < thawed + PATIENCE
+        shown_ns = browser.execute_script("return haptic.rows().at(-1)[0]")
+        ages.append(1e-9 * (ring.since(ring.pushed - 1)[1][-1, place] - shown_ns))
+    assert grown < GROWTH
+    assert went_on > 100 * FROZEN  # of 1000 a second, on whatever machine
+    until(browser, "haptic.state().steers && !document.body.classList.contains('lost')")
+    watcher.reader.close()
 
 
 def overflows(browser: webdriver.Chrome) -> Callable[[str], bool]:
