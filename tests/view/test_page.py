@@ -272,7 +272,7 @@ def test_a_page_that_was_frozen_is_young_again_at_once_and_has_cost_no_memory(pa
     for pid in stopped:
         os.kill(pid, signal.SIGCONT)
     thawed = time.monotonic()
-    ages = []
+    ages: list[float] = []
     while not ages or ages[-1] >= 0.2:
         assert time.monotonic() < thawed + PATIENCE
         shown_ns = browser.execute_script("return haptic.rows().at(-1)[0]")
