@@ -480,7 +480,7 @@ window.haptic = (() => {
       : trigger.column && Number.isFinite(trigger.level) ? `trigger: ${trigger.column} at ${short(trigger.level)} ${scaled(trigger.column)[0]}` : "";
   }
 
-  let drawnAt = 0;
+  let drawnAt = 0, pictures = 0;
   function draw() {
     requestAnimationFrame(draw);
     alive();
@@ -494,6 +494,7 @@ window.haptic = (() => {
       if (kind === "handle") handle(canvas, axis); else if (kind === "law") law(canvas, axis); else chart(canvas, name);
     }
     frames.push(performance.now());
+    pictures++;
     send({ ack: 1 });
   }
 
@@ -548,5 +549,5 @@ window.haptic = (() => {
   }
   start();
   return { send, change, scene, arm, preview, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
-    rows: () => rows, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello }) };
+    rows: () => rows, pictures: () => pictures, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello }) };
 })();
