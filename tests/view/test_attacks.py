@@ -3,14 +3,22 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from haptic_fieldbus.running.live import folder
+from haptic_fieldbus.api import plan
+from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.clock import MonotonicClock
+from haptic_fieldbus.cycle.cycle import Cycle, columns
+from haptic_fieldbus.running.ending import EndSignals
+from haptic_fieldbus.running.live import Live, folder
+from haptic_fieldbus.running.loop import threads_give_way
 from tests.running.test_live import Watcher
 from tests.view.served import GROWTH, Served, children, memory_of, serving
 from tests.view.test_server import begun, connected, told
@@ -107,3 +115,47 @@ def test_a_page_that_floods_the_run_is_refused_and_neither_delays_stop_nor_fills
     assert (status, "no trip" in out) == (130, True)
     page.close()
     other.close()
+
+
+FLOOD = """
+import socket, sys
+run = socket.socket(socket.AF_UNIX)
+run.connect(sys.argv[1])
+run.setblocking(False)
+print("ready", flush=True)
+while True:
+    try:
+        run.sendall(b'{"speed": 1.0, "pull": ["handle", 0.01]}\\n')
+        run.recv(65536)
+    except BlockingIOError:
+        pass
+"""
+BLOCKS, PERIODS = 16, 250
+"""Blocks of a measurement, quiet and attacked by turns, and periods of 1 ms in each."""
+RATIO, SLACK = 3.0, 5e-4
+"""Bound of the median lateness under attack: a multiple of the quiet one, and a time beside it [s]."""
+
+
+def test_a_reader_that_floods_the_run_leaves_its_loop_as_punctual_as_without_it() -> None:
+    found, clock = plan("wall"), MonotonicClock()
+    row = tuple(float(number) for number in range(len(columns(found))))
+    late: dict[bool, list[float]] = {False: [], True: []}
+    with Live(lambda _: {}) as live, threads_give_way():
+        record = live.record(found, columns(found), BLOCKS * PERIODS)
+        live.begin(found, Cycle(found), LoopReport(), {}, EndSignals())
+        words = [sys.executable, "-I", "-c", FLOOD, str(live.path)]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as flood:
+            assert flood.stdout is not None
+            assert flood.stdout.readline() == "ready\n"
+            for block in range(BLOCKS):
+                attacked = block % 2 == 1
+                os.kill(flood.pid, signal.SIGCONT if attacked else signal.SIGSTOP)
+                deadline_ns = clock.now_ns() + found.period_ns
+                for _ in range(PERIODS):
+                    late_ns = clock.sleep_until(deadline_ns)
+                    record.push(row)
+                    late[attacked].append(1e-9 * late_ns)
+                    deadline_ns += (1 + late_ns // found.period_ns) * found.period_ns
+            flood.kill()
+    quiet, attacked_too = (float(np.median(late[each])) for each in (False, True))
+    assert attacked_too < RATIO * quiet + SLACK
