@@ -20,6 +20,7 @@ from haptic_fieldbus.errors import SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -52,6 +53,8 @@ LONGEST = 300.0
 """Longest time of one experiment [s]."""
 KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
 """Values that a rig keeps."""
+LEADING_SHARE = 0.5
+"""Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
 STATED = ("inertia", "viscous_damping", "coulomb_friction")
 
 
@@ -123,7 +126,7 @@ def identify(
     if announce is not None:
         announce(bench.announced)
     probe, _ = bench.conducted(Probe(bench.bounds))
-    guess = _fitted([probe]).model
+    guess = _first_model(probe)
     ratio = bench.ratio
     motion = GuidedMotion(
         bench.bounds, guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio, guess.delay + guess.lag
@@ -318,12 +321,19 @@ def _part(record: ShaftRecord, stages: list[str], stage: str) -> ShaftRecord:
     return replace(record, positions=record.positions[first:last], torques=record.torques[first:last])
 
 
-def _fitted(records: list[ShaftRecord]) -> ShaftFit:
-    """Return the fit of records, or raise SafetyTripError with its reason."""
+def _first_model(probe: ShaftRecord) -> ShaftModel:
+    """Return the model by which the motion is led; raises SafetyTripError when the probe does not tell one."""
     try:
-        return fit_shaft(records)
+        fit = fit_shaft([probe])
     except ValueError as error:
         raise SafetyTripError(f"{error}; torque is off") from error
+    inertia = fit.values["inertia"]
+    if not inertia.half_width < LEADING_SHARE * inertia.value:
+        raise SafetyTripError(
+            "the pulses moved the handle by too few counts of its encoder to tell its inertia; torque is off. Raise "
+            "--travel, --speed or --effort, or the rate"
+        )
+    return fit.model
 
 
 def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterator[str]:

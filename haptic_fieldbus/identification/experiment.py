@@ -147,7 +147,9 @@ class Experiment:
     def _check(self) -> None:
         """Raise ExperimentError when the handle is on its way out of the travel, or too fast."""
         bounds, speed = self.bounds, self.speed
-        if abs(speed) > 0.9 * bounds.speed:
+        # One count more or less is no speed; the limits of the run know none of this.
+        unsure = bounds.resolution / (self._width * bounds.period)
+        if abs(speed) > 0.9 * bounds.speed + unsure:
             raise ExperimentError(f"the handle was faster than announced in the stage {self.stage}")
         # The way to stop, by the measured deceleration; before it is known, a tenth of the travel.
         stopping = 0.5 * self.mass * speed * speed / bounds.effort if self.mass else 0.0
@@ -248,6 +250,8 @@ class GuidedMotion(Experiment):
         super().__init__(bounds)
         self.stage = "middle"
         self.mass, self._friction, self._load = mass, friction, load
+        self._planned = (0.0, 0.0)
+        """Planned position and speed of the last period."""
         # The mean speed is half its width old; the loop keeps a phase margin of 60° for all of it.
         late = delay + (0.5 + 0.5 * self._width) * bounds.period
         self._following = min(FOLLOWING, FOLLOWING_PHASE / late)
@@ -282,8 +286,8 @@ class GuidedMotion(Experiment):
             self._check()
 
     def _halt(self) -> Stage:
-        """Bring the handle to rest where it is going."""
-        begin, speed, time = self.place, self.speed, 0.3
+        """Bring the handle to rest where it is going, from its planned motion: the speed of few counts is unsure."""
+        (begin, speed), time = self._planned, 0.3
         for k in range(round(time / self.bounds.period)):
             left = 1.0 - k * self.bounds.period / time
             yield self._led(begin + 0.5 * speed * time * (1.0 - left * left), speed * left, -speed / time)
@@ -298,7 +302,7 @@ class GuidedMotion(Experiment):
 
     def _led(self, place: float, speed: float, acceleration: float, riding: float = 0.0) -> float:
         """Return the effort that leads the handle along, within the bound."""
-        bounds = self.bounds
+        bounds, self._planned = self.bounds, (place, speed)
         rate = self._following
         behind = rate * rate * (place - self.place) + 2.0 * rate * (speed - self.speed)
         slow = 0.02 * bounds.speed

@@ -21,7 +21,9 @@ from haptic_fieldbus.identification.shaft import ShaftModel, predicted_positions
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.numerics.linear import Matrix
 
-FEWEST_SAMPLES = 200
+FEWEST_SAMPLES, FEWEST_ROWS = 200, 30
+GUESS_WIDTHS = (0.01, 0.03, 0.06)
+"""Half widths of the triangles of the first guess [s]."""
 ENCODER_NOISE = 0.4
 """Largest prediction error of a shaft that the model explains, a little above that of rounding, 1/√12 [counts]."""
 SETTLED = 0.6
@@ -129,14 +131,14 @@ def first_guess(records: Sequence[ShaftRecord]) -> ShaftModel:
     """Return a first model by linear least squares.
 
     The second difference of the position over 2·w samples is the mean of the acceleration under a triangle of that
-    width, so it is compared with the mean of the torque under the same triangle, for several delays.
+    width, so it is compared with the mean of the torque under the same triangle, for several widths and delays.
     """
     period = records[0].period
-    width = max(2, round(0.01 / period))
     found = []
-    for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5):
-        rows, force = zip(*(_weak_form(each, width, float(delay)) for each in records), strict=True)
-        found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), float(delay)))
+    for width in dict.fromkeys(max(2, round(seconds / period)) for seconds in GUESS_WIDTHS):
+        for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5):
+            rows, force = zip(*(_weak_form(each, width, float(delay)) for each in records), strict=True)
+            found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), float(delay)))
     _, values, delay = min(found, key=lambda each: each[0])
     inertia, damping, coulomb, load = values
     lag = max(0.2 * delay * period, 2e-4)
@@ -159,7 +161,10 @@ def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, M
 
 
 def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, float, float, float]]:
-    """Return (residual, values) of the least squares with an inertia above 0, and damping and friction of 0 or more."""
+    """Return (share of the torque that is left, values) of the least squares.
+
+    The inertia is above 0, damping and friction are 0 or more. A share of infinity: the rows tell nothing.
+    """
     columns = [0, 1, 2, 3]
     while True:
         solved, *_ = np.linalg.lstsq(rows[:, columns], force, rcond=None)
@@ -169,7 +174,8 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, floa
         columns.remove(below[0])
     values = np.zeros(4)
     values[columns] = solved
-    left = float(np.sum((rows @ values - force) ** 2))
+    known = len(force) >= FEWEST_ROWS and values[0] > 0.0
+    left = float(np.sum((rows @ values - force) ** 2) / max(np.sum(force**2), 1e-300)) if known else math.inf
     scale = float(np.std(force)) / max(float(np.std(rows[:, 0])), 1e-12)
     inertia = float(values[0]) if values[0] > 0.0 else scale
     return left, (max(inertia, 1e-3 * scale, 1e-12), float(values[1]), float(values[2]), float(values[3]))

@@ -256,6 +256,22 @@ def test_a_bench_that_cannot_be_measured_is_told_and_left_alone(
     assert bench.read_text(encoding="utf-8") == rig_text(truth)
 
 
+def test_a_probe_that_tells_no_inertia_leads_no_motion(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("haptic_fieldbus.api.identification.LEADING_SHARE", 0.0)
+    with pytest.raises(SafetyTripError, match="too few counts of its encoder to tell its inertia; torque is off"):
+        measured(bench, rig_text())
+    assert bench.read_text(encoding="utf-8") == rig_text()
+
+
+@pytest.mark.thorough("measures three benches of few counts")
+@pytest.mark.parametrize("counts", [24, 128, 512])
+def test_a_coarse_encoder_is_enough_for_inertia_and_friction(bench: Path, counts: int) -> None:
+    values = measured(bench, rig_text(counts=counts)).fit.values
+    assert values["inertia"].value == pytest.approx(4e-5, rel=0.1)
+    assert values["coulomb_friction"].value == pytest.approx(2e-3, rel=0.15)
+    assert values["viscous_damping"].value == pytest.approx(3e-4, rel=0.15)
+
+
 @pytest.mark.thorough("measures a bench")
 def test_samples_that_are_missing_too_often_end_it(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from haptic_fieldbus.api import identification

@@ -94,9 +94,9 @@ def identified_bench(bench: Bench) -> tuple[ShaftFit, Course, Course]:
     plant = plant_of_bench(bench)
     probe = Probe(bench.bounds)
     first = conducted(probe, bench, plant)
-    assert probe.failure == ""
+    assert probe.failure == "", probe.failure
     guess = fit_shaft([first.record]).model
     motion = GuidedMotion(bench.bounds, guess.inertia, guess.coulomb, guess.load, guess.delay + guess.lag)
     second = conducted(motion, bench, plant)
-    assert motion.failure == ""
+    assert motion.failure == "", motion.failure
     return fit_shaft([first.record, second.part("check", "stop")], guess), first, second
