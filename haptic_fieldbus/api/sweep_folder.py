@@ -195,17 +195,24 @@ def _write_json(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file under another name, flush it to the disk and rename it."""
+    """Write a file under another name, flush it to the disk and rename it.
+
+    Makes its folder if there is none. Raises UsageError where nothing can be written, such as on a full disk.
+    """
     new = path.with_name(f"{path.name}.{os.getpid()}.new")
-    write(new)
-    for place in (new, path.parent):
-        if place is not new:
-            new.replace(path)
-        handle = os.open(place, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(new)
+        for place in (new, path.parent):
+            if place is not new:
+                new.replace(path)
+            handle = os.open(place, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 @dataclass(frozen=True)
@@ -237,7 +244,6 @@ class SweepFolder:
         elif path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise UsageError(f"{path}: exists and is no folder of a sweep; expected a new or an empty folder")
         else:
-            path.mkdir(parents=True, exist_ok=True)
             content = {
                 "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
                 "names": list(points.values), "units": dict(units), "inputs": json.loads(text),

@@ -374,6 +374,19 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"thesis.tex", "manifest.json"}
 
 
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match=r"manifest\.json: cannot be written: Not a directory"):
+        sweep("wall", {"rate": [500.0]}, out=tmp_path / "file" / "rows", workers=1)
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(UsageError, match=r"manifest\.json: cannot be written: No space left on device"):
+        sweep("wall", {"rate": [500.0]}, out=tmp_path / "rows", workers=1)
+
+
 KILLED = """
 import sys
 import numpy as np
