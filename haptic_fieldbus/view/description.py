@@ -6,11 +6,11 @@ from typing import Any
 
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.explain import limit_text, milliseconds
+from haptic_fieldbus.planning.explain import limit_text
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.report.texts import bench_text, scene_text
 from haptic_fieldbus.scenes.element import AnyElement, abilities
-from haptic_fieldbus.scenes.registry import kind_of, parameters, place_names, quantities
+from haptic_fieldbus.scenes.registry import parameters, place_names, quantities
 from haptic_fieldbus.scenes.scene import axes_of
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -45,7 +45,6 @@ def describe(plan: Plan) -> Json:
         "rate": plan.rate,
         "bus_load": max(bus.traffic.load for bus in plan.buses),
         "energy_limit": _finite(min(axis.limits.energy for axis in plan.axes)),
-        "stop_within": milliseconds(max(each.seconds for each in plan.deadlines)),
         "limits": [*_limit_lines(plan)],
         "axes": [_axis(plan, axis) for axis in plan.axes],
         "parameters": [each for element in plan.scene.elements for each in _parameters(plan, element, limits)],
@@ -89,16 +88,13 @@ def _axis(plan: Plan, axis: AxisPlan) -> Json:
     return {
         "name": axis.name,
         "rotary": axis.workspace is Workspace.ROTARY,
-        "unit": axis.workspace.length_unit,
         "effort_unit": axis.workspace.effort_unit,
         "drive": axis.profile.title,
         "travel": [low, high],
         "effort": axis.limits.effort,
-        "actual_unit": axis.shown_unit * axis.rig.mechanism.sign,
         "law": _law(axis, low, high),
         "surfaces": [each for element in axis.elements for each in _surfaces(element)],
         "partner": next((name for each in axis.couplings for name in each.axes if name != axis.name), None),
-        "state": f"{axis.name}.statusword",
     }
 
 
@@ -150,7 +146,7 @@ def _parameters(plan: Plan, element: AnyElement, limits: dict[str, float]) -> It
             limit = limits.get(f"{element.name}.{name}")
             low, high = _scale(plan, element, name, float(value), limit, FROM_ZERO.get(units.get(name, ""), 1.0))
             yield {
-                "name": f"{element.name}.{name}", "kind": kind_of(type(element)), "value": value, "limit": limit,
+                "name": f"{element.name}.{name}", "value": value, "limit": limit,
                 "unit": units.get(name, ""), "low": low, "high": high, "whole": isinstance(value, int),
             }  # fmt: skip
 

@@ -146,7 +146,6 @@ class Controls:
             scale = ui.html(_scale(told), sanitize=False).classes("scale")
         asked = json.dumps(name)
         slider.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
-        slider.on("update:model-value", js_handler=f"(value) => haptic.preview({asked}, value)")
         number.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         self._sliders[name] = slider, number, scale
         self._steered += [slider, number]

@@ -156,7 +156,6 @@ window.haptic = (() => {
     if (other.length) send({ change: Object.fromEntries(other.map((each) => [each.name, first[each.name]])) });
     else answer("", "These are the values of the file.");
   }
-  function preview() { answer("", ""); }
   function stop() { send({ stop: 1 }); }
   function scene(name) { answer("", `${name} is being checked …`); send({ scene: name }); }
   function pause() { send({ paused: !paused }); }
@@ -548,6 +547,6 @@ window.haptic = (() => {
     requestAnimationFrame(draw);
   }
   start();
-  return { send, change, scene, arm, preview, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
+  return { send, change, scene, arm, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
     rows: () => rows, pictures: () => pictures, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello }) };
 })();
