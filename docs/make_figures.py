@@ -25,18 +25,7 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators.tachometer import bind_position
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    CONTENT,
-    GREY,
-    INK,
-    VERMILION,
-    dress,
-    figure,
-    line,
-    name_lines,
-    save,
-)
+from haptic_fieldbus.report.drawing import BLUE, CONTENT, GREY, INK, VERMILION, dress, figure, line, name_lines, save
 from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.loops import loop_growth

@@ -43,7 +43,7 @@ TRAVELS_PER_SECOND = 4.0
 """Largest speed, in travels a second."""
 LONGEST_TRAVEL = 12.0 * math.pi
 """Longest travel at the motor shaft [rad]; a longer one is not needed."""
-DEFAULT_TURNS = 1.0
+TURNS_WITHOUT_LIMITS = 1.0
 """Travel of a rig without position limits, in turns of the motor."""
 MARGIN = 0.06
 """Part of the travel at each of its ends that an experiment does not plan to use."""
@@ -306,7 +306,7 @@ def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
     limits = axis.limits.position
     if limits is None and axis.mechanism.zero != "start":
         raise UsageError("the rig has an encoder count as zero and no limits.position; state limits.position")
-    low, high = limits or (-0.5 * DEFAULT_TURNS * turn, 0.5 * DEFAULT_TURNS * turn)
+    low, high = limits or (-0.5 * TURNS_WITHOUT_LIMITS * turn, 0.5 * TURNS_WITHOUT_LIMITS * turn)
     if limits is None and task.travel is not None:
         low, high = -0.5 * task.travel, 0.5 * task.travel
     wanted = min(high - low, task.travel or math.inf, LONGEST_TRAVEL * axis.mechanism.ratio)

@@ -22,13 +22,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import parsed
 from haptic_fieldbus.protocols.catalogue import load_rig, profile_file
-from haptic_fieldbus.recordings.provenance import (
-    Conditions,
-    Provenance,
-    RunText,
-    scrubbed,
-    without_secrets,
-)
+from haptic_fieldbus.recordings.provenance import Conditions, Provenance, RunText, scrubbed, without_secrets
 from haptic_fieldbus.scenes.registry import kind_of
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.faults import Fault, load_faults, toml_of

@@ -25,14 +25,7 @@ from weakref import finalize
 from haptic_fieldbus.api import Trial, progress_line
 from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
-from haptic_fieldbus.api.sweep_engines import (
-    ENGINES,
-    Measure,
-    SweepJob,
-    check_names,
-    evaluate,
-    units_of_parameters,
-)
+from haptic_fieldbus.api.sweep_engines import ENGINES, Measure, SweepJob, check_names, evaluate, units_of_parameters
 from haptic_fieldbus.api.sweep_folder import Columns, Given, Rows, Sweep, SweepFolder, SweepPoints
 from haptic_fieldbus.defaults import (
     DEFAULT_DURATION,

@@ -7,15 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from haptic_fieldbus.cli.options import (
-    OUTPUT,
-    RENDERING,
-    SceneOptions,
-    check_plot,
-    draw,
-    option,
-    options_of,
-)
+from haptic_fieldbus.cli.options import OUTPUT, RENDERING, SceneOptions, check_plot, draw, option, options_of
 from haptic_fieldbus.cli.screen import console, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import UsageError

@@ -31,27 +31,12 @@ from haptic_fieldbus.cycle.laws import (
     summed,
 )
 from haptic_fieldbus.cycle.plausibility import bind_echo, bind_other_masters, bind_sign_watch
-from haptic_fieldbus.cycle.safety import (
-    LINK_TRIPS,
-    Permission,
-    Trip,
-    TripKind,
-    TripOff,
-    bind_hold,
-    bind_limiter,
-)
+from haptic_fieldbus.cycle.safety import LINK_TRIPS, Permission, Trip, TripKind, TripOff, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import STILL, encoder_probe
-from haptic_fieldbus.planning.image import (
-    AGE_NS,
-    EMERGENCY,
-    FLAGS,
-    STATUSWORD,
-    T_NS,
-    AxisImage,
-)
+from haptic_fieldbus.planning.image import AGE_NS, EMERGENCY, FLAGS, STATUSWORD, T_NS, AxisImage
 from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE, START_SHARE
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import LinkFlag, Signal

@@ -87,14 +87,7 @@ from haptic_fieldbus.cycle.laws import AxisState, PeriodStep, Sensed, is_placed,
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.numerics.sampled import split_delay
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.energy import (
-    AxisTerms,
-    MemoryTerms,
-    axis_terms,
-    bind_stored,
-    larger_of,
-    memory_terms,
-)
+from haptic_fieldbus.planning.energy import AxisTerms, MemoryTerms, axis_terms, bind_stored, larger_of, memory_terms
 from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities
 

@@ -16,13 +16,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.element import (
-    AnyElement,
-    CouplingElement,
-    Element,
-    abilities,
-    is_varying,
-)
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities, is_varying
 from haptic_fieldbus.signals import Signal
 
 TWIST = 2.0

@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE, check_regular, read_octets
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.mcap import McapFile, read_mcap
-from haptic_fieldbus.recordings.provenance import (
-    MARK,
-    METADATA,
-    PICTURES,
-    Provenance,
-    digest,
-    side_file,
-    write_beside,
-)
+from haptic_fieldbus.recordings.provenance import MARK, METADATA, PICTURES, Provenance, digest, side_file, write_beside
 from haptic_fieldbus.recordings.tables import UNIT, arrow_table, column_units, heading, row_line
 
 if TYPE_CHECKING:

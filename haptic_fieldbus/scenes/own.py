@@ -12,14 +12,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, cast, get_type_hints
 
 from haptic_fieldbus.documents import schema_of
-from haptic_fieldbus.documents.own_parts import (
-    entry_value,
-    own_entry_points,
-    own_part,
-    package_of,
-    places_of,
-    told_at,
-)
+from haptic_fieldbus.documents.own_parts import entry_value, own_entry_points, own_part, package_of, places_of, told_at
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.scenes.element import LAWS, STRICT, AnyElement
 from haptic_fieldbus.scenes.own_faults import shape_fault

@@ -13,10 +13,6 @@ import pytest
 
 from haptic_fieldbus import Sweep, UsageError, sweep
 
-without = pytest.mark.skipif(find_spec("distributed") is not None, reason="distributed is installed")
-needs_dask = pytest.mark.skipif(
-    find_spec("distributed") is None, reason='distributed is not installed: pip install ".[cluster]"'
-)
 POINTS = {"sprung_mass.mass": np.linspace(0.05, 2.0, 30), "sprung_mass.stiffness": np.linspace(50.0, 400.0, 20)}
 PROGRAM = """
 import sys
@@ -54,7 +50,6 @@ def waited(condition: Callable[[], object], within: float = 60.0) -> None:
     raise AssertionError(condition)
 
 
-@needs_dask
 @pytest.mark.thorough("starts a cluster")
 def test_a_cluster_that_loses_a_worker_gives_the_rows_of_one_computer(
     cluster: tuple[str, list["subprocess.Popen[bytes]"]], tmp_path: Path
@@ -72,15 +67,14 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_one_computer(
     assert Sweep.read(out).to_arrow().equals(sweep("sprung_mass", POINTS).to_arrow())
 
 
-@needs_dask
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptic_fieldbus.api.sweeping.CONNECTING", 0.3)
     with pytest.raises(UsageError, match=r"scheduler tcp://127\.0\.0\.1:9: no Dask scheduler answers"):
         sweep("wall", {"rate": [500.0]}, scheduler="tcp://127.0.0.1:9")
 
 
-@without
-def test_without_dask_the_extra_is_named() -> None:
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "distributed" else find_spec(name))
     with pytest.raises(UsageError, match='this needs distributed, of the extra "cluster"'):
         sweep("wall", {"rate": [500.0]}, scheduler="tcp://127.0.0.1:8786")
 

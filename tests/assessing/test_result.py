@@ -13,14 +13,7 @@ import pytest
 
 from haptic_fieldbus.api import plan, response, run
 from haptic_fieldbus.assessing.loop_report import LoopReport, Percentiles, Timing
-from haptic_fieldbus.assessing.result import (
-    WIDEST,
-    Result,
-    TorqueError,
-    TripRecord,
-    finite,
-    known_before,
-)
+from haptic_fieldbus.assessing.result import WIDEST, Result, TorqueError, TripRecord, finite, known_before
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.planning.request import Task

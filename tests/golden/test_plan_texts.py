@@ -11,16 +11,7 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.report.texts import announcement
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import counted
-from tests.golden.plans import (
-    FOLDER,
-    PROFILES,
-    REFERENCE_PROFILE,
-    SCENES,
-    cases,
-    further_profiles,
-    planned,
-    text_of,
-)
+from tests.golden.plans import FOLDER, PROFILES, REFERENCE_PROFILE, SCENES, cases, further_profiles, planned, text_of
 
 LEAST = 20
 """Scenes that every drive can have."""

@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins import (
-    EnvironmentOf,
-    Plant,
-    Verdict,
-    alone,
-    judge,
-    stiffness_limit,
-)
+from haptic_fieldbus.margins import EnvironmentOf, Plant, Verdict, alone, judge, stiffness_limit
 from haptic_fieldbus.margins.linear import LARGEST
 from haptic_fieldbus.numerals import rounded_down
 from haptic_fieldbus.numerics.passivity import damping_needed

@@ -9,10 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.estimators.tachometer import (
-    VelocityIntegrator,
-    bind_position,
-)
+from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator, bind_position
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.transfer import TransferFunction, transfer_function
 from tests.numerics.substitution import substituted

@@ -13,12 +13,7 @@ from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.estimators import discrete as estimator_system
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.transfer import (
-    TransferFunction,
-    difference_equation,
-    fraction,
-    transfer_function,
-)
+from haptic_fieldbus.numerics.transfer import TransferFunction, difference_equation, fraction, transfer_function
 from tests.cases import every
 from tests.lanes import examples
 from tests.numerics.substitution import RULES, bind_difference_equation, substituted

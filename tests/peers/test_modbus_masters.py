@@ -20,18 +20,7 @@ from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
 from haptic_fieldbus.sim import faults
 from tests.sim.modbus.hosted import address_of, device_of, hosted
 from tests.sim.modbus.test_line import tcp
-from tests.sim.modbus.units import (
-    COMMAND,
-    DEMAND,
-    LIMIT,
-    MODE,
-    POSITION,
-    RATED,
-    STATUS,
-    TARGET,
-    WATCHDOG,
-    signed,
-)
+from tests.sim.modbus.units import COMMAND, DEMAND, LIMIT, MODE, POSITION, RATED, STATUS, TARGET, WATCHDOG, signed
 
 GENERIC = "generic_cia402_modbus"
 UNIT = 5

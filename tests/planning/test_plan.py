@@ -8,12 +8,7 @@ import pytest
 from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import BusSection, Limits, RotaryMechanism
-from haptic_fieldbus.errors import (
-    BusOverloadError,
-    PlanError,
-    SceneError,
-    SignalUnavailableError,
-)
+from haptic_fieldbus.errors import BusOverloadError, PlanError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Basis, Limit
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.explain import explain

@@ -6,15 +6,7 @@ import pytest
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.assessing.loop_report import Percentiles, PeriodTimes, Timing
-from haptic_fieldbus.assessing.result import (
-    Result,
-    Right,
-    TorqueError,
-    TripRecord,
-    energy_text,
-    length,
-    travel_text,
-)
+from haptic_fieldbus.assessing.result import Result, Right, TorqueError, TripRecord, energy_text, length, travel_text
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
@@ -23,13 +15,7 @@ from haptic_fieldbus.planning.explain import explain, limit_text
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.report.analysis_texts import stability_lines
-from haptic_fieldbus.report.texts import (
-    announcement,
-    axis_text,
-    bench_text,
-    key_figures,
-    outcome,
-)
+from haptic_fieldbus.report.texts import announcement, axis_text, bench_text, key_figures, outcome
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace

@@ -13,14 +13,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, DriveFault, SdoRefusal
 from tests.builders import canopen, shipped
-from tests.running.guard_bench import (
-    DEAD,
-    EMERGENCY_STOP,
-    MASTER_HEARTBEAT,
-    RPDO,
-    GuardBench,
-    rig_text,
-)
+from tests.running.guard_bench import DEAD, EMERGENCY_STOP, MASTER_HEARTBEAT, RPDO, GuardBench, rig_text
 
 MS = 1_000_000
 SHIPPED = [name for name in shipped() if load_profile(name).drive.usable]

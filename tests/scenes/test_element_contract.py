@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from haptic_fieldbus.scenes import element as element_module
-from haptic_fieldbus.scenes.element import (
-    AnyElement,
-)
+from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.testing.contracts import axis_count, check_element
 from tests.cases import Test, every

@@ -15,12 +15,7 @@ import pytest
 from haptic_fieldbus import api
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import (
-    LOOKS,
-    OTHERS,
-    look_of,
-    svg,
-)
+from haptic_fieldbus.report.drawing import LOOKS, OTHERS, look_of, svg
 from haptic_fieldbus.study import make_report as run_report
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.measure.bench import Tools, bench_of
@@ -28,13 +23,7 @@ from haptic_fieldbus.study.measure.timing import Cost
 from haptic_fieldbus.study.measure.work_precision import Point, Set, has_failed
 from haptic_fieldbus.study.page import stability
 from haptic_fieldbus.study.page.html import Cell, Context, Section, number_text, page, picture, table
-from haptic_fieldbus.study.page.work_precision import (
-    at_fixed_cost,
-    draw,
-    is_as_claimed,
-    order_words,
-    sets_table,
-)
+from haptic_fieldbus.study.page.work_precision import at_fixed_cost, draw, is_as_claimed, order_words, sets_table
 from tests.number_style import strange_numbers
 
 TOOLS = Tools(api.run, api.plan)

@@ -23,15 +23,7 @@ from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, rig_of
-from tests.eds.fixed_mapping import (
-    CONTROLWORD,
-    MODE,
-    RPDOS,
-    TARGET_TORQUE,
-    Mappings,
-    fixed_profile,
-    written,
-)
+from tests.eds.fixed_mapping import CONTROLWORD, MODE, RPDOS, TARGET_TORQUE, Mappings, fixed_profile, written
 from tests.sim.bench import DriveBench, Refusal
 
 GENERIC = "generic_cia402"

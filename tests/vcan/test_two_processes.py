@@ -15,18 +15,7 @@ import pytest
 from haptic_fieldbus.planning.deadlines import EndCause
 from tests.system.test_tshark import assert_well_formed, dissected
 from tests.vcan.links import Link
-from tests.vcan.rendering import (
-    EMCY,
-    HEARTBEAT,
-    NODE,
-    OPERATION_ENABLED,
-    RPDO,
-    STATE,
-    TPDO,
-    Busy,
-    Rendering,
-    tried,
-)
+from tests.vcan.rendering import EMCY, HEARTBEAT, NODE, OPERATION_ENABLED, RPDO, STATE, TPDO, Busy, Rendering, tried
 
 pytestmark = [pytest.mark.vcan, pytest.mark.thorough("two processes in a guest kernel")]
 

@@ -25,12 +25,7 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
-from haptic_fieldbus.errors import (
-    BusConfigurationError,
-    BusTimeoutError,
-    ForeignMasterError,
-    UsageError,
-)
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section

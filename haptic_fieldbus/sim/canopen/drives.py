@@ -16,14 +16,7 @@ from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import (
-    AnswerFault,
-    DriveFaultKind,
-    Fault,
-    HostFault,
-    LineFault,
-    kinds_of,
-)
+from haptic_fieldbus.sim.faults import AnswerFault, DriveFaultKind, Fault, HostFault, LineFault, kinds_of
 from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 # Application of each kind of fault to the simulated slave or to its bus.

@@ -6,20 +6,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from haptic_fieldbus import (
-    BusError,
-    Limits,
-    LinearMechanism,
-    Plan,
-    Rig,
-    Scene,
-    SceneAxis,
-    Workspace,
-    load_profile,
-)
-from haptic_fieldbus import (
-    plan as plan_scene,
-)
+from haptic_fieldbus import BusError, Limits, LinearMechanism, Plan, Rig, Scene, SceneAxis, Workspace, load_profile
+from haptic_fieldbus import plan as plan_scene
 from haptic_fieldbus.api.site import simulated_bus
 from haptic_fieldbus.assessing import LoopReport
 from haptic_fieldbus.clock import VirtualClock

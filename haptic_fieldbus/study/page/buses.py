@@ -10,18 +10,7 @@ from matplotlib.lines import Line2D
 
 from haptic_fieldbus import HapticFieldbusError, Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    FELT,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILION,
-    dress,
-    figure,
-    look_of,
-    svg,
-)
+from haptic_fieldbus.report.drawing import BLUE, FELT, GREEN, GREY, ORANGE, VERMILION, dress, figure, look_of, svg
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, Tools
 from haptic_fieldbus.study.measure.timing import Playback, Timed, in_turn
 from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, folded, paragraph, picture, table

@@ -7,16 +7,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus import Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
-    dress,
-    figure,
-    svg,
-)
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, SKY, dress, figure, svg
 from haptic_fieldbus.study.measure.bench import FEW_SCENES, library_scenes
 from haptic_fieldbus.study.measure.timing import SCENE, Cost, OptionalPart, RateDeadlines, deadlines, parts
 from haptic_fieldbus.study.page.html import (

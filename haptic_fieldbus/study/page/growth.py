@@ -10,19 +10,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import (
-    FELT,
-    GREY,
-    INK,
-    card_panel,
-    dress,
-    figure,
-    legend,
-    line,
-    look_of,
-    note,
-    svg,
-)
+from haptic_fieldbus.report.drawing import FELT, GREY, INK, card_panel, dress, figure, legend, line, look_of, note, svg
 from haptic_fieldbus.study.measure import loops
 from haptic_fieldbus.study.measure.loops import Growth
 from haptic_fieldbus.study.page.html import CARD, Card, Cell, Context, Section, paragraph, picture, table

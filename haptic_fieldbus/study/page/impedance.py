@@ -14,17 +14,7 @@ from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.planning.compile import grouped
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    FELT,
-    GREY,
-    INK,
-    VERMILION,
-    dress,
-    figure,
-    name_lines,
-    svg,
-)
+from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, VERMILION, dress, figure, name_lines, svg
 from haptic_fieldbus.study.measure.bench import Bench, bench_of
 from haptic_fieldbus.study.page.html import Context, Entry, Section, paragraph, picture, table
 

@@ -9,16 +9,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import (
-    GREY,
-    INK,
-    dress,
-    figure,
-    legend,
-    line,
-    name_lines,
-    svg,
-)
+from haptic_fieldbus.report.drawing import GREY, INK, dress, figure, legend, line, name_lines, svg
 from haptic_fieldbus.study.measure import loops
 from haptic_fieldbus.study.measure.bench import Bench
 from haptic_fieldbus.study.measure.loops import HANDLES, LoopGrowth, flicked_free

@@ -9,15 +9,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus import Result, Rig, Scene, SceneAxis, Workspace
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    INK,
-    ORANGE,
-    dress,
-    figure,
-    name_lines,
-    svg,
-)
+from haptic_fieldbus.report.drawing import BLUE, INK, ORANGE, dress, figure, name_lines, svg
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.measure.bench import Tools
 from haptic_fieldbus.study.page.html import Context, Section, paragraph, picture, table

@@ -8,14 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import (
-    GREEN,
-    INK,
-    VERMILION,
-    dress,
-    side_by_side,
-    svg,
-)
+from haptic_fieldbus.report.drawing import GREEN, INK, VERMILION, dress, side_by_side, svg
 from haptic_fieldbus.study.measure.region import LARGEST, Ending, Plane, Region, border, plane, region
 from haptic_fieldbus.study.page.html import Context, Entry, Section, paragraph, picture, table
 

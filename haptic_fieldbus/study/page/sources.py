@@ -7,18 +7,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus import HapticFieldbusError
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    dress,
-    figure,
-    svg,
-)
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, dress, figure, svg
 from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools, library_scenes
 from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, number_text, paragraph, picture, table
 

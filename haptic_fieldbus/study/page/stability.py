@@ -10,15 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    VERMILION,
-    card_panel,
-    figure,
-    svg,
-)
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, VERMILION, card_panel, figure, svg
 from haptic_fieldbus.study.case import Case, CaseResult
 from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.page.html import WIDE_CARD, Card, Cell, Context, Section, paragraph, picture, table

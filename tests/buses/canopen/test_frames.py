@@ -10,13 +10,7 @@ from pathlib import Path
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen.frames import (
-    ERROR_FLAG,
-    EXTENDED_FLAG,
-    REMOTE_FLAG,
-    frame_logs,
-    open_frame_writer,
-)
+from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, frame_logs, open_frame_writer
 
 FULL = Path("/dev/full")
 SUFFIXES = pytest.mark.parametrize("suffix", [".log", ".blf"])
