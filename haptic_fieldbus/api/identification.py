@@ -189,7 +189,8 @@ class _Bench:
     def conducted(self, experiment: Experiment) -> tuple[ShaftRecord, list[str]]:
         """Conduct an experiment in a run of its own; return the record at the shaft and the stage of each sample.
 
-        Raises SafetyTripError with the reason when the experiment ended early, and the errors of a run.
+        Raises SafetyTripError with the reason when the experiment ended early, KeyboardInterrupt when a signal ended
+        it, and the errors of a run.
         """
         armed: list[bool] = []
         axis = replace(self.rig.axis[self.name], limits=self._limits)
@@ -202,8 +203,14 @@ class _Bench:
         )  # fmt: skip
         session, place = prepare_run(task, trial)
         caller, taken = Caller(), _Taken(self, experiment, armed)
-        for _ in session.steps(place, caller):
-            caller.stopping = taken.period(session)
+        steps = session.steps(place, caller)
+        try:
+            while True:
+                next(steps)
+                caller.stopping = taken.period(session)
+        except StopIteration as ended:
+            if ended.value.stopped is not None:
+                raise KeyboardInterrupt from None
         if experiment.failure:
             raise SafetyTripError(f"{experiment.failure}; torque is off")
         if not experiment.done:

@@ -1,10 +1,12 @@
 """Command `identify`."""
 
 import json
+import signal
 from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.api import identification
 from tests.api.test_identification import rig_text
 from tests.cli.command import Command
 
@@ -60,6 +62,27 @@ def test_a_load_that_falls_is_told_and_nothing_is_written(rig: Path, command: Co
     assert "moves while no effort acts on it" in ended.err
     assert "torque is off" in ended.err
     assert rig.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("stage", ["breakaway", "motion"])
+def test_a_signal_ends_it_with_its_status_and_nothing_is_written(
+    stage: str, number: int, status: int, rig: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = identification._Bench.stage
+
+    def told(self: identification._Bench, name: str) -> None:
+        begun(self, name)
+        if name == stage:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(identification._Bench, "stage", told)
+    before = rig.read_text(encoding="utf-8")
+    ended = command("identify", "--rig", rig)
+    assert ended.status == status
+    assert "tripped" not in ended.err
+    assert "stopped by " in ended.err
+    assert rig.read_text(encoding="utf-8") == before
 
 
 def test_a_command_without_a_rig_is_wrong_usage(command: Command) -> None:

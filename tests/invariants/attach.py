@@ -117,7 +117,7 @@ class Watch:
 
     def end_all(self) -> None:
         """Judge the runs whose master has never left."""
-        for witness, world in self._open.values():
+        for witness, world in [*self._open.values()]:
             self.judge(witness, world)
         self._open.clear()
 
