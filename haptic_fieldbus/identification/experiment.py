@@ -24,8 +24,8 @@ REST_TIME = 0.4
 """Time without effort [s]."""
 RAMP_TIME = 1.5
 """Time in which the effort of the breakaway rises to its bound [s]."""
-MOVED_COUNTS = 6.0
-"""GuidedMotion that counts as one [counts]."""
+MOVED_COUNTS, FEWEST_COUNTS = 6.0, 12.0
+"""Smallest way that counts as motion, and that tells an inertia [counts]."""
 SETTLING = 0.15
 """Time without effort after a stop [s]."""
 LONGEST_PUSH = 0.5
@@ -103,6 +103,8 @@ class Experiment:
         self._places: list[float] = []
         """Last positions, for the speed."""
         self._width = max(3, round(0.01 / bounds.period))
+        self._count_speed = bounds.resolution / (self._width * bounds.period)
+        """Speed that one count more or less looks like."""
         self._steps = self._all()
         self._begun = False
 
@@ -148,8 +150,7 @@ class Experiment:
         """Raise ExperimentError when the handle is on its way out of the travel, or too fast."""
         bounds, speed = self.bounds, self.speed
         # One count more or less is no speed; the limits of the run know none of this.
-        unsure = bounds.resolution / (self._width * bounds.period)
-        if abs(speed) > 0.9 * bounds.speed + unsure:
+        if abs(speed) > 0.9 * bounds.speed + self._count_speed:
             raise ExperimentError(f"the handle was faster than announced in the stage {self.stage}")
         # The way to stop, by the measured deceleration; before it is known, a tenth of the travel.
         stopping = 0.5 * self.mass * speed * speed / bounds.effort if self.mass else 0.0
@@ -159,10 +160,9 @@ class Experiment:
 
     def _stop(self, effort: float) -> Stage:
         """Stop the handle by the opposite effort, and wait until it has come to rest."""
-        slow = self.bounds.resolution / (self._width * self.bounds.period)
         side = math.copysign(1.0, self.speed)
         for _ in range(round(LONGEST_PUSH / self.bounds.period)):
-            if side * self.speed <= slow:
+            if side * self.speed <= self._count_speed:
                 break
             yield -side * effort
         yield from self._wait(SETTLING)
@@ -215,11 +215,15 @@ class Probe(Experiment):
         """Push and stop the handle both ways, with an effort that gives pushes of a good length."""
         bounds, good = self.bounds, 0
         effort = min(0.5 * bounds.effort, 1.5 * self.friction + 0.05 * bounds.effort)
+        slowest = 1.05 * self.friction
         for _ in range(MOST_PULSES):
             side = 1 if self.place < bounds.middle else -1
+            begin = self.place
             pushed = yield from self._push(side, effort)
             if pushed < FEWEST_PERIODS * bounds.period:
                 effort *= 0.6
+            elif abs(self.place - begin) < FEWEST_COUNTS * bounds.resolution and effort > slowest:
+                effort = max(0.8 * effort, slowest)
             elif pushed >= LONGEST_PUSH and effort < 0.8 * bounds.effort:
                 effort = min(0.8 * bounds.effort, 1.5 * effort)
             else:

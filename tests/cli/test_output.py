@@ -4,6 +4,7 @@ import io
 import json
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
@@ -174,6 +175,7 @@ def reader_that_stops(master: int, words: bytes) -> bytes:
     """Read from a terminal until these words have come, and press Ctrl-S."""
     told = b""
     while words not in told:
+        assert select.select([master], [], [], STARTS_WITHIN)[0], told
         told += os.read(master, 4096)
     os.write(master, b"\x13")
     return told
@@ -188,7 +190,7 @@ def on_a_terminal(end: Callable[["subprocess.Popen[bytes]"], None], seconds: str
     master, slave = pty.openpty()
     process = started(slave, "run", "wall", "--duration", seconds)
     try:
-        reader_that_stops(master, b"stability")
+        reader_that_stops(master, b"limit")
         end(process)
         return process.wait(STARTS_WITHIN)
     finally:
