@@ -24,6 +24,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with ended_by_signals() as ending, free_output(lambda: ending.leaving):
         ending.last = arguments is None
         status = _status(arguments, ending)
+    # CPython remembers a KeyboardInterrupt that left any `exec` of a text, such as that of a dataclass in an import. It
+    # would end by SIGINT although the interrupt was caught; the next text makes it forget.
+    exec("")
     sys.exit(status)
 
 

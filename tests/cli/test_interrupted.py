@@ -2,6 +2,8 @@
 
 import json
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -209,3 +211,20 @@ def test_a_signal_in_a_run_of_the_report_ends_the_report(command: Command, at_wa
     finished = command("report", "--quick", "--only", "buses", "--out", tmp_path)
     assert (finished.status, finished.out) == (130, "")
     assert "stopped by you" in finished.err
+
+
+IN_AN_EXEC = """
+from haptic_fieldbus.cli import app, main
+def struck(**_):
+    exec("import signal; signal.raise_signal(signal.SIGTERM)")
+app.app = struck
+main()
+"""
+
+
+def test_a_signal_while_a_dataclass_is_made_keeps_its_status(tmp_path: Path) -> None:
+    """CPython runs the text of a dataclass by `exec`, and `python -m` remembers an interrupt that leaves it."""
+    (tmp_path / "struck.py").write_text(IN_AN_EXEC)
+    program = [sys.executable, "-m", "struck"]
+    finished = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (finished.returncode, finished.stderr) == (143, "stopped by SIGTERM\n")

@@ -79,6 +79,8 @@ class StoredSetPoint:
 STALE, EXCEPTION, FOREIGN = int(LinkFlag.STALE), int(LinkFlag.EXCEPTION), int(LinkFlag.FOREIGN)
 TORN, TORN_WITHIN = 65536, 16384
 """Counts by which a value is off when its two registers are of different instants, and how near to it is as good."""
+PREDICTED = 10
+"""Gap over which a speed predicts the next position [intervals over which it was measured]."""
 
 
 class UnitLink:
@@ -237,6 +239,8 @@ class WideValue:
         """Value and instant [ns] of the last sample that was believed."""
         self._speed = 0.0
         """Between the last two of them [counts/ns]."""
+        self._known_ns = 0
+        """Time for which this speed predicts a position [ns]."""
         self._doubted = False
 
     def torn(self, octets: bytes, t_ns: int) -> bool:
@@ -249,11 +253,13 @@ class WideValue:
         # The way from one position to the other [counts]; 32 bits may have run over.
         way = (value - self._before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
         passed_ns = t_ns - self._at_ns
-        strange = abs(abs(way - self._speed * passed_ns) - TORN) <= TORN_WITHIN
+        expected = self._speed * passed_ns if passed_ns <= self._known_ns else 0.0
+        strange = abs(abs(way - expected) - TORN) <= TORN_WITHIN
         self._doubted = strange and not self._doubted
         if not self._doubted:
             self._before, self._at_ns = value, t_ns
             self._speed = way / passed_ns if passed_ns > 0 else 0.0
+            self._known_ns = PREDICTED * passed_ns
         return self._doubted
 
 

@@ -31,6 +31,14 @@ def test_a_sample_that_was_missed_is_motion_too() -> None:
     assert not any(torn(value, 60_000 * period, period) for period in (0, 2, 3, 4, 9, 10))
 
 
+def test_a_speed_predicts_no_position_after_a_long_gap() -> None:
+    """Eleven counts within 0.2 ms, then a slow host: the speed would lead 65536 counts away."""
+    value = WideValue(low_first=False, start=0)
+    assert not value.torn(pack(">i", 0), 0)
+    assert not value.torn(pack(">i", 11), 200_000)
+    assert not value.torn(pack(">i", 11), 200_000 + 65_536 * 200_000 // 11)
+
+
 def test_what_hardly_is_as_fast_as_before_is_motion() -> None:
     """A handle whose speed changes by less than three quarters of 65536 counts a period."""
     value, at = WideValue(low_first=False, start=0), 0
