@@ -4,6 +4,7 @@
 # After one thing is added:   make docs      pages, tables, schemas and pictures that follow from the code
 # Before a release:            make test-all  every test
 #                              make test-vendor   the tests that read vendors' EDS files
+#                              make bench     speed, each figure beside a reference; fails above its bound
 #                              make soak      ten thousand seeded faulty runs, and more, within 90 minutes
 
 VENV := .venv
@@ -40,7 +41,7 @@ PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
-.PHONY: demo test test-all test-part test-vendor soak check docs setup system-packages format clean
+.PHONY: demo test test-all test-part test-vendor soak bench check docs setup system-packages format clean
 
 demo: $(DEMO_STAMP)
 	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --hand release --duration 3 --plot demo.png
@@ -64,6 +65,10 @@ test-vendor: setup
 # Seeded faults, damaged frames and files, an hour of virtual time; SOAK_RUNS=100 is a small one. It goes on where it was
 # ended.
 SOAK_RUNS ?= 10000
+# BENCH=--short for fewer rounds, BENCH=--write for the page.
+bench: setup
+	$(BIN)/python benchmarks/bench.py $(BENCH)
+
 soak: setup
 	@SOAK_RUNS=$(SOAK_RUNS) $(BIN)/python -m tests.soak
 

@@ -7,10 +7,11 @@ allowed: a ratio of 1.5.
 import struct
 import subprocess
 import sys
+from contextlib import ExitStack
 from itertools import count
 from time import perf_counter
 
-from rows import Row, cost, show
+from rows import Figure, Pair, Row, cost, show
 
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -83,6 +84,14 @@ def reference() -> float:
         return perf_counter() - begun
 
     return min(once() for _ in range(20)) / 1000
+
+
+def pair(_: ExitStack) -> Pair:
+    period = Period("sine")
+    return lambda: (cost(period, 1000, 5), reference())
+
+
+FIGURES = (Figure("simulated drive with a hand, one period", "1/1000 of starting Python", ALLOWED, pair),)
 
 
 def rows() -> list[Row]:

@@ -18,7 +18,7 @@ from dataclasses import replace
 from time import perf_counter
 
 from pymodbus.client import ModbusTcpClient
-from rows import machine
+from rows import Figure, Pair, machine
 
 import haptic_fieldbus as h
 from haptic_fieldbus.buses.modbus.access import open_line
@@ -183,6 +183,24 @@ def measured() -> dict[str, float]:
             for name, call in calls.items():
                 found[name].append(seconds(call))
         return {name: min(times) for name, times in found.items()}
+
+
+def exchange_pair(stack: ExitStack) -> Pair:
+    port = stack.enter_context(server())
+    ours, reference = by_requester(port, stack), by_hand(port, stack)
+    return lambda: (min(seconds(ours) for _ in range(5)), min(seconds(reference) for _ in range(5)))
+
+
+def period_pair(stack: ExitStack) -> Pair:
+    port = stack.enter_context(server())
+    ours, reference = by_master(port, stack), by_client(port, stack)
+    return lambda: (min(seconds(ours) for _ in range(5)), min(seconds(reference) for _ in range(5)))
+
+
+FIGURES = (
+    Figure("exchange over Modbus TCP", "a socket loop by hand", LARGEST, exchange_pair),
+    Figure("period of the Modbus TCP master", "the same exchange by pymodbus's client", 1.0, period_pair),
+)
 
 
 if __name__ == "__main__":

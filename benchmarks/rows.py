@@ -4,6 +4,7 @@ import os
 import platform
 import timeit
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,22 @@ class Row:
     @property
     def ratio(self) -> float:
         return self.ours / self.reference
+
+
+Pair = Callable[[], tuple[float, float]]
+"""Measures ours and the reference [s], one right after the other."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of `bench.py`; `pair` sets up what it needs on the stack, which ends it."""
+
+    name: str
+    reference: str
+    """Name of what it stands beside."""
+    bound: float
+    """Largest ratio that is promised."""
+    pair: Callable[[ExitStack], Pair]
 
 
 def cost(call: Callable[[], object], number: int, repeat: int = 30) -> float:

@@ -1,9 +1,10 @@
 """One step of a virtual mass by every method beside forward Euler written by hand, of more states, and by any rates."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import numpy as np
-from rows import Row, cost, show
+from rows import Figure, Pair, Row, cost, show
 
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
@@ -74,6 +75,19 @@ def _row(name: str, step: Callable[..., float], by_velocity: bool) -> Row:
 
 def nonlinear(method: str) -> Row:
     return beside_by_hand(f"{method}, any rates", bind_rates(rates, (0.0, 0.0), PERIOD, method, (0,)))
+
+
+def pair(_: ExitStack) -> Pair:
+    """One step of the method that is used unless another one is named."""
+
+    def measure() -> tuple[float, float]:
+        row = linear("exact-foh")
+        return row.ours, row.reference
+
+    return measure
+
+
+FIGURES = (Figure("step of a virtual mass, exact-foh", "forward Euler by hand", PROMISED["exact-foh"], pair),)
 
 
 if __name__ == "__main__":

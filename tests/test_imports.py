@@ -62,7 +62,7 @@ DOES_WITHOUT = {
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
         "cli.replay": "api.replaying recordings.reading report.plot",
-        "cli.report": "api study.make_report study.measure.bench",
+        "cli.report": "api protocols.catalogue study.make_report study.measure.bench",
         "cli.run": "api api.provenance assessing.loop_report planning.refusal planning.request recordings.reading"
         " report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"

@@ -225,10 +225,11 @@ def test_ci_runs_in_a_clone_that_stands_alone(tmp_path: Path, given: bool) -> No
     reports = ["build/tests.xml", "build/part.xml", *["build/vendor.xml"] * given]
     assert done.stdout.splitlines()[-1] == f"summary -m tests.ci_summary build/ci/times.txt {' '.join(reports)}"
     told = [line.split(" | ") for line in steps.read_text().splitlines()]
-    assert [line[0].split()[1] for line in told] == ["setup", "check", "test", "test-part", *["test-vendor"] * given]
+    always = ["setup", "check", "test", "test-part", "bench"]
+    assert [line[0].split()[1] for line in told] == [*always, *["test-vendor"] * given]
     assert {line[1] for line in told}.isdisjoint([str(checkout)])
-    assert [line[2] for line in told[:4]] == [""] * 4
-    assert [line[2] for line in told[4:]] == [f"HAPTIC_FIELDBUS_VENDOR_FILES={files}"] * given
+    assert [line[2] for line in told[:5]] == [""] * 5
+    assert [line[2] for line in told[5:]] == [f"HAPTIC_FIELDBUS_VENDOR_FILES={files}"] * given
     assert not Path(told[0][1]).exists()
     assert (checkout / "build" / "last.xml").exists()
 

@@ -16,7 +16,7 @@ from haptic_fieldbus.cli.options import option, seconds
 from haptic_fieldbus.cli.planning import estimate, plan, response, stability
 from haptic_fieldbus.cli.rehearse import rehearse
 from haptic_fieldbus.cli.replay import replay
-from haptic_fieldbus.cli.report import report
+from haptic_fieldbus.cli.report import bench, report
 from haptic_fieldbus.cli.run import demo, run
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import simulate
@@ -106,7 +106,7 @@ START, BENCH_PANEL, STUDY, FILES = (
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     START: (run, demo, view, rehearse, plan),
     BENCH_PANEL: (doctor, scan, watch, identify, simulate),
-    STUDY: (stability, sweep, response, estimate, replay, report),
+    STUDY: (stability, sweep, response, estimate, replay, report, bench),
 }
 for panel, commands in COMMANDS.items():
     for command in commands:

@@ -1,5 +1,6 @@
-"""Command `report`: error against run time, stability of stiff and extreme cases, and the cost of each part."""
+"""Commands `report`, which measures error, stability and cost of all methods, and `bench`, which measures speed."""
 
+import subprocess
 import sys
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -56,6 +57,22 @@ def report(
         return
     show([("found" if number == 0 else "", f"- {sentence}") for number, sentence in enumerate(made.findings)])
     show([("report", str(out / "index.html")), ("", str(out / "report.json"))])
+
+
+def bench(
+    short: Annotated[bool, typer.Option("--short", help="Fewer rounds; takes under a minute.")] = False,
+    only: Annotated[str, typer.Option(metavar="WORD", help="Measure only figures whose name contains WORD.")] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how fast this computer runs the loop and its parts, each beside a reference of the same run.
+
+    The exit status is 1 when a ratio is above its bound.
+    """
+    from haptic_fieldbus.protocols.catalogue import profile_folder
+
+    # In a process of its own, which has loaded nothing yet.
+    program = [sys.executable, str(profile_folder().parent / "benchmarks" / "bench.py"), "--only", only]
+    raise typer.Exit(subprocess.call([*program, *["--short"] * short, *["--json"] * as_json]))
 
 
 def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":
