@@ -32,7 +32,8 @@ _FRAME = re.compile(r"\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*|R)$")
 # Provenance of any file that a run leaves.
 
 _FILE_NAME = re.compile(r"(?!\.\.?$)[^/\\:\x00-\x1f]{1,200}")
-_MARKED = re.compile(MARK.encode() + rb"([A-Za-z0-9+/=]+)")
+# Whole groups of four: the next octet of a picture, such as the checksum of a PNG chunk, may be a digit of base64 too.
+_MARKED = re.compile(MARK.encode() + rb"((?:[A-Za-z0-9+/]{4})*(?:[A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?)")
 
 
 def read_provenance(path: str | Path) -> Provenance:

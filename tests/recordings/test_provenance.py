@@ -240,6 +240,21 @@ def test_the_result_of_a_trip_has_the_whole_provenance(tmp_path: Path) -> None:
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
+def test_the_next_octets_of_a_picture_are_no_part_of_its_provenance(tmp_path: Path) -> None:
+    """The text of three lengths, so that its base64 ends with 0, 1 and 2 signs of padding."""
+    recorded(tmp_path / "a.csv")
+    found = read_provenance(tmp_path / "a.csv")
+    picture, lengths = tmp_path / "a.png", set[int]()
+    for more in range(40):
+        longer = replace(found, command=(*found.command, *map(str, range(more))))
+        marked = longer.mark
+        lengths.add(marked.count("="))
+        for after in ("A", "AB", "+/9", "ABCD", "=", "==", "A=", "\0"):
+            picture.write_bytes(b"\x89PNG" + marked.encode() + after.encode() + b"\0\0\0")
+            assert read_provenance(picture) == longer
+    assert lengths == {0, 1, 2}
+
+
 def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
     recorded(tmp_path / "a.csv")
     beside = side_file(tmp_path / "a.csv")
