@@ -199,7 +199,7 @@ def _behind(run: Run, axis: AxisPlan) -> float | None:
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     """Yield a sentence for each limit that was exceeded before the run, or acted during it."""
     applied = (change.change.plan for change in report.changes)
-    yield from dict.fromkeys(text for each in (plan, *applied) for text in above_limit(each))
+    yield from dict.fromkeys(text for each in (plan, *applied) for text in above_limit(each, caveat=False))
     for axis in plan.axes:
         handle = cycle.axes[axis.name]
         permission, gaps, sign = handle.permission, handle.permission.gaps, handle.sign

@@ -37,7 +37,15 @@ from haptic_fieldbus.planning.limits import (
     START_SHARE,
 )
 from haptic_fieldbus.planning.plan import Plan, assumed_texts
-from haptic_fieldbus.planning.refusal import limit_value, own_law_texts, softer, way_limits
+from haptic_fieldbus.planning.refusal import (
+    caveat_text,
+    limit_value,
+    own_law_texts,
+    passivity_condition,
+    softer,
+    verdict_text,
+    way_limits,
+)
 from haptic_fieldbus.planning.sign_probe import is_checked, sign_probe
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Delay, Json
@@ -314,10 +322,11 @@ def limit_text(stability: Stability | None) -> str:
     if stability is None:
         return "unknown: inertia and viscous_damping are missing in the rig"
     if stability.stiffness is None:
-        return f"none: no stiffness to vary{'' if stability.is_inside else '; unstable for some open values'}"
+        known = caveat_text(stability)
+        return f"none: no stiffness to vary{'' if stability.is_inside else '; unstable for some open values'}{known}"
     asked, limit = rounded_limit(stability.stiffness), stability.limit
     if math.isinf(limit.value):
-        return f"none: stable at any stiffness; {asked} {stability.unit} asked"
+        return f"none: stable at any stiffness{caveat_text(stability)}; {asked} {stability.unit} asked"
     if not limit.value:
         found = "no stiffness is stable" if limit.obstacle is None else obstacle_text(limit.obstacle, stability.unit)
         return f"{limit_value(stability)}; {found}"
@@ -336,7 +345,7 @@ def nominal_texts(stability: Stability) -> Iterator[str]:
     yield f"stable {up_to(nominal.stable, unit)}"
     # Above the limit the loop may not be passive for some open values.
     hand = ", stable with every passive hand" if nominal.passive and stability.is_inside else ""
-    yield f"{passive_to(nominal.passive, unit)}{hand}"
+    yield f"{passive_to(nominal.passive, unit)}{passivity_condition(stability) if nominal.passive else ''}{hand}"
     if nominal.quantisation is not None:
         between = "steps" if stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {up_to(nominal.quantisation, unit)} (2·fc/D)"
@@ -346,7 +355,7 @@ def verdict_texts(plan: Plan) -> Iterator[str]:
     """Yield the verdict on the weakest axis, its nominal limits, and the values at which the limit was found."""
     axis, stability = plan.weakest, plan.stability
     if axis is not None and stability is not None:
-        yield stability.verdict.value
+        yield verdict_text(stability)
         yield from (f"nominal: {text}" for text in nominal_texts(stability))
         yield from worst_texts(stability, axis.workspace)
 

@@ -96,12 +96,12 @@ def check_stable(plan: Plan, *, running: bool = False) -> None:
             raise UnstableSceneError(_refusal(plan, axis.group, found, running), limit=limit)
 
 
-def above_limit(plan: Plan) -> Iterator[str]:
-    """Yield a sentence for each group of axes above its limit."""
+def above_limit(plan: Plan, *, caveat: bool = True) -> Iterator[str]:
+    """Yield a sentence for each group of axes above its limit, with the `caveat` if it is told nowhere else."""
     for axis in plan.axes:
         found, group = axis.stability, axis.group
         if found is not None and group is not None and group.reference_axis == axis.name and not found.is_inside:
-            yield f"{_exceeded(plan, group, found)}; the loop may vibrate"
+            yield f"{_exceeded(plan, group, found, caveat=caveat)}; the loop may vibrate"
 
 
 def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
@@ -118,24 +118,48 @@ def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> s
     return "\n".join([first, *reasons, *inside, *forced])
 
 
-def _exceeded(plan: Plan, group: Group, stability: Stability) -> str:
+def _exceeded(plan: Plan, group: Group, stability: Stability, *, caveat: bool = True) -> str:
     """Return the stiffness, and the limit that it exceeds."""
     limit, per = stability.limit, plan.axis(group.reference_axis).workspace.stiffness_unit
     if stability.stiffness is None:
         always = stability.verdict is Verdict.UNSTABLE
-        return "this scene is unstable on this bench" + ("" if always else " for some of the values that are open")
+        known = caveat_text(stability) if caveat else ""
+        return f"this scene is unstable on this bench{'' if always else ' for some of the values that are open'}{known}"
     asked = f"{rounded_limit(stability.stiffness)} {per}"
     if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
         asked += f" of {group.stiffest.name}"
     if not limit.value:
-        return f"{asked} exceeds the limit of this bench: no stiffness is stable"
-    return f"{asked} exceeds the limit of {limit_value(stability)} on this bench"
+        return (
+            f"{asked} exceeds the limit of this bench: no stiffness is stable{caveat_text(stability) if caveat else ''}"
+        )
+    return f"{asked} exceeds the limit of {limit_value(stability, caveat=caveat)} on this bench"
 
 
-def limit_value(stability: Stability) -> str:
-    """Return a limit with its unit, and how certain the values of the bench are."""
-    stated = " (damping stated, not measured)" if stability.limit.basis is Basis.STATED else ""
-    return f"{exactly(stability.limit.value)} {stability.unit}{stated}"
+STATED = "damping stated, not measured"
+"""Caveat of every limit that rests on values which a person has stated; each text tells it once."""
+IF_STATED = " if the stated damping holds"
+"""Condition of passivity on such values."""
+
+
+def limit_value(stability: Stability, *, caveat: bool = True) -> str:
+    """Return a limit with its unit, and with `caveat` how certain the values of the bench are."""
+    return f"{exactly(stability.limit.value)} {stability.unit}{caveat_text(stability) if caveat else ''}"
+
+
+def caveat_text(stability: Stability) -> str:
+    """Return how certain the values are on which a limit rests, in brackets; empty if they are exact."""
+    return f" ({STATED})" if stability.limit.basis is Basis.STATED else ""
+
+
+def passivity_condition(stability: Stability) -> str:
+    """Return the condition under which a loop is passive; empty if its values are exact."""
+    return IF_STATED if stability.limit.basis is Basis.STATED else ""
+
+
+def verdict_text(stability: Stability) -> str:
+    """Return the verdict, and the condition of one that is passive."""
+    condition = passivity_condition(stability) if stability.verdict is Verdict.PASSIVE else ""
+    return f"{stability.verdict.value}{condition}"
 
 
 def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[OwnLaw, str]]:

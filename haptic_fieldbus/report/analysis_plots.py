@@ -21,6 +21,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.planning.refusal import IF_STATED, STATED, caveat_text, passivity_condition
 from haptic_fieldbus.report.analysis_texts import estimate_lines
 from haptic_fieldbus.report.drawing import (
     BLUE,
@@ -275,8 +276,9 @@ def draw_region(judgement: Judgement) -> Figure:
     bounded = zip(dampings.tolist(), onset.tolist(), strict=True)
     passive = np.array([judgement.group.passive_limit(value, most) for value, most in bounded])
     if passive.any():
+        condition = passivity_condition(stability)
         below = np.where(np.isfinite(passive), np.minimum(passive, stable), 2.0 * top)
-        panel.plot(dampings, below, color=PURPLE, linewidth=1.4, linestyle="--", label="passive below")
+        panel.plot(dampings, below, color=PURPLE, linewidth=1.4, linestyle="--", label=f"passive below{condition}")
     panel.set(xlim=(0.0, end), ylim=(0.0, top or 1.0))
     _mark(panel, own, (stability.stiffness, float(limit[at]), float(onset[at])), units["stiffness"])
     dress(panel, "", f"virtual damping [{units['damping']}]", f"virtual stiffness [{units['stiffness']}]")
@@ -297,7 +299,8 @@ def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -
     title = f"{judgement.scene.name}: {exactly(asked)} {unit} is {where}"
     delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(stability.delay_s, 's')}"
     margin = f"margin {rounded(limit / asked)}; " if asked and math.isfinite(limit) else ""
-    return title, [f"{margin}{delay}"]
+    known = f"; {STATED}" if caveat_text(stability) else ""
+    return title, [f"{margin}{delay}{known}"]
 
 
 def _mark(panel: Axes, damping: float, marked: tuple[float, float, float], unit: str) -> None:
@@ -392,8 +395,13 @@ def _draw_line(panel: Axes, x: Array, values: list[object], outcome: Array, *, n
     for place, kind in enumerate(found):
         own = x[kinds == kind]
         panel.plot(own, np.full(len(own), place), "|", markersize=18, markeredgewidth=2, color=KINDS_OF_POINTS[kind])
-    panel.set_yticks(range(len(found)), found)
+    panel.set_yticks(range(len(found)), [_told(kind) for kind in found])
     panel.set_ylim(-0.6, len(found) - 0.4)
+
+
+def _told(kind: str) -> str:
+    """Return the label of a kind of points; a sweep judges the values that are stated."""
+    return f"{kind}{IF_STATED}" if kind == "passive" else kind
 
 
 def _kinds(values: list[object], outcome: Array) -> NDArray[np.str_]:
@@ -429,4 +437,4 @@ def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Ar
         panel.figure.colorbar(drawn, ax=panel)
     else:
         for kind in shown:
-            panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=kind)
+            panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=_told(kind))

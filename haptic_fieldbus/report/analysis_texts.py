@@ -35,6 +35,7 @@ from haptic_fieldbus.planning.explain import (
     worst_texts,
 )
 from haptic_fieldbus.planning.plan import assumed_texts
+from haptic_fieldbus.planning.refusal import passivity_condition, verdict_text
 from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.report.texts import parameter_units
 from haptic_fieldbus.signals import Workspace
@@ -243,7 +244,7 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     held = f"up to {in_unit(stability.effort, space.effort_unit)}" if is_limited else "a hand"
     above = stability.verdict is Verdict.STABLE and not stability.is_inside
     meaning = ABOVE if above else MEANING[stability.verdict].format(held=held)
-    yield OutputRow("verdict", [f"{stability.verdict.value}: {meaning}"])
+    yield OutputRow("verdict", [f"{verdict_text(stability)}: {meaning}"])
 
 
 def _devices(judgement: Judgement) -> Iterator[OutputRow]:
@@ -320,5 +321,6 @@ def _nominal(judgement: Judgement) -> Iterator[str]:
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less, unit = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit, judgement.stability.unit
     if less.stable is not None and less.passive is not None:
-        limits = f"stable {up_to(less.stable, unit)}, {passive_to(less.passive, unit)}"
-        yield f"with {exactly(UNCERTAIN)} times the friction: {limits}"
+        # With stated friction, passivity is told once, with its condition.
+        passive = "" if passivity_condition(judgement.stability) else f", {passive_to(less.passive, unit)}"
+        yield f"with {exactly(UNCERTAIN)} times the friction: stable {up_to(less.stable, unit)}{passive}"

@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from haptic_fieldbus.assessing.loop_report import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
+from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.report.drawing import BINS, held, thin
 from haptic_fieldbus.report.plot import (
     ZOOM_AFTER,
@@ -141,11 +142,16 @@ def test_the_title_is_the_begin_of_the_verdict(verdict: str | None, few: str, re
 
 def test_the_title_of_an_unstable_run_has_the_limit() -> None:
     limits = SimpleNamespace(stable=1492.0)
-    found = SimpleNamespace(stiffness=20000.0, stiffness_limit=limits, limit=SimpleNamespace(value=750.0))
+    found = SimpleNamespace(
+        stiffness=20000.0, stiffness_limit=limits, limit=SimpleNamespace(value=750.0, basis=Basis.STATED)
+    )
     axis = SimpleNamespace(name="handle", workspace=Workspace.LINEAR, stability=found)
     plan = cast("None", SimpleNamespace(axes=(axis,)))
     unstable = replace(result_of(push()), verdict="Unstable: above the limit. A hand may damp it.", plan=plan)
-    assert headline(unstable) == ("Unstable: 20000 N/m, limit 750 N/m", "Above the limit. A hand may damp it.")
+    assert headline(unstable) == (
+        "Unstable: 20000 N/m, limit 750 N/m",
+        "Above the limit. A hand may damp it. Damping stated, not measured.",
+    )
 
 
 def test_force_towards_the_start_pushes_back_and_other_force_does_not() -> None:
