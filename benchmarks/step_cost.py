@@ -9,7 +9,7 @@ from rows import Figure, Pair, Row, cost, show
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
-from haptic_fieldbus.study.analysis.explicit import EXPLICIT, bind_rates
+from haptic_fieldbus.study.explicit import EXPLICIT, bind_rates
 
 PERIOD = 1e-3
 STIFFNESS, MASS = 600.0, 0.5

@@ -11,7 +11,7 @@ from pathlib import Path
 from haptic_fieldbus import api
 from haptic_fieldbus.numerals import percent, rounded, rounded_limit
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.study.page.buses import BUSES
+from haptic_fieldbus.study.page.cost import BUSES
 
 FILE = Path(__file__).resolve().parent / "how-to" / "one_scene_on_four_buses.md"
 STIFFNESS, HAND, DURATION = 60.0, "tap", 3.0

@@ -30,8 +30,7 @@ from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.loops import loop_growth
 from haptic_fieldbus.study.measure.problems import problems, step_counts
-from haptic_fieldbus.study.page import growth as growth_page
-from haptic_fieldbus.study.page import integrator as integrator_page
+from haptic_fieldbus.study.page import sources as sources_page
 from haptic_fieldbus.study.page import work_precision as work_precision_page
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -114,13 +113,13 @@ def cost() -> Figure:
 
 def along_the_run() -> Figure:
     """Error along the run, as the report draws it."""
-    return growth_page.draw([loops.free_swing(method, 10**6) for method in METHODS])
+    return work_precision_page.draw_growth([loops.free_swing(method, 10**6) for method in METHODS])
 
 
 def in_the_loop() -> Figure:
     """Growth rates, as the report draws them."""
     bench = bench_of(api.plan("wall"))
-    return integrator_page.draw([loop_growth(bench, method, 60) for method in METHODS])
+    return sources_page.draw_integrator([loop_growth(bench, method, 60) for method in METHODS])
 
 
 DRAWN: dict[str, Callable[[], Figure]] = {

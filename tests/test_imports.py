@@ -52,7 +52,7 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.identify": "api.identification identification report.identification_plot",
+        "cli.identify": "api.identification identification report.analysis_plots",
         "cli.options": "documents.quantities planning.request protocols.registry signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots api planning.explain"
@@ -80,7 +80,7 @@ DOES_WITHOUT = {
         "api": "api.provenance api.site recordings.reading running.changes running.session",
         "assessing.result": "recordings.tables",
         "api.stability_limits": "numerics.estimators",
-        "api.open_loop": "documents.samples numerics.estimators numerics.integrators numerics.integrators.trajectory",
+        "api.open_loop": "documents.samples numerics.estimators numerics.integrators numerics.integrators.stepping",
         "cycle.axis": "cycle.tachometer",
         "cycle.laws": "numerics.estimators numerics.integrators",
         "documents.document": "documents.positions",
@@ -156,7 +156,7 @@ PUBLIC = {"", "clock", "errors", "numerics.linear", "scenes.element", "sim.fault
 FENCED = {
     "study": (
         "api.site assessing cycle margins numerals numerics.batch numerics.estimators numerics.estimators.tachometer"
-        " numerics.integrators numerics.integrators.trajectory numerics.sampled planning.compile report.drawing"
+        " numerics.integrators numerics.integrators.stepping numerics.sampled planning.compile report.drawing"
         " running.loop sim.hand sim.mechanics",
         "cli.report",
     ),

@@ -19,8 +19,8 @@ from haptic_fieldbus.documents.samples import Samples, read_samples
 from haptic_fieldbus.errors import DocumentError, Fault, UsageError
 from haptic_fieldbus.numerals import GIVEN_DIGITS, exactly, rounded
 from haptic_fieldbus.numerics.estimators import chosen, discrete
-from haptic_fieldbus.numerics.estimators.figures import filter_delay, noise_gain, velocity_filter
 from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
+from haptic_fieldbus.numerics.linear import filter_delay, noise_gain, velocity_filter
 
 Array = NDArray[np.float64]
 

@@ -114,7 +114,7 @@ def identify(options: IdentifyOptions) -> None:
         show(lines_of(_rows(found)))
     sys.stdout.flush()
     if options.plot is not None:
-        from haptic_fieldbus.report.identification_plot import plot_identified
+        from haptic_fieldbus.report.analysis_plots import plot_identified
 
         draw(options.plot, lambda path: plot_identified(found, path))
         if not options.as_json:

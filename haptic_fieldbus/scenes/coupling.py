@@ -15,7 +15,7 @@ metre when it is rotary. It must be given then. Everything else is in the units 
 In continuous time F₁·v₁ + F₂·v₂ = F₁·u̇: ½·K·u² is stored and B dissipates, so both hands together get back no more
 than they gave. Sampled and held for T, the shaft gives up to ½·K·(Δu)² more in each move Δu of the twist. With devices
 of damping b₁ and b₂ and without delay it is passive while K·T/2 + |B| ≤ 1/(1/b₁ + n²/b₂)
-(`numerics.coupled_passivity`).
+(`margins.coupled`).
 """
 
 from dataclasses import dataclass

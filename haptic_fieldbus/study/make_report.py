@@ -23,17 +23,11 @@ from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
 from haptic_fieldbus.study.measure.loops import contacts
 from haptic_fieldbus.study.measure.problems import problems
 from haptic_fieldbus.study.measure.timing import MachineNoise, host_facts, load_average
-from haptic_fieldbus.study.page.buses import buses_section
-from haptic_fieldbus.study.page.cost import cost_section
-from haptic_fieldbus.study.page.growth import growth_section
+from haptic_fieldbus.study.page.cost import buses_section, cost_section
 from haptic_fieldbus.study.page.html import Context, Progress, Section, page, paragraph, plain_text, table
-from haptic_fieldbus.study.page.impedance import impedance_section
-from haptic_fieldbus.study.page.integrator import integrator_section
-from haptic_fieldbus.study.page.passivity import passivity_section
-from haptic_fieldbus.study.page.region import region_section
-from haptic_fieldbus.study.page.sources import sources_section
-from haptic_fieldbus.study.page.stability import stability_section
-from haptic_fieldbus.study.page.work_precision import work_precision_section
+from haptic_fieldbus.study.page.sources import impedance_section, integrator_section, sources_section
+from haptic_fieldbus.study.page.stability import passivity_section, region_section, stability_section
+from haptic_fieldbus.study.page.work_precision import growth_section, work_precision_section
 
 # What the report takes for granted: the bench, what its drive's data leave open, the hand, and the machine.
 

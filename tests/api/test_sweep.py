@@ -328,15 +328,16 @@ def test_a_folder_is_taken_up_where_it_was_left(tmp_path: Path) -> None:
     assert multiprocessing.active_children() == []
     half = Sweep.read(out)
     assert not half.complete
-    assert len(half.to_arrow()) == 20
-    (out / "chunk-000001.parquet").write_bytes(b"PAR1 cut off")
+    kept = len(half.to_arrow())
+    assert kept in (20, 25, 30, 35)  # a chunk that the other process was at may have been finished
+    sorted(out.glob("chunk-*.parquet"))[1].write_bytes(b"PAR1 cut off")
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     (out / f"chunk-000002.parquet.{gone.pid}.new").write_bytes(b"")
     (out / f"chunk-000003.parquet.{os.getppid()}.new").write_bytes(b"of a sweep that still writes")
     found = sweep("wall", points, out=out, chunk=5, workers=1)
     assert found.complete
-    assert found.computed == 25
+    assert found.computed == 40 - kept + 5
     assert [path.name for path in out.glob("*.new")] == [f"chunk-000003.parquet.{os.getppid()}.new"]
     assert equal(found, sweep("wall", points, workers=1, chunk=5))
     assert sweep("wall", points, out=out, chunk=5).computed == 0

@@ -7,7 +7,7 @@ import pytest
 
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics.batch import Running, loops
-from haptic_fieldbus.study.analysis.cycles import chatter_speed, edge_chatter
+from haptic_fieldbus.study.cases.friction import chatter_speed, edge_chatter
 from tests.loops import LAG, PERIOD, wall
 from tests.margins.events import Bench
 from tests.margins.laws import Array, Condition, Law

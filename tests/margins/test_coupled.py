@@ -10,9 +10,8 @@ import scipy.linalg
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit, passive_limit_of, stiffness_limit
 from haptic_fieldbus.margins.closed_loop import Axis
-from haptic_fieldbus.margins.coupled import CoupledAxes
+from haptic_fieldbus.margins.coupled import CoupledAxes, PassivityPort, damping_share
 from haptic_fieldbus.numerics.coupled import environment
-from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
 from tests.pairs import PairByHand, shaft

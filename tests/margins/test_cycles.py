@@ -8,7 +8,7 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, quantisation_limit
 from haptic_fieldbus.numerics.batch import Loops, Running, loops
-from haptic_fieldbus.study.analysis.cycles import edge_chatter
+from haptic_fieldbus.study.cases.friction import edge_chatter
 from tests.loops import PERIOD, Array, wall
 
 STEP = 1e-5

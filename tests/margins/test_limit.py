@@ -15,7 +15,7 @@ from haptic_fieldbus.margins.limit import WORST
 from haptic_fieldbus.margins.plant import Ranges, exact_bench
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.analysis.schedules import Ticks, free_ticks, schedule_growth
+from haptic_fieldbus.study.cases.timing import Ticks, free_ticks, schedule_growth
 from tests.loops import BENCH, LAG, PERIOD, wall
 
 CONTROL_PERIODS = (0.2e-3, 0.25e-3, 0.4e-3, 0.5e-3, 1e-3)

@@ -9,7 +9,7 @@ import scipy.linalg
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import stiffness_limit
-from haptic_fieldbus.study.analysis.schedules import Instants, Ticks, free_ticks, schedule_limit
+from haptic_fieldbus.study.cases.timing import Instants, Ticks, free_ticks, schedule_limit
 from tests.loops import BENCH, LAG, PERIOD, Array, wall, with_damping
 
 PLANT = replace(BENCH, torque_lag=LAG)

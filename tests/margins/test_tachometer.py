@@ -18,7 +18,7 @@ from haptic_fieldbus.numerics.sampled import TACHOMETER, environment
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.analysis.cycles import edge_chatter
+from haptic_fieldbus.study.cases.friction import edge_chatter
 from tests.cases import every
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, Array, ByHand
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from haptic_fieldbus.margins.coupled import PassivityPort, damping_share, stores
 from haptic_fieldbus.numerics.coupled import embedded
-from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share, stores
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed, hold
 from tests.cases import every

@@ -7,8 +7,7 @@ import pytest
 from scipy import signal
 
 from haptic_fieldbus.numerics.estimators import ESTIMATORS, bind, discrete
-from haptic_fieldbus.numerics.estimators.figures import filter_delay, noise_gain, velocity_filter
-from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.numerics.linear import StateSpace, filter_delay, gain, noise_gain, velocity_filter
 
 PERIOD = 0.002
 LINEAR = [name for name in ESTIMATORS if discrete(name, PERIOD) is not None]

@@ -10,8 +10,8 @@ import scipy.integrate
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, discretise
 from haptic_fieldbus.numerics.integrators.staggered import positions
-from haptic_fieldbus.numerics.integrators.trajectory import follow
-from haptic_fieldbus.study.analysis.explicit import EXPLICIT, EXPLICIT_VERLET_LAG_LIMIT, bind_rates
+from haptic_fieldbus.numerics.integrators.stepping import follow
+from haptic_fieldbus.study.explicit import EXPLICIT, EXPLICIT_VERLET_LAG_LIMIT, bind_rates
 from tests.numerics.systems import SPACES
 
 PENDULUM_ORDERS = {"forward-euler": 1, "semi-implicit": 2, "semi-implicit-drift-first": 1, "verlet": 2, "rk4": 2}

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.switched import bind_linear, bind_switched
+from haptic_fieldbus.scenes.virtual_coupling import bind_linear, bind_switched
 
 PERIOD, MASS, LEAD, WALL = 1e-3, 0.05, 800.0, 2e5
 """A wall so stiff that a visit lasts 1.6 periods: all the switching there can be."""

@@ -77,7 +77,7 @@ PLANTED = {
         ),
     ),
     "coupled spread doubled": Planted(
-        f"{NUMERICS}/coupled_passivity.py",
+        "haptic_fieldbus/margins/coupled.py",
         "spread = 0.5 * np.sqrt(",
         "spread = 1.0 * np.sqrt(",
         ("coupled-axes",),
@@ -86,7 +86,7 @@ PLANTED = {
         ),
     ),
     "edge chatter halved": Planted(
-        "haptic_fieldbus/study/analysis/cycles.py",
+        "haptic_fieldbus/study/cases/friction.py",
         "return 2.0 * plant.resolution / (math.pi * gain)",
         "return 1.0 * plant.resolution / (math.pi * gain)",
         ("one-count-wall",),
@@ -139,7 +139,7 @@ PLANTED = {
         ),
     ),
     "torque lag gone from ticks": Planted(
-        "haptic_fieldbus/study/analysis/schedules.py",
+        "haptic_fieldbus/study/cases/timing.py",
         "through_torque_loop(*dynamics(plant), plant.torque_lag)",
         "dynamics(plant)",
         ("tick-phase",),

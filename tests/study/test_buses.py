@@ -5,7 +5,7 @@ import pytest
 from haptic_fieldbus import api
 from haptic_fieldbus.report.drawing import svg
 from haptic_fieldbus.study.measure.bench import Tools
-from haptic_fieldbus.study.page.buses import BUSES, BusPoint, best_of_each, bus_points, buses_table, draw
+from haptic_fieldbus.study.page.cost import BUSES, BusPoint, best_of_each, bus_points, buses_table, draw_buses
 
 TOOLS = Tools(api.run, api.plan)
 CAN, TCP, FAST, SLOW = BUSES
@@ -29,8 +29,8 @@ def test_the_best_run_of_each_bus_is_told_and_a_refused_one_with_its_reason() ->
 
 @pytest.mark.thorough("draws figures")
 def test_a_refused_run_is_drawn() -> None:
-    every = svg(draw([point(CAN, 0.02), point(SLOW, None, "refused")]))
-    assert every.count("<use") > svg(draw([point(CAN, 0.02)])).count("<use")
+    every = svg(draw_buses([point(CAN, 0.02), point(SLOW, None, "refused")]))
+    assert every.count("<use") > svg(draw_buses([point(CAN, 0.02)])).count("<use")
 
 
 @pytest.mark.thorough("runs the scene on all buses")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.study.measure.region import Ending, border, plane
-from haptic_fieldbus.study.page.region import part
+from haptic_fieldbus.study.page.stability import part
 
 
 @pytest.mark.thorough("simulates until the motion has settled", quick=1)

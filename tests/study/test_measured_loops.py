@@ -18,9 +18,9 @@ from haptic_fieldbus.study.measure import loops, region, timing
 from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
 from haptic_fieldbus.study.measure.problems import MASS
 from haptic_fieldbus.study.measure.timing import host_facts
-from haptic_fieldbus.study.page import passivity, sources
-from haptic_fieldbus.study.page import passivity as page
-from haptic_fieldbus.study.page.impedance import felt_impedance, ideal_impedance, of_plan
+from haptic_fieldbus.study.page import sources
+from haptic_fieldbus.study.page import stability as page
+from haptic_fieldbus.study.page.sources import felt_impedance, ideal_impedance, of_plan
 from tests.loops import BENCH, PERIOD, ByHand, wall
 
 TOOLS = Tools(api.run, api.plan)
@@ -201,11 +201,11 @@ def test_quick_and_full_report_tell_the_same_of_the_passivity_controller() -> No
     for limit, controlled_limit in ((1.0, 9.0), (0.97, 1.02), (1.04, 3.5)):
         found = [
             [
-                passivity.Decay(share, controlled, share / (controlled_limit if controlled else limit))
+                page.Decay(share, controlled, share / (controlled_limit if controlled else limit))
                 for share in shares
                 for controlled in (False, True)
             ]
-            for shares in (page.QUICK, page.FULL)
+            for shares in (page.PASSIVITY_QUICK, page.PASSIVITY_FULL)
         ]
         quick, full = (page.limit_texts(each) for each in found)
         assert quick == full
@@ -216,7 +216,8 @@ def test_quick_and_full_report_tell_the_same_of_the_passivity_controller() -> No
 @pytest.mark.thorough("runs each of the shares")
 def test_what_is_measured_of_the_controller_is_the_same_quickly_and_in_full() -> None:
     told = [
-        page.limit_texts(list(passivity.decays(TOOLS, shares, page.DURATION))) for shares in (page.QUICK, page.FULL)
+        page.limit_texts(list(page.decays(TOOLS, shares, page.DURATION)))
+        for shares in (page.PASSIVITY_QUICK, page.PASSIVITY_FULL)
     ]
     assert told[0] == told[1]
     assert told[0][0] == "at 1.05 times the limit of stability, and not at 0.95 times"

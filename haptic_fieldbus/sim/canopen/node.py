@@ -16,9 +16,18 @@ from haptic_fieldbus.sim.canopen.model import NodeOptions
 from haptic_fieldbus.sim.canopen.services import lss, nmt
 from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, Alarms, Handler
 from haptic_fieldbus.sim.canopen.services.communication import BitTiming, NodeObjects, Storage, TimeConsumer
-from haptic_fieldbus.sim.canopen.services.emergency import DISCONNECTED, HEARTBEAT_LOST, Emergencies
 from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, UNCONFIGURED, LssSlave
-from haptic_fieldbus.sim.canopen.services.nmt import HEARTBEAT_ID, Consumers, Guarding, NmtState, Producer, Service
+from haptic_fieldbus.sim.canopen.services.nmt import (
+    DISCONNECTED,
+    HEARTBEAT_ID,
+    HEARTBEAT_LOST,
+    Consumers,
+    Emergencies,
+    Guarding,
+    NmtState,
+    Producer,
+    Service,
+)
 from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
 from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.dictionary import Dictionary

@@ -15,9 +15,8 @@ from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.model import extend, install_described, node_options
 from haptic_fieldbus.sim.canopen.node import SDO_REQUEST_ID, Node
 from haptic_fieldbus.sim.canopen.services.basics import INVALID
-from haptic_fieldbus.sim.canopen.services.emergency import DRIVE
 from haptic_fieldbus.sim.canopen.services.lss import REQUEST_ID
-from haptic_fieldbus.sim.canopen.services.nmt import HEARTBEAT_ID
+from haptic_fieldbus.sim.canopen.services.nmt import DRIVE, HEARTBEAT_ID
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.settings import DriveSettings

@@ -23,9 +23,8 @@ from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
-from haptic_fieldbus.sim.drive.modes.catalogue import build_modes
-from haptic_fieldbus.sim.drive.modes.mode import INTERNAL_LIMIT, Mode
-from haptic_fieldbus.sim.drive.modes.ramps import to_velocity
+from haptic_fieldbus.sim.drive.modes import build_modes
+from haptic_fieldbus.sim.drive.modes.mode import INTERNAL_LIMIT, Mode, to_velocity
 from haptic_fieldbus.sim.drive.objects import NO_MODE, Objects, add_objects
 from haptic_fieldbus.sim.drive.power import STATUS_BITS, Cause, PowerAutomaton, State
 from haptic_fieldbus.sim.drive.servo import Servo

@@ -11,7 +11,8 @@ from haptic_fieldbus.margins import Group, HungBody, Member, Plant, alone, judge
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, integrators, sampled
 from haptic_fieldbus.numerics.batch import loops
-from haptic_fieldbus.numerics.integrators import METHODS, trajectory
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.numerics.integrators.stepping import follow
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
@@ -305,7 +306,7 @@ def stiff_held_puck(quick: bool) -> CaseResult:
             one = integrators.discretise(sprung_mass(k), PERIOD, name)
             inputs = np.zeros((steps, one.increments.b.shape[1]))
             inputs[:, 0] = 1.0
-            runs[name] = trajectory.follow(one, inputs, [0.0, 0.0])
+            runs[name] = follow(one, inputs, [0.0, 0.0])
     bounded = [name for name, run in runs.items() if not run.diverged and np.abs(run.outputs).max() <= 1.001 * k]
     worst = max(float(np.abs(runs[name].outputs[:, 0] - exact).max()) / k for name in ("exact-zoh", "exact-foh"))
     allowed = 2e-14 * h * steps
@@ -324,7 +325,7 @@ def _two_masses(puck: float, duration: float, steps: int, method: str) -> float:
     """Return the largest error of the position of a puck pushed with 1 N, relative to its largest position."""
     total, reduced = puck + MASS, puck * MASS / (puck + MASS)
     one = integrators.discretise(two_masses(puck, MASS, STIFFNESS), duration / steps, method)
-    found = trajectory.follow(one, np.tile([1.0, 0.0], (steps, 1)), [0.0] * 4).states[:, 0]
+    found = follow(one, np.tile([1.0, 0.0], (steps, 1)), [0.0] * 4).states[:, 0]
     time = np.arange(steps) * (duration / steps)
     stretch = reduced / (puck * STIFFNESS) * (1.0 - np.cos(math.sqrt(STIFFNESS / reduced) * time))
     exact = time**2 / (2.0 * total) + MASS / total * stretch

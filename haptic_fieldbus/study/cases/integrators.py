@@ -13,12 +13,12 @@ from haptic_fieldbus import plan, response
 from haptic_fieldbus.cycle import TripKind
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
-from haptic_fieldbus.numerics.integrators.trajectory import follow
+from haptic_fieldbus.numerics.integrators.stepping import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.study.analysis.explicit import EXPLICIT, bind_rates
 from haptic_fieldbus.study.case import CaseResult, refused, share_used
 from haptic_fieldbus.study.cases.drive import COUNT, PERIOD_NS, Feeder, torque
+from haptic_fieldbus.study.explicit import EXPLICIT, bind_rates
 from haptic_fieldbus.study.measure import loops
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 from haptic_fieldbus.study.measure.work_precision import oscillator

@@ -1,14 +1,42 @@
-"""Section on the sources of the force error of rendered scenes."""
+"""Sections on the error of the force that a hand feels: its sources, integrators in the loop, and impedance."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from haptic_fieldbus import HapticFieldbusError
+from haptic_fieldbus import HapticFieldbusError, Plan
+from haptic_fieldbus.margins import Plant, frequency_response, sample
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, dress, figure, svg
-from haptic_fieldbus.study.measure.bench import FEW_SCENES, Tools, library_scenes
+from haptic_fieldbus.numerics.batch import Array
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.numerics.linear import StateSpace, parallel
+from haptic_fieldbus.numerics.sampled import SampledPlant
+from haptic_fieldbus.planning.compile import grouped
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    FELT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    dress,
+    figure,
+    legend,
+    line,
+    name_lines,
+    svg,
+)
+from haptic_fieldbus.study.measure import loops
+from haptic_fieldbus.study.measure.bench import FEW_SCENES, Bench, Tools, bench_of, library_scenes
+from haptic_fieldbus.study.measure.loops import HANDLES, LoopGrowth, flicked_free
 from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, number_text, paragraph, picture, table
 
 # Force error of the shipped scenes on the simulated bench, split by source.
@@ -152,4 +180,364 @@ def _finding(led: ForceError) -> str:
         f"{rounded(led.contact_s, 2)} s of moving contact, with the handle moved to and fro once a second for "
         f"{exactly(SECONDS)} s (hand <code>{LED_HAND}</code>); people notice from about 8 %. "
         f"{percent(led.by_source[largest])} of the error is {largest}."
+    )
+
+
+# Section on the lecture's open question: does it matter in the loop that an integrator preserves stability?
+
+QUICK, FULL = 40, 160
+"""Number of stiffnesses tried."""
+FLICKED = ("forward-euler", "semi-implicit-drift-first", "exact-zoh", "exact-foh", "backward-euler")
+"""Methods shown with the flicked handle."""
+SHARE, INTEGRATOR_SECONDS = 0.87, 3.0
+"""Stiffness of the flicked handle's spring as a share of the stiffest stable one, and time shown [s]."""
+TITLES = {
+    "clamped": "handle clamped (the lecture's held puck)",
+    "in the hand": "handle in the hand that leans",
+    "free": "handle free: the device alone",
+}
+
+QUESTION = """The lecture notes end forward Euler with “other techniques preserve stability, but does it matter?”
+There are two kinds of stability: that of the method with its own undamped oscillator, and that of the sampled loop
+of device, hold, delay and virtual mass. The figure shows the growth rate of the loop, ln(ρ)/T, over the stiffness
+of a virtual 0.5 kg mass at 1 kHz on the shipped bench. Above zero the motion grows."""
+
+
+def integrator_section(context: Context) -> Section:
+    """Measure the growth rates of all methods and return their section."""
+    points = QUICK if context.quick else FULL
+    methods = context.with_progress(METHODS, lambda method: f"loop with {method}")
+    found = [loops.loop_growth(context.bench, method, points) for method in methods]
+    stiffness = SHARE * _limit(found, "exact-foh")
+    rates, swing = svg(draw_integrator(found)), svg(draw_flicked(context.bench, stiffness))
+    caption = (
+        "Growth rate over virtual stiffness. With a clamped handle only the method matters: forward Euler grows at "
+        "every stiffness. In the loop the <i>lateness</i> of the force matters. The axis is linear between ±0.1 s⁻¹."
+    )
+    swinging = (
+        f"The free handle after a flick of 0.1 m/s at {percent(SHARE)} of the limit of <code>exact-foh</code>: same "
+        "spring, same mass, different integrators. Curves that leave the frame continue to grow."
+    )
+    body = [
+        paragraph(QUESTION),
+        picture("integrator", rates, caption),
+        limits_table(found),
+        "<h3>The answer</h3>",
+        paragraph(answer(found)),
+        picture("integrator-flick", swing, swinging),
+    ]
+    return Section(
+        "integrator",
+        "Does the integrator's own stability matter in the loop?",
+        "".join(body),
+        (f"Does preserving stability in the integrator matter in the loop? {short_answer(found)}",),
+        {"integrator": rates, "integrator-flick": swing},
+        [{"method": each.method, "limit": each.limit, "rate_at_scene": each.at_scene} for each in found],
+    )
+
+
+def draw_integrator(growths: Sequence[LoopGrowth]) -> Figure:
+    """Return a figure of growth rates over stiffness, a panel for each handle."""
+    drawn = figure(4.6)
+    for panel, name in zip(drawn.subplots(1, 3, sharey=True), HANDLES, strict=True):
+        for growth in growths:
+            panel.plot(growth.stiffness, growth.rate[name], **line(growth.method, marked=False))
+        _axis(panel)
+        dress(panel, TITLES[name], "virtual stiffness [N/m]", "growth rate [1/s]" if name == HANDLES[0] else "")
+    legend(drawn, {growth.method: growth.method for growth in growths}, marked=False, ncols=5)
+    return drawn
+
+
+def _axis(panel: Axes) -> None:
+    """Scale the axes of a panel and shade the half in which motions grow."""
+    # Rates have both signs and many decades: logarithmic beyond ±0.1 1/s, linear in between.
+    panel.set_xscale("log")
+    panel.set_yscale("symlog", linthresh=0.1, linscale=0.5)
+    panel.set_ylim(-1e3, 1e3)
+    panel.axhline(0.0, color=INK, linewidth=1.0)
+    panel.axhspan(0.0, 1e3, color="#fbeee6", zorder=0)
+    panel.text(0.03, 0.96, "grows", transform=panel.transAxes, color=GREY, va="top", size=9)
+    panel.text(0.03, 0.04, "fades", transform=panel.transAxes, color=GREY, va="bottom", size=9)
+
+
+def draw_flicked(bench: Bench, stiffness: float) -> Figure:
+    """Return a figure of the force on the free handle over time, at a stiffness that only some methods keep stable."""
+    drawn = figure(3.4)
+    panel = drawn.subplots()
+    largest = 0.0
+    for method in FLICKED:
+        times, force = flicked_free(bench, method, INTEGRATOR_SECONDS, stiffness)
+        if method == "exact-foh":
+            largest = float(np.abs(force).max())
+        panel.plot(times, force, **line(method, marked=False))
+    # Growing curves leave the frame; a frame around them would hide the stable ones.
+    panel.set_ylim(-3.0 * largest, 3.0 * largest)
+    panel.margins(x=0)
+    dress(
+        panel,
+        f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free",
+        "time [s]",
+        "force on the handle [N]",
+    )
+    name_lines(drawn)
+    return drawn
+
+
+def _limit(growths: Sequence[LoopGrowth], method: str, name: str = "free") -> float:
+    """Return the stiffest stable spring of a method with this handle [N/m]."""
+    return next(growth.limit[name] for growth in growths if growth.method == method)
+
+
+def limits_table(growths: Sequence[LoopGrowth]) -> str:
+    """Return a table of the stiffest stable springs, and of the rates with the stiffness of the scene."""
+
+    def row(growth: LoopGrowth) -> list[Entry]:
+        limits = [growth.limit[name] for name in HANDLES]
+        preserved = math.isclose(METHODS[growth.method].oscillator_growth(0.1), 1.0, abs_tol=1e-12)
+        return [
+            growth.method,
+            Cell("yes", "good") if preserved else "no",
+            *(("any" if math.isinf(k) else number_text(k, 4)) if k else Cell("none", "bad") for k in limits),
+            *(0.0 if abs(growth.at_scene[name]) < 1e-9 else growth.at_scene[name] for name in HANDLES),  # or rounding
+        ]
+
+    headings = (
+        "method", "preserves amplitude at T·ω = 0.1",
+        *(f"stiffest stable spring, {name} [N/m]" for name in HANDLES),
+        *(f"rate at 200 N/m, {name} [1/s]" for name in HANDLES),
+    )  # fmt: skip
+    return table(headings, map(row, growths))
+
+
+def short_answer(growths: Sequence[LoopGrowth]) -> str:
+    """Return the answer in short, as HTML."""
+    best = _limit(growths, "exact-foh")
+    euler, drift, held = (_limit(growths, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
+    return (
+        "With a clamped puck it does. In the loop the lateness of the force matters more. With a free handle forward "
+        f"Euler is stable up to {percent(euler / best)} of the stiffness of the straight-line exact step "
+        f"({rounded(euler)} of {rounded(best)} N/m). Drift-first and <code>exact-zoh</code> both preserve stability, "
+        f"but lose {percent(1.0 - drift / best)} and {percent(1.0 - held / best)} too; <code>rk4</code> does not "
+        "preserve it and loses nothing."
+    )
+
+
+def _softest(growths: Sequence[LoopGrowth]) -> str:
+    """Return a sentence on forward Euler with a soft spring in a hand; empty when it is stable with any soft spring."""
+    softest = next(growth.softest["in the hand"] for growth in growths if growth.method == "forward-euler")
+    if not softest:
+        return ""
+    return (
+        f" With a hand forward Euler also grows below {rounded(softest)} N/m: such a soft spring moves the handle too "
+        "little for the hand to absorb the energy of the method."
+    )
+
+
+def answer(growths: Sequence[LoopGrowth]) -> str:
+    """Return the answer at length, as HTML."""
+    clamped = next(growth.at_scene["clamped"] for growth in growths if growth.method == "forward-euler")
+    doubling = f"{rounded(math.log(2.0) / clamped)} s" if clamped > 0.0 else "no time"
+    return (
+        f"{short_answer(growths)} With a clamped handle nothing absorbs energy from the virtual mass. Forward Euler "
+        f"then doubles the amplitude every {doubling} at 200 N/m, and grows at any period (its rate is k·T/2m). In "
+        "the loop, the friction of the device and the hand absorb energy. The sampled loop adds energy because the "
+        "force is late: by the delay, by T/2 of the hold, and by the lateness of the integrator. Forward Euler "
+        "applies its own spring force one period late. Drift-first reads the handle one period late. A held input is "
+        "half a period old on average. A method that preserves the energy of its own oscillator cannot prevent this: "
+        f"with enough stiffness every such method grows.{_softest(growths)} Backward Euler "
+        "is stable at any stiffness only because it damps the mass that it should render. Choose a method without "
+        "delay (<code>exact-foh</code>, the default), and check the loop with <code>haptic-fieldbus stability</code>."
+    )
+
+
+# Section on the impedance that a hand feels at the handle.
+
+# Impedance that a hand feels at the handle, Z(jω) = force of the hand over velocity, device included.
+#
+# The hand shakes the handle with F·e^{jωt}. Without feedback the device moves by x = G·F, G = 1/(m·s² + b·s). The
+# samples x_k = X·e^{jωkT} drive the discrete environment H(z). Its force, held and delayed, moves the samples by the
+# pulse response P(z), so that X = G·F + P·H·X. The component of the held force at ω is h·H·X with
+#
+#     h = e^{−jω·td}·(1 − e^{−jωT})/(jωT)·1/(1 + jω·λ),
+#
+# so the handle moves by x = G·(F + h·H·X) at ω, and Z = F/(jω·x). The small motion at the aliases of ω is left out. The
+# ideal is the device with the environment in continuous time: Z = m·jω + b − H_c(jω)/(jω).
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Impedance:
+    """Impedances of one scene [N·s/m], each `(n,)`."""
+
+    scene: str
+    frequency: Array
+    """Frequencies [Hz], `(n,)`."""
+    felt: Complex
+    """Impedance of the sampled loop."""
+    ideal: Complex
+    """Impedance with the environment in continuous time."""
+    device: Complex
+    """Impedance of the device with its motor off."""
+
+
+def felt_impedance(bench: Bench, environment: StateSpace, frequency: Array) -> Complex:
+    """Return the impedance with the discrete environment x_k → F_k of the loop [N·s/m], `(n,)`."""
+    plant, period = bench.plant, bench.period
+    s = _laplace(frequency)
+    angle = 2.0 * np.pi * frequency * period
+    by_itself = 1.0 / (plant.mass * s**2 + plant.damping * s)
+    law = frequency_response(environment, angle)
+    samples = by_itself / (1.0 - pulse_response(sample(plant, period, bench.delay), angle) * law)
+    # expm1 keeps the digits of 1 − e^{−sT} at low frequencies, where both are nearly equal.
+    hold = np.exp(-s * bench.delay) * -np.expm1(-s * period) / (s * period) / (1.0 + s * plant.torque_lag)
+    moved: Complex = by_itself * (1.0 + hold * law * samples)
+    return 1.0 / (s * moved)
+
+
+def pulse_response(plant: SampledPlant, angle: Array) -> Complex:
+    """Return P(e^{jθ}), the sampled position per held force [m/N], for angles θ = ωT, `(n,)`."""
+    z = np.exp(1j * angle)
+    order = len(plant.transition)
+    # A delay that is no whole number of periods splits each period: in its first part the force before still acts.
+    force = plant.after[None] * (z**-plant.whole)[:, None, None]
+    force = force + plant.before[None] * (z ** -(plant.whole + 1))[:, None, None]
+    return np.asarray(np.linalg.solve(z[:, None, None] * np.eye(order) - plant.transition, force)[:, 0, 0])
+
+
+def ideal_impedance(plant: Plant, space: StateSpace, frequency: Array) -> Complex:
+    """Return the impedance with an environment (position, velocity) → force in continuous time [N·s/m], `(n,)`."""
+    s = _laplace(frequency)
+    systems: Complex = s[:, None, None] * np.eye(space.order) - space.a
+    by_input = space.c @ np.linalg.solve(systems, space.b[None] + 0j) + space.d
+    law = by_input[:, 0, 0] + s * by_input[:, 0, 1]
+    return device_impedance(plant, frequency) - law / s
+
+
+def device_impedance(plant: Plant, frequency: Array) -> Complex:
+    """Return the impedance m·jω + b of the device alone [N·s/m], `(n,)`."""
+    return plant.mass * _laplace(frequency) + plant.damping
+
+
+def _laplace(frequency: Array) -> Complex:
+    """Return s = jω for frequencies [Hz], `(n,)`."""
+    return (2j * np.pi * frequency).astype(np.complex128)
+
+
+def impedance(scene: str, bench: Bench, space: StateSpace, environment: StateSpace, points: int = 400) -> Impedance:
+    """Return the impedances of a scene at `points` frequencies, from 0.1 Hz to just below half the sampling rate."""
+    frequency = np.geomspace(0.1, 0.499 / bench.period, points)
+    return Impedance(
+        scene,
+        frequency,
+        felt_impedance(bench, environment, frequency),
+        ideal_impedance(bench.plant, space, frequency),
+        device_impedance(bench.plant, frequency),
+    )
+
+
+SCENES = ("wall", "damped_wall", "sprung_mass")
+"""Scenes that show a spring, an estimated velocity, and virtual states."""
+
+IMPEDANCE_EXPLAINED = """A hand feels the impedance Z(jω): its force divided by the velocity of the handle. Z contains
+the
+mass and friction of the device, and the scene that the handle touches. The sampled curve is the whole loop up to
+half the sampling rate: encoder sampling, estimator or integrator, delay, hold and torque loop on the device in
+continuous time. The ideal has the same device and the scene in continuous time. Where the real part is negative,
+the handle can put out more energy than it took in."""
+
+
+def impedance_section(context: Context) -> Section:
+    """Compute the impedances of a few scenes and return their section."""
+    scenes = context.with_progress(SCENES, lambda scene: f"impedance of {scene}")
+    found = [of_plan(context.tools.plan(scene)) for scene in scenes]
+    document = svg(draw_impedance(found))
+    caption = (
+        "Magnitude, relative error and real part of the impedance. Red: frequencies with a negative real part. "
+        "Dashed: the 8 % that a hand notices."
+    )
+    return Section(
+        "impedance",
+        "Impedance at the handle",
+        paragraph(IMPEDANCE_EXPLAINED) + picture("impedance", document, caption) + impedance_table(found),
+        tuple(_impedance_finding(each) for each in found[:1]),
+        {"impedance": document},
+        [
+            {"scene": each.scene, "frequency_hz": each.frequency.tolist(), "magnitude": np.abs(each.felt).tolist(),
+             "ideal_magnitude": np.abs(each.ideal).tolist(), "real": each.felt.real.tolist()}
+            for each in found
+        ],
+    )  # fmt: skip
+
+
+def of_plan(plan: Plan) -> Impedance:
+    """Return the impedances of a plan's first axis in sustained contact."""
+    bench, group = bench_of(plan), next(grouped(plan.axes[:1], plan.period))
+    space = parallel([element.linearised() for element in plan.axes[0].elements])
+    return impedance(plan.scene.name, bench, space, group.environment())
+
+
+def error(curve: Impedance) -> np.ndarray:
+    """Return the relative error |Z/Z_ideal − 1|, `(n,)`."""
+    return np.asarray(np.abs(curve.felt / curve.ideal - 1.0))
+
+
+def draw_impedance(impedances: Sequence[Impedance]) -> Figure:
+    """Return a figure of magnitude, relative error and real part, a column for each scene."""
+    drawn = figure(7.6)
+    panels = drawn.subplots(3, len(impedances), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
+    for (top, middle, bottom), curve in zip(panels.T, impedances, strict=True):
+        f = curve.frequency
+        top.loglog(f, np.abs(curve.felt), color=BLUE, linewidth=2.4, label="sampled loop")
+        top.loglog(f, np.abs(curve.ideal), color=INK, linewidth=1.1, label="ideal, continuous")
+        top.loglog(f, np.abs(curve.device), color=GREY, linewidth=1.1, linestyle="--", label="device, motor off")
+        middle.loglog(f, error(curve), color=VERMILION, linewidth=1.6)
+        middle.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
+        bottom.semilogx(f, curve.felt.real, color=BLUE, linewidth=1.8)
+        bottom.semilogx(f, curve.ideal.real, color=INK, linewidth=1.0)
+        bottom.fill_between(
+            f, curve.felt.real, 0.0, where=curve.felt.real < 0.0, color=VERMILION, alpha=0.3, linewidth=0
+        )
+        bottom.axhline(0.0, color=INK, linewidth=0.7)
+        # Resonances would stretch the axis: it is scaled by the ideal, whose real part is the damping felt.
+        top_of = 1.5 * float(curve.ideal.real.max())
+        bottom.set_ylim(-0.6 * top_of, top_of)
+        first = curve is impedances[0]
+        dress(top, curve.scene, "", "impedance |Z| [N·s/m]" if first else "")
+        dress(middle, "", "", "error |Z / ideal − 1| [1]" if first else "")
+        dress(bottom, "", "frequency [Hz]", "real part of Z [N·s/m]" if first else "")
+    name_lines(drawn, panels[0, :1])
+    return drawn
+
+
+def impedance_table(impedances: Sequence[Impedance]) -> str:
+    """Return a table of errors, and of the lowest frequencies with a perceptible error or a negative real part."""
+    places = (1.0, 10.0, 100.0)
+
+    def row(curve: Impedance) -> list[Entry]:
+        values = [100.0 * float(np.interp(place, curve.frequency, error(curve))) for place in places]
+        return [
+            curve.scene,
+            *values,
+            _first(curve, error(curve) > FELT),
+            _first(curve, curve.felt.real < 0.0),
+        ]
+
+    headings = ("scene", *(f"error at {exactly(place)} Hz [%]" for place in places), "first above 8 % at",
+                "Re Z first negative at")  # fmt: skip
+    return table(headings, map(row, impedances))
+
+
+def _first(curve: Impedance, holds: np.ndarray) -> str:
+    """Return the lowest frequency at which the mask `holds`, `(n,)`, is True; "nowhere" when there is none."""
+    return f"{rounded(curve.frequency[int(np.argmax(holds))])} Hz" if holds.any() else "nowhere"
+
+
+def _impedance_finding(curve: Impedance) -> str:
+    off = error(curve)
+    early, worst = 100.0 * float(np.interp(1.0, curve.frequency, off)), 100.0 * float(off.max())
+    return (
+        f"At the handle the {curve.scene} differs from the ideal by {rounded(early)} % at 1 Hz, and by at most "
+        f"{rounded(worst)} %, at the resonance of device and {curve.scene} ({rounded(curve.frequency[off.argmax()])} "
+        "Hz)."
     )

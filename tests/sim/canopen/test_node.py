@@ -4,7 +4,7 @@ import pytest
 
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.link import Frame
-from haptic_fieldbus.sim.canopen.services.emergency import DRIVE
+from haptic_fieldbus.sim.canopen.services.nmt import DRIVE
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, profile
 

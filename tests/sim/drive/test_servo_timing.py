@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes, Servo
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant as Motor
-from haptic_fieldbus.study.analysis.schedules import Instants, Ticks, free_ticks, schedule_limit
+from haptic_fieldbus.study.cases.timing import Instants, Ticks, free_ticks, schedule_limit
 from tests.loops import Array
 
 T_NS, CONTROL_NS, ARRIVAL_NS = 1_000_000, 400_000, 277_000

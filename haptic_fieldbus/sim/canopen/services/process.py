@@ -14,13 +14,7 @@ from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handler, is_restricted
-from haptic_fieldbus.sim.canopen.services.emergency import (
-    PDO_TOO_LONG,
-    PDO_TOO_SHORT,
-    RPDO_TIMEOUT,
-    SYNC_LENGTH,
-    Emergencies,
-)
+from haptic_fieldbus.sim.canopen.services.nmt import PDO_TOO_LONG, PDO_TOO_SHORT, RPDO_TIMEOUT, SYNC_LENGTH, Emergencies
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry
 

@@ -7,8 +7,14 @@ is the home position plus the home offset 607Ch, so the position actual value he
 the mode holds the motor at rest by the speed loop.
 """
 
-from haptic_fieldbus.sim.drive.modes.mode import BIT_12, INTERNAL_LIMIT, NEW_SET_POINT, TARGET_REACHED, Mode
-from haptic_fieldbus.sim.drive.modes.ramps import to_velocity
+from haptic_fieldbus.sim.drive.modes.mode import (
+    BIT_12,
+    INTERNAL_LIMIT,
+    NEW_SET_POINT,
+    TARGET_REACHED,
+    Mode,
+    to_velocity,
+)
 from haptic_fieldbus.sim.drive.objects import CURRENT_POSITION, Objects
 from haptic_fieldbus.sim.drive.stage import Stage
 

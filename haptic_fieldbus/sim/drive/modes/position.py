@@ -25,8 +25,10 @@ from haptic_fieldbus.sim.drive.modes.mode import (
     TARGET_REACHED,
     ConditionTimer,
     Mode,
+    RampMotion,
+    to_distance,
+    to_velocity,
 )
-from haptic_fieldbus.sim.drive.modes.ramps import RampMotion, to_distance, to_velocity
 from haptic_fieldbus.sim.drive.objects import NO_LIMIT, Objects
 from haptic_fieldbus.sim.drive.stage import Stage
 from haptic_fieldbus.sim.drive.units import HALF, WRAP, fit

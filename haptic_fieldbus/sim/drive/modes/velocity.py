@@ -17,8 +17,8 @@ from haptic_fieldbus.sim.drive.modes.mode import (
     TARGET_REACHED,
     ConditionTimer,
     Mode,
+    to_velocity,
 )
-from haptic_fieldbus.sim.drive.modes.ramps import to_velocity
 from haptic_fieldbus.sim.drive.objects import Objects
 from haptic_fieldbus.sim.drive.stage import Stage
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.sim.drive.modes.ramps import RampMotion, to_distance, to_velocity
+from haptic_fieldbus.sim.drive.modes.mode import RampMotion, to_distance, to_velocity
 
 SPEEDS = st.floats(-100.0, 100.0)
 RATES = st.floats(0.5, 500.0)

@@ -1,1 +1,0 @@
-"""Analysis for the report alone: many loops at once, limit cycles, sampling schedules, nonlinear rates."""
