@@ -82,9 +82,10 @@ channel = "192.168.0.10:502"
 round_trip = "0.4 ms"
 ```
 
-**Missing keys.** A missing key has the default below; a key without a default is unknown. On a real bus a run needs
-`rated_torque`, `inertia` and `viscous_damping`. Without them the run is refused, and the message names the missing
-keys.
+**Missing keys.** A missing key has the default below; a key without a default is unknown. A run needs `rated_torque`,
+`inertia`, `viscous_damping` and `coulomb_friction`: without them no limit is known. `haptic-fieldbus identify` measures
+the last three, and runs without them. Any other run is refused, and the message names the missing keys; with `--force`
+it has at most 5 % of rated torque.
 
 **Limits.** `haptic-fieldbus plan wall --rig rig.toml` prints the limits of the run. If the rig has no limits, it
 suggests limits to start with.

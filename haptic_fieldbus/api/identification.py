@@ -15,7 +15,7 @@ import numpy as np
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
-from haptic_fieldbus.drive.rig import Identified, Rig, RigAxis
+from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, unknown_values
 from haptic_fieldbus.errors import SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
@@ -55,7 +55,6 @@ KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torq
 """Values that a rig keeps."""
 LEADING_SHARE = 0.5
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
-STATED = ("inertia", "viscous_damping", "coulomb_friction")
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,7 @@ class _Bench:
         self.rig, self.name = _one_axis(task)
         axis = self.rig.axis[self.name]
         self.ratio = axis.mechanism.ratio
-        self.stated = {key: getattr(axis, key) for key in STATED}
+        self.stated = {key: getattr(axis, key) for key in MECHANICAL}
         self.own_bus = task.bus is None and bool(self.rig.source)
         plan = self._plan(axis)
         self.profile = plan.axes[0].profile.name
@@ -196,7 +195,7 @@ class _Bench:
         axis = replace(self.rig.axis[self.name], limits=self._limits)
         task = self._task_with(axis, experiment, armed, self.announced.effort)
         # Without a stated bench the run is one without a limit, with the cap of such a run.
-        unknown = axis.inertia is None or axis.viscous_damping is None
+        unknown = bool(unknown_values(axis))
         trial = Trial(
             duration=LONGEST, hand="none", fade_in=FADE_IN, seed=self._task.seed, force=unknown, confirm=self._confirm,
             instruct=self._instruct,
@@ -347,8 +346,7 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
     """Yield a sentence for each value of the rig that lies outside of its interval."""
     for name, value in stated.items():
         each = fit.values[name]
-        # Friction left out of a rig is 0 there, and nobody has stated it.
-        if value is None or (name == "coulomb_friction" and not value) or each.low <= value <= each.high:
+        if value is None or each.low <= value <= each.high:
             continue
         yield f"{name}: the rig states {in_unit(value, each.unit)}, measured {interval_text(each)}"
 

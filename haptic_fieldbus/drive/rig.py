@@ -465,8 +465,8 @@ class RigAxis:
     """Inertia of motor, mechanism and handle together [kg·m²]."""
     viscous_damping: Damping | None = None
     """Viscous friction [N·m·s/rad]; it grows with speed."""
-    coulomb_friction: Friction = 0.0
-    """Coulomb friction [N·m]; it does not depend on speed."""
+    coulomb_friction: Friction | None = None
+    """Coulomb friction [N·m]; it does not depend on speed. An omitted value is unknown, and not 0."""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive to the loss of its master: the shaft is free, or the drive brakes by quick stop."""
     raise_max_torque: bool = False
@@ -499,6 +499,15 @@ class Rig:
     def unproved(self) -> "Rig":
         """Return the same bench without watchdog proofs."""
         return replace(self, axis={name: replace(axis, proved=None) for name, axis in self.axis.items()})
+
+
+MECHANICAL = ("inertia", "viscous_damping", "coulomb_friction")
+"""Values of an axis without which no limit is known; `identify` measures them."""
+
+
+def unknown_values(axis: RigAxis) -> tuple[str, ...]:
+    """Return the keys of `MECHANICAL` that the axis leaves out."""
+    return tuple(key for key in MECHANICAL if getattr(axis, key) is None)
 
 
 def metres_per_revolution(axis: RigAxis) -> float:

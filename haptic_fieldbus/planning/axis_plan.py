@@ -82,7 +82,7 @@ class AxisPlan:
     """Position steps of the drive in one revolution of the motor; encoder counts when it offers no position."""
     delay: Delay
     plant: Plant | None
-    """Motor and mechanism in the workspace; None when inertia or damping is unknown."""
+    """Motor and mechanism in the workspace; None when inertia, damping or friction is unknown."""
     basis: Basis
     """Origin of the values of the bench."""
     sign_known: bool

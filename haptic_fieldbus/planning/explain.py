@@ -320,7 +320,7 @@ def limit_text(stability: Stability | None) -> str:
     None: the bench is unknown.
     """
     if stability is None:
-        return "unknown: inertia and viscous_damping are missing in the rig"
+        return "unknown: the rig leaves out inertia, damping or friction; identify measures them"
     if stability.stiffness is None:
         known = caveat_text(stability)
         return f"none: no stiffness to vary{'' if stability.is_inside else '; unstable for some open values'}{known}"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import Proved, RigAxis
+from haptic_fieldbus.drive.rig import Proved, RigAxis, unknown_values
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
@@ -40,7 +40,7 @@ def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
 def cap_reason(profile: DriveProfile, axis: RigAxis, *, known: bool) -> str:
     """Return the reason why force is capped; empty when it is not. `known` is whether stability can be judged."""
     if not known:
-        return "inertia and viscous_damping of the axis are unknown"
+        return f"no limit is known, because the rig leaves out {' and '.join(unknown_values(axis))}"
     if profile.echo is None:
         return f"{profile.title} does not return its set-points (torque.echo of its profile)"
     return unguarded(profile, axis)

@@ -66,7 +66,7 @@ def rated_effort(axis: RigAxis, unit: str = "") -> float:
     rated = axis.rated_torque
     if rated is None:
         raise PlanError(f"node {axis.node}: rated_torque is missing in the rig; it is needed to limit the torque")
-    if axis.coulomb_friction >= rated:
+    if axis.coulomb_friction is not None and axis.coulomb_friction >= rated:
         raise PlanError(
             f"node {axis.node}: coulomb_friction ({exactly(axis.coulomb_friction)} N·m) must be below rated_torque ("
             f"{exactly(rated)} N·m), or the motor cannot move the handle. Is one of them in mN·m?"
@@ -101,8 +101,8 @@ def load_of(axis: RigAxis, plant: Plant | None) -> "HungBody | None":
 
 
 def plant_of(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
-    """Return motor and mechanism in the workspace; None when inertia or damping is unknown."""
-    if axis.inertia is None or axis.viscous_damping is None:
+    """Return motor and mechanism in the workspace; None when inertia, damping or friction is unknown."""
+    if axis.inertia is None or axis.viscous_damping is None or axis.coulomb_friction is None:
         return None
     # With x = ratio·θ and F = τ/ratio: J·θ̈ = τ becomes (J/ratio²)·ẍ = F.
     ratio = axis.mechanism.ratio
@@ -279,7 +279,7 @@ def limits_of(
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
     `rated` is the rated effort in the workspace [N or N·m], `step` one step of the drive's target torque. `plant` is
-    None when inertia or damping is unknown. A `capped` effort is the holding effort (`guards.cap_reason`).
+    None when inertia, damping or friction is unknown. A `capped` effort is the holding effort (`guards.cap_reason`).
     """
     limits = axis.limits
     effort = min(limits.effort or math.inf, HOLDING_SHARE * rated if capped else rated)

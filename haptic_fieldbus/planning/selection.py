@@ -10,7 +10,15 @@ from typing import Any
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_RATE
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
+from haptic_fieldbus.drive.rig import (
+    COUNTS_PER_REVOLUTION,
+    MECHANICAL,
+    BusSection,
+    Rig,
+    RigAxis,
+    default_axis,
+    shipped_mechanism,
+)
 from haptic_fieldbus.errors import PlanError, UsageError, wrong_kind
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.closed_loop import stiffest_of
@@ -194,13 +202,14 @@ def select(task: Task) -> Selection:
     missing = [
         f"axis.{name}.{key}"
         for name, axis in found.rig.axis.items()
-        for key in ("rated_torque", "inertia", "viscous_damping")
+        for key in ("rated_torque", *MECHANICAL)
         if getattr(axis, key) is None
     ]
     if missing:
         raise PlanError(
-            f"stability unknown: the bench on {found.bus.text} lacks {', '.join(missing)}. Write them into a rig file "
-            "(--rig FILE), or use --force with at most 5 % of rated torque"
+            f"stability unknown: the bench on {found.bus.text} lacks {', '.join(missing)}. "
+            f"`haptic-fieldbus identify --rig {found.rig.source or 'FILE'}` measures inertia, damping and friction; or "
+            "write the values into the rig file. --force runs without a known limit, with at most 5 % of rated torque"
         )
     return found
 
@@ -314,7 +323,7 @@ def _on_bus(rig: Rig, named: BusName) -> Rig:
 def _shipped_bench(scene: Scene, drive: str | None, bus: BusName, node: int) -> Rig:
     """Return the shipped bench: a drive for each axis of the scene, with node-IDs counting from `node`.
 
-    On a real bus the motors are unknown, so rated torque, inertia and damping are None.
+    On a real bus the motors are unknown, so rated torque, inertia, damping and friction are None.
     """
     name, drive = bus.text.partition("@")[0], drive or protocol_named(bus.section.protocol).default_drive
     axes = {}

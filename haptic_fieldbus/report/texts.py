@@ -14,7 +14,7 @@ from haptic_fieldbus.assessing.result import (
     result_rows,
 )
 from haptic_fieldbus.drive.profile import MappedSignal
-from haptic_fieldbus.drive.rig import LinearMechanism
+from haptic_fieldbus.drive.rig import LinearMechanism, unknown_values
 from haptic_fieldbus.numerals import Line, OutputRow, as_typed, exactly, lines_of
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import enabling_lines
@@ -133,7 +133,7 @@ def axis_text(axis: AxisPlan) -> str:
     known = (
         f"{as_typed(rig.inertia)} kg·m², {as_typed(rig.viscous_damping)} N·m·s/rad"
         if rig.inertia is not None and rig.viscous_damping is not None
-        else "inertia and damping unknown"
+        else f"{' and '.join(unknown_values(rig))} unknown"
     )
     return f"{axis.name}: {rig.encoder_counts_per_revolution} counts/rev, {travel}, {known}"
 

@@ -294,10 +294,12 @@ def test_samples_that_are_missing_too_often_end_it(bench: Path, monkeypatch: pyt
 
 @pytest.mark.thorough("measures a bench")
 def test_a_bench_of_unknown_inertia_is_measured(bench: Path) -> None:
-    text = rig_text("torque_scale = 1.0").replace("inertia = 4.0e-5  # with the handle\n", "")
-    found = measured(bench, text.replace("viscous_damping = 3.0e-4  # a guess\n", ""))
+    text = rig_text("coulomb_friction = 3.0e-3").replace("inertia = 4.0e-5  # with the handle\n", "")
+    text = text.replace("viscous_damping = 3.0e-4  # a guess\n", "").replace("coulomb_friction = 2.0e-3\n", "")
+    found = measured(bench, text)
     assert found.fit.values["inertia"].value == pytest.approx(4e-5, rel=0.01)
-    assert found.stated["inertia"] is None
+    assert found.fit.values["coulomb_friction"].value == pytest.approx(3e-3, rel=0.05)
+    assert set(found.stated.values()) == {None}
 
 
 @pytest.mark.thorough("measures a bench")

@@ -302,6 +302,7 @@ def test_a_function_renders_the_only_axis_of_a_rig(tmp_path: Path) -> None:
         encoder_counts_per_revolution = 4096
         inertia = 4e-5
         viscous_damping = 1e-4
+        coulomb_friction = 2e-3
         emergency_stop = "power"
         mechanism = {{ kind = "rotary", gear_ratio = 1.0 }}
         limits = {{ speed = 100.0 }}

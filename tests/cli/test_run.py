@@ -143,6 +143,7 @@ def test_a_linear_scene_on_a_rotary_bench_is_refused(command: Command, tmp_path:
         encoder_counts_per_revolution = 4096
         inertia = 4.0e-5
         viscous_damping = 1.0e-4
+        coulomb_friction = 2.0e-3
         [axis.handle.mechanism]
         kind = "rotary"
         """

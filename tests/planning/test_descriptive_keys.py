@@ -207,7 +207,7 @@ def test_no_number_of_a_profile_lifts_what_is_permitted(drive: str) -> None:
                 check_permitted(axis, capped=capped)
 
 
-@pytest.mark.parametrize("missing", ["inertia", "viscous_damping"])
+@pytest.mark.parametrize("missing", ["inertia", "viscous_damping", "coulomb_friction"])
 def test_a_value_that_is_supplied_may_end_the_cap_and_another_one_may_not(missing: str) -> None:
     profile = load_profile("maxon_epos4")
     rig, name, scene = bench("maxon_epos4", Workspace.LINEAR, **{missing: None})

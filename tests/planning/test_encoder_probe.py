@@ -145,7 +145,7 @@ def test_a_hand_that_holds_harder_needs_larger_pulses() -> None:
     """On the knob of the shipped bench a count is 1.5 mrad, so that the hand decides and not the friction."""
     axis, probe = probed(plan_of(KNOB))
     assert probe.effort == pytest.approx(
-        axis.rig.coulomb_friction + 2.0 * axis.resolution * HAND[Workspace.ROTARY].stiffness, rel=0.1
+        (axis.rig.coulomb_friction or 0.0) + 2.0 * axis.resolution * HAND[Workspace.ROTARY].stiffness, rel=0.1
     )
 
 

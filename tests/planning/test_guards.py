@@ -284,7 +284,7 @@ def test_a_cap_of_the_force_is_told_with_its_value_and_its_reason() -> None:
     why = "test drive does not return its set-points (torque.echo of its profile)"
     assert plan_of(profile=mute).axes[0].cap.endswith(why)
     unknown = plan_of(rig=rig_of(WALL, inertia=None)).axes[0]
-    assert unknown.cap.endswith("rated torque): inertia and viscous_damping of the axis are unknown")
+    assert unknown.cap.endswith("rated torque): no limit is known, because the rig leaves out inertia")
 
 
 def test_a_limit_of_the_rig_below_the_cap_is_no_cap() -> None:

@@ -159,7 +159,7 @@ def test_where_torque_is_told_in_current_constant_and_rated_torque_must_be_known
         plan_of(rig=rig, profile=replace(PROFILE, torque=replace(PROFILE.torque, target=target)))
 
 
-@pytest.mark.parametrize("unknown", ["inertia", "viscous_damping"])
+@pytest.mark.parametrize("unknown", ["inertia", "viscous_damping", "coulomb_friction"])
 def test_an_unknown_bench_has_no_verdict_and_little_effort(unknown: str) -> None:
     plan = plan_of(rig=rig_of(WALL, **{unknown: None}))
     assert plan.stability is None

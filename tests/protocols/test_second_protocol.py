@@ -145,6 +145,7 @@ rated_torque = 0.4
 torque_constant = 0.05
 inertia = 4e-5
 viscous_damping = 1e-4
+coulomb_friction = 2e-3
 encoder_counts_per_revolution = 4096
 mechanism = {{ kind = "linear", metres_per_revolution = 0.05 }}
 limits = {{ speed = 10.0 }}

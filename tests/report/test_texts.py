@@ -215,7 +215,7 @@ def test_the_bench_of_a_real_bus_is_told_with_what_is_unknown() -> None:
     assert lines["bench"] == "maxon EPOS4 (socketcan can0), node 5, 500 kbit/s, 500 Hz"
     assert lines["limit"].startswith("unknown")
     assert axis_text(blind) in [text for _, text in announcement(unknown, verbose=True)]
-    assert axis_text(blind).endswith("inertia and damping unknown")
+    assert axis_text(blind).endswith("inertia unknown")
     assert not known.simulated
     assert plan("wall").simulated
 

@@ -133,7 +133,7 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
     """Return motor, load and hand at the motor shaft, from `t_ns` on; a rigid shaft unless the rig has more parts."""
     built = as_built(axis)
     inertia, damping, _ = known_mechanics(built)
-    shaft = Shaft(inertia, damping, built.coulomb_friction, _lag(profile, axis))
+    shaft = Shaft(inertia, damping, built.coulomb_friction or 0.0, _lag(profile, axis))
     held = grip(hand, axis.mechanism) if hand is not None else None
     plant = _plant(axis, shaft, held, settings, t_ns)
     if settings.led:

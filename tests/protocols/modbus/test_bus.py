@@ -36,6 +36,7 @@ encoder_counts_per_revolution = 4096
 rated_torque = "0.4 N·m"
 inertia = 4e-5
 viscous_damping = 1e-4
+coulomb_friction = 2e-3
 """
 
 
