@@ -80,6 +80,18 @@ def percent(share: float, digits: int = PERCENT_DIGITS) -> str:
     return f"{rounded(100.0 * share, max(digits, whole))} %"
 
 
+WIDE = 0.3
+"""Half width of an interval, of its value, from which on its ends are told."""
+
+
+def with_interval(value: float, low: float, high: float, unit: str) -> str:
+    """Return a value with its interval: in percent, or the ends if it is wide."""
+    half = 0.5 * (high - low)
+    if value > 0.0 and half < WIDE * value:
+        return f"{in_unit(value, unit)} ± {percent(half / value)}"
+    return f"{in_unit(low, unit)} to {in_unit(high, unit)}"
+
+
 # What is told of a plan, a run, a judgement or a bench is made once, as rows; texts and JSON objects are drawn of them.
 
 Line = tuple[str, str]

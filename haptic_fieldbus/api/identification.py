@@ -5,17 +5,18 @@ The motor is off before, between and after the experiments. Values are at the mo
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
-from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, unknown_values
+from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis
 from haptic_fieldbus.errors import SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
@@ -24,6 +25,7 @@ from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.known_bench import digest_with
 from haptic_fieldbus.planning.limits import SPEED_LIMIT
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
@@ -159,12 +161,16 @@ class _Bench:
     ) -> None:
         self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
         self.rig, self.name = _one_axis(task)
-        axis = self.rig.axis[self.name]
+        # An earlier measurement leads nothing: the bench may be another one since.
+        axis = replace(self.rig.axis[self.name], identified=Identified())
+        self.rig = replace(self.rig, axis={self.name: axis})
         self.ratio = axis.mechanism.ratio
         self.stated = {key: getattr(axis, key) for key in MECHANICAL}
         self.own_bus = task.bus is None and bool(self.rig.source)
         plan = self._plan(axis)
         self.profile = plan.axes[0].profile.name
+        self.planned_delay = plan.axes[0].delay.transport + plan.axes[0].delay.torque_loop
+        self.serial: int | None = None
         self.announced = _announced(task, self.name, axis, plan.axes[0])
         told = self.announced
         self._limits = replace(axis.limits, position=(told.low, told.high), speed=told.speed, effort=told.effort)
@@ -195,7 +201,7 @@ class _Bench:
         axis = replace(self.rig.axis[self.name], limits=self._limits)
         task = self._task_with(axis, experiment, armed, self.announced.effort)
         # Without a stated bench the run is one without a limit, with the cap of such a run.
-        unknown = bool(unknown_values(axis))
+        unknown = any(each is None for each in self.stated.values())
         trial = Trial(
             duration=LONGEST, hand="none", fade_in=FADE_IN, seed=self._task.seed, force=unknown, confirm=self._confirm,
             instruct=self._instruct,
@@ -207,6 +213,8 @@ class _Bench:
             while True:
                 next(steps)
                 caller.stopping = taken.period(session)
+                if not session.plan.simulated:
+                    self.serial = session.identities[self.name].serial
         except StopIteration as ended:
             if ended.value.stopped is not None:
                 raise KeyboardInterrupt from None
@@ -354,24 +362,29 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
 # The rig file.
 
 
-def kept_values(found: IdentifiedBench, profile: str) -> dict[str, Value]:
-    """Return the keys of `[axis.NAME.identified]`."""
-    values: dict[str, Value] = {}
+def kept_values(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | None) -> dict[str, Value]:
+    """Return the keys of `[axis.NAME.identified]`; `conditions` are further keys of `Identified`."""
+    values: dict[str, Any] = {}
     for name in KEPT:
-        each = found.fit.values[name]
-        values[name] = float(f"{each.value:.6g}")
-        values[f"{name}_interval"] = [float(f"{each.low:.6g}"), float(f"{each.high:.6g}")]
+        each = fit.values[name]
+        low, value, high = (float(f"{number:.6g}") for number in (each.low, each.value, each.high))
+        values |= {name: value, f"{name}_interval": (low, high)}
     kept = Identified(
-        date=datetime.now().astimezone().isoformat(timespec="seconds"), profile=profile, rate=found.rate,
-        top_speed=float(f"{found.fit.top_speed:.4g}"), residual_counts=float(f"{found.fit.residual:.3g}"),
+        **values, **conditions, date=datetime.now().astimezone().isoformat(timespec="seconds"),  # type: ignore[arg-type]
+        top_speed=float(f"{fit.top_speed:.4g}"), residual_counts=float(f"{fit.residual:.3g}"),
     )  # fmt: skip
-    told = ("date", "profile", "rate", "top_speed", "residual_counts")
-    return values | {key: getattr(kept, key) for key in told}
+    kept = replace(kept, digest=digest_with(axis, kept))
+    told = {each.name: getattr(kept, each.name) for each in fields(kept)}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in told.items() if value is not None}
 
 
 def _written(found: IdentifiedBench, bench: _Bench) -> IdentifiedBench:
     """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
-    path, values = ("axis", found.axis, "identified"), kept_values(found, bench.profile)
+    path, planned = ("axis", found.axis, "identified"), float(f"{bench.planned_delay:.6g}")
+    values = kept_values(
+        found.fit, bench.rig.axis[found.axis], profile=bench.profile, rate=found.rate, planned_delay=planned,
+        serial=bench.serial,
+    )  # fmt: skip
     try:
         edit_file(bench.rig.source, partial(with_table, path=path, values=values))
     except (OSError, ValueError) as error:

@@ -141,6 +141,10 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+IN_INTERVALS = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
+"""Keys of `[axis.NAME.identified]` that have an interval."""
+
+
 def check_plausible(document: Document, axis: str) -> None:
     """Note each value of an axis that no bench for a hand has; faults of types and of keys are those of the schema."""
     path = ("axis", axis)
@@ -150,6 +154,24 @@ def check_plausible(document: Document, axis: str) -> None:
     for key, expected in implausible(known, workspace):
         document.refuse((*path, *key.split(".")), expected)
     _check_measured(document, axis)
+    _check_intervals(document, axis)
+
+
+def _check_intervals(document: Document, axis: str) -> None:
+    """Note a measured value without an interval around it."""
+    path = ("axis", axis, "identified")
+    for key in IN_INTERVALS:
+        value, interval = document.value(*path, key), document.value(*path, f"{key}_interval")
+        if not _is_number(value):
+            continue
+        ends = interval if isinstance(interval, list | tuple) and len(interval) == 2 else (None, None)
+        low, high = ends
+        if not (_is_number(low) and _is_number(high) and low <= value <= high):
+            document.refuse(
+                (*path, f"{key}_interval"),
+                f"[lowest, highest] around {key} = {exactly(value)}; without [axis.{axis}.identified] the values "
+                "of the axis count",
+            )
 
 
 def _check_measured(document: Document, axis: str) -> None:

@@ -404,8 +404,8 @@ class Seen:
 
 @dataclass(frozen=True)
 class Identified:
-    """Values measured by `haptic-fieldbus identify`, each with its interval of 95 %. Plans and limits do not use them:
-    they follow from the values of the axis."""
+    """Values measured by `haptic-fieldbus identify`, each with its interval of 95 %. They take the place of the values
+    of the axis in plans and limits."""
 
     inertia: Inertia | None = None
     """[kg·m²]"""
@@ -433,10 +433,18 @@ class Identified:
     """Profile of the drive at the measurement."""
     rate: Frequency | None = None
     """Loop rate at the measurement [Hz]."""
+    planned_delay: NonNegativeTime | None = None
+    """Delay and lag that the plan of the measurement expected [s]; the difference is kept at other rates. None: the
+    measured delay is not used."""
+    serial: UInt32 | None = None
+    """Serial number of the drive; a run on another drive is refused. None: the drive has no serial number."""
     top_speed: NonNegativeFloat | None = None
     """Largest speed of the motor in the measurement [rad/s]."""
     residual_counts: NonNegativeFloat | None = None
     """Motion that the fit leaves unexplained, root mean square [counts]."""
+    digest: Annotated[str, Len(1)] | None = None
+    """Digest of the values above and of the values of the axis on which they rest; with another digest none of them
+    counts. None: not checked."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -503,11 +511,6 @@ class Rig:
 
 MECHANICAL = ("inertia", "viscous_damping", "coulomb_friction")
 """Values of an axis without which no limit is known; `identify` measures them."""
-
-
-def unknown_values(axis: RigAxis) -> tuple[str, ...]:
-    """Return the keys of `MECHANICAL` that the axis leaves out."""
-    return tuple(key for key in MECHANICAL if getattr(axis, key) is None)
 
 
 def metres_per_revolution(axis: RigAxis) -> float:

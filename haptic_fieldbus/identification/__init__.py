@@ -4,10 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
-from haptic_fieldbus.numerals import in_unit, percent
-
-WIDE = 0.3
-"""Half width of an interval, of its value, from which on its ends are told."""
+from haptic_fieldbus.numerals import in_unit, percent, with_interval
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,5 @@ class IdentifiedBench:
 
 
 def interval_text(each: Estimate) -> str:
-    """Return a value with its interval of 95 %: in percent, or its ends if it is wide."""
-    if each.value > 0.0 and each.half_width < WIDE * each.value:
-        return f"{in_unit(each.value, each.unit)} ± {percent(each.half_width / each.value)}"
-    return f"{in_unit(each.low, each.unit)} to {in_unit(each.high, each.unit)}"
+    """Return a value with its interval of 95 %."""
+    return with_interval(each.value, each.low, each.high, each.unit)

@@ -161,7 +161,7 @@ class Group:
     def _limit(self) -> Limit:
         ranges = [(member.plant, member.known_ranges) for member in self.members]
         bases = {each.basis for _, each in ranges}
-        basis = Basis.STATED if Basis.STATED in bases else Basis.SIMULATED
+        basis = next(each for each in (Basis.STATED, Basis.IDENTIFIED, Basis.SIMULATED) if each in bases)
         if self.stiffest is None:
             grown = any(self._at(values).growth() > 1.0 + ROUNDING for values in corners(ranges))
             return Limit(0.0 if grown else math.inf, basis)

@@ -184,7 +184,8 @@ def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay:
         coulomb=plant.coulomb * ranges.coulomb[friction],
         torque_lag=ranges.torque_lag[lag],
     )
-    return Values(changed, ranges.delay[delay], ranges.coupling[spring])
+    time = ranges.delay[delay] if ranges.total is None else max(ranges.total[delay] - changed.torque_lag, 0.0)
+    return Values(changed, time, ranges.coupling[spring])
 
 
 def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:

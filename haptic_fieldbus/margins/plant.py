@@ -26,7 +26,8 @@ from haptic_fieldbus.numerics.sampled import SampledPlant
 # |                  | 0.7 to 1.4 otherwise | its bandwidth depends on motor and tuning                 |
 # | coupling         | half to twice        | a belt's tension, wear; data sheets tell it at rest       |
 #
-# The range of the delay is that of the protocol's traffic (`protocols.traffic.Delay`).
+# The range of the delay is that of the protocol's traffic (`protocols.traffic.Delay`). What `identify` has measured has
+# the ranges of its intervals (`planning.known_bench`).
 
 Range = tuple[float, float]
 """Lowest and highest value."""
@@ -52,6 +53,8 @@ class Basis(Enum):
     """The shipped bench: the simulation has exactly these values."""
     STATED = "stated"
     """A rig, or numbers on the command line."""
+    IDENTIFIED = "identified"
+    """Measured by `identify`, in the rig."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,9 @@ class Ranges:
     coupling: Range = EXACT
     """Shares of the stiffness of a compliant coupling; a rigid shaft has none to vary."""
     basis: Basis = Basis.STATED
+    total: Range | None = None
+    """Delay and lag together [s], where they were measured together; one is then as much shorter as the other is
+    longer. None: each has its own range."""
 
 
 def exact_bench(torque_lag: Range, delay: Range, basis: Basis) -> Ranges:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
@@ -16,6 +16,7 @@ from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import STATUSWORD, canonical
+from haptic_fieldbus.planning.known_bench import KnownBench, known_bench
 from haptic_fieldbus.planning.limits import (
     GAP_SHARE,
     HOLDING_SHARE,
@@ -83,8 +84,8 @@ class AxisPlan:
     delay: Delay
     plant: Plant | None
     """Motor and mechanism in the workspace; None when inertia, damping or friction is unknown."""
-    basis: Basis
-    """Origin of the values of the bench."""
+    bench: KnownBench
+    """Values of motor and mechanism, measured or stated, and their origin."""
     sign_known: bool
     """Whether the motor direction is known, so that no test is needed before force (`sign_probe`)."""
     stability: Stability | None = None
@@ -135,7 +136,7 @@ class AxisPlan:
     @property
     def cap(self) -> str:
         """Force cap in words, with value and reason; empty without a cap, or if the limit of the rig is lower."""
-        reason = cap_reason(self.profile, self.rig, known=self.plant is not None)
+        reason = cap_reason(self.profile, self.rig, self.bench.unknown)
         reason = reason or ("the scene is above its limit (--force)" if self.forced else "")
         if not reason or self.limits.effort < self.limits.holding:
             return ""
@@ -207,8 +208,9 @@ def draft_axis(
         rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
         position_steps(profile, axis),
     )
-    protocol, plant = _protocol(profile, rig, axis), plant_of(axis, profile, steps)
-    capped = forced or bool(cap_reason(profile, axis, known=plant is not None))
+    bench = known_bench(axis, profile)
+    protocol, plant = _protocol(profile, rig, axis), plant_of(bench, axis, profile, steps)
+    capped = forced or bool(cap_reason(profile, axis, bench.unknown))
     limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)
     check_places(scene, scene_axis.name, rig, elements, limits)
     return AxisPlan(
@@ -232,7 +234,7 @@ def draft_axis(
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
-        basis=Basis.SIMULATED if has_shipped_values(rig, scene_axis.name) else Basis.STATED,
+        bench=replace(bench, basis=Basis.SIMULATED) if has_shipped_values(rig, scene_axis.name) else bench,
         # On a real bench a cable may have been swapped since.
         sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
         bus_name=protocol.bus_name(rig.bus[axis.bus]).text,
@@ -250,7 +252,7 @@ def has_shipped_values(rig: Rig, name: str) -> bool:
 def _bench_values(axis: RigAxis) -> tuple[object, ...]:
     """Return the values of motor and mechanism from which the limit of an axis follows."""
     ratio, coupling = abs(axis.mechanism.ratio), axis.simulation.coupling
-    return ratio, axis.inertia, axis.viscous_damping, axis.coulomb_friction, coupling
+    return ratio, axis.inertia, axis.viscous_damping, axis.coulomb_friction, coupling, axis.identified
 
 
 def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None:

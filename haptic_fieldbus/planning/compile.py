@@ -31,6 +31,7 @@ from haptic_fieldbus.planning.encoder_probe import encoder_probe
 from haptic_fieldbus.planning.energy import unbounded, with_energy_limits
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
+from haptic_fieldbus.planning.known_bench import KnownBench, measured_times
 from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time, load_of
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.sign_probe import check_steps, sign_probe, sign_text
@@ -47,11 +48,13 @@ BANDWIDTH, TIMING = "timing.torque_bandwidth", "timing"
 """Keys of a profile whose source is the source of the bandwidth."""
 
 
-def ranges_of(profile: DriveProfile, delay: Delay, basis: Basis, *, compliant: bool) -> Ranges:
+def ranges_of(profile: DriveProfile, delay: Delay, bench: KnownBench, *, compliant: bool) -> Ranges:
     """Return the ranges of an axis with this drive, delay and bench, with or without a compliant coupling."""
-    if basis is Basis.SIMULATED:
-        return exact_bench(_lags(profile), delay.range, basis)
-    ranges = Ranges(torque_lag=_lags(profile), delay=delay.range, basis=basis)
+    if bench.basis is Basis.SIMULATED:
+        return exact_bench(_lags(profile), delay.range, bench.basis)
+    times = measured_times(bench, profile, delay, _lags(profile))
+    lags, total = (_lags(profile), None) if times is None else (times.lags, times.totals)
+    ranges = Ranges(lags, delay.range, *bench.shares, basis=bench.basis, total=total)
     return replace(ranges, coupling=COUPLING_SHARES) if compliant else ranges
 
 
@@ -123,15 +126,18 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
     """Return the axis as its loop is judged; with a compliant coupling the plant is the motor alone."""
     # A tachometer does not measure the load, so its axis is judged as a rigid one.
     load = None if axis.integrates else load_of(axis.rig, plant)
+    times, delay = measured_times(axis.bench, axis.profile, axis.delay, _lags(axis.profile)), axis.delay.transport
+    if times is not None:
+        plant, delay = replace(plant, torque_lag=times.lag), times.delay
     return Member(
         axis.name,
         plant if load is None else replace(plant, mass=plant.mass - load.mass),
-        axis.delay.transport,
+        delay,
         axis.elements,
         axis.method,
         _estimator(axis),
         () if load is None else (load,),
-        ranges_of(axis.profile, axis.delay, axis.basis, compliant=load is not None),
+        ranges_of(axis.profile, axis.delay, axis.bench, compliant=load is not None),
         axis.limits.effort,
         axis.limits.position or EVERYWHERE,
         axis.workspace.stiffness_unit,

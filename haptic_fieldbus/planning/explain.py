@@ -28,6 +28,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER, enabling_lines, unseen_text
 from haptic_fieldbus.planning.encoder_probe import encoder_lines, encoder_probe
 from haptic_fieldbus.planning.guards import guard_lines
+from haptic_fieldbus.planning.known_bench import measured_texts
 from haptic_fieldbus.planning.limits import (
     FIRST_SHARE,
     FIRST_SPEED,
@@ -229,6 +230,8 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     yield OutputRow("enabling", enabling_lines(axes))
     parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
     yield OutputRow("delay", [delay_text(plan.delay, plan.period)], "delay_s", parts)
+    for prefix, axis in zip(prefixes, axes, strict=True):
+        yield OutputRow("measured", [prefix + text for text in measured_texts(axis.bench)])
     yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
     yield OutputRow("assumed", assumed_texts(plan.assumed), "assumed", summary["assumed"])
     yield OutputRow("deadlines", deadline_texts(plan), "deadlines", [each.to_json() for each in plan.deadlines])
@@ -320,7 +323,7 @@ def limit_text(stability: Stability | None) -> str:
     None: the bench is unknown.
     """
     if stability is None:
-        return "unknown: the rig leaves out inertia, damping or friction; identify measures them"
+        return "unknown: the rig has no valid inertia, damping or friction; identify measures them"
     if stability.stiffness is None:
         known = caveat_text(stability)
         return f"none: no stiffness to vary{'' if stability.is_inside else '; unstable for some open values'}{known}"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import Proved, RigAxis, unknown_values
+from haptic_fieldbus.drive.rig import Proved, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
@@ -37,10 +37,10 @@ def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
     return f"the watchdog of {profile.title} {_failed(proved)} in the test on {proved.date} (rig file)"
 
 
-def cap_reason(profile: DriveProfile, axis: RigAxis, *, known: bool) -> str:
-    """Return the reason why force is capped; empty when it is not. `known` is whether stability can be judged."""
-    if not known:
-        return f"no limit is known, because the rig leaves out {' and '.join(unknown_values(axis))}"
+def cap_reason(profile: DriveProfile, axis: RigAxis, unknown: str) -> str:
+    """Return the reason why force is capped; empty when it is not. `unknown` says why no limit is known."""
+    if unknown:
+        return unknown
     if profile.echo is None:
         return f"{profile.title} does not return its set-points (torque.echo of its profile)"
     return unguarded(profile, axis)

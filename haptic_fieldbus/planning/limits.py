@@ -21,6 +21,7 @@ from haptic_fieldbus.drive.rig import (
 from haptic_fieldbus.errors import Fault, PlanError, SceneError
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.known_bench import KnownBench
 from haptic_fieldbus.protocols.traffic import answer_time
 from haptic_fieldbus.scenes.element import Element, is_varying
 from haptic_fieldbus.scenes.registry import place_names
@@ -100,16 +101,16 @@ def load_of(axis: RigAxis, plant: Plant | None) -> "HungBody | None":
     return HungBody(coupling.load_inertia / square, coupling.stiffness / square, coupling.damping / square)
 
 
-def plant_of(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
+def plant_of(bench: KnownBench, axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
     """Return motor and mechanism in the workspace; None when inertia, damping or friction is unknown."""
-    if axis.inertia is None or axis.viscous_damping is None or axis.coulomb_friction is None:
+    if bench.inertia is None or bench.viscous_damping is None or bench.coulomb_friction is None:
         return None
     # With x = ratio·θ and F = τ/ratio: J·θ̈ = τ becomes (J/ratio²)·ẍ = F.
     ratio = axis.mechanism.ratio
     return Plant(
-        mass=axis.inertia / ratio**2,
-        damping=axis.viscous_damping / ratio**2,
-        coulomb=axis.coulomb_friction / ratio,
+        mass=bench.inertia / ratio**2,
+        damping=bench.viscous_damping / ratio**2,
+        coulomb=bench.coulomb_friction / ratio,
         resolution=2 * math.pi * ratio / steps,
         torque_lag=profile.torque_lag,
     )

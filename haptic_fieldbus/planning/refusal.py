@@ -146,14 +146,19 @@ def limit_value(stability: Stability, *, caveat: bool = True) -> str:
     return f"{exactly(stability.limit.value)} {stability.unit}{caveat_text(stability) if caveat else ''}"
 
 
+CAVEATS = {Basis.STATED: STATED, Basis.IDENTIFIED: "damping measured"}
+"""How certain the values are on which a limit rests; exact ones have no caveat."""
+
+
 def caveat_text(stability: Stability) -> str:
-    """Return how certain the values are on which a limit rests, in brackets; empty if they are exact."""
-    return f" ({STATED})" if stability.limit.basis is Basis.STATED else ""
+    """Return the caveat of a limit in brackets; empty without one."""
+    known = CAVEATS.get(stability.limit.basis)
+    return f" ({known})" if known else ""
 
 
 def passivity_condition(stability: Stability) -> str:
     """Return the condition under which a loop is passive; empty if its values are exact."""
-    return IF_STATED if stability.limit.basis is Basis.STATED else ""
+    return {Basis.STATED: IF_STATED, Basis.IDENTIFIED: " at the measured values"}.get(stability.limit.basis, "")
 
 
 def verdict_text(stability: Stability) -> str:

@@ -24,6 +24,7 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.closed_loop import stiffest_of
 from haptic_fieldbus.numerals import TYPED_DIGITS, rounded_down
 from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.known_bench import known_bench
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_rig, own_profile
@@ -184,11 +185,14 @@ class Selection:
             return plan
         return self._compiled(at_limit(self.task, self.scene, self.part, plan.stability), plan.buses)
 
+    def profile_of(self, axis: RigAxis) -> DriveProfile:
+        """Return the profile of an axis of the rig; raises ProfileError, EdsError or UsageError."""
+        return self.profiles.get(axis.profile) or load_profile(axis.profile)
+
     def _compiled(self, scene: Scene, buses: tuple[BusPlan, ...] = ()) -> Plan:
         """Return the plan of `scene` on the loaded bench, with the exchange of these buses if there are any."""
         task = self.task
-        names = [axis.profile for axis in self.rig.axis.values()]
-        profiles = {name: self.profiles.get(name) or load_profile(name) for name in names}
+        profiles = {axis.profile: self.profile_of(axis) for axis in self.rig.axis.values()}
         scene = _renamed(scene, task)
         return compile_plan(
             scene, self.rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses,
@@ -199,11 +203,19 @@ class Selection:
 def select(task: Task) -> Selection:
     """Load a task and check that its stability can be judged; raises DocumentError, UsageError or PlanError."""
     found = load(task)
+    benches = {name: known_bench(axis, found.profile_of(axis)) for name, axis in found.rig.axis.items()}
+    for name, bench in benches.items():
+        if bench.fault:
+            raise PlanError(
+                f"stability unknown: axis {name}: {bench.fault}, so the measured values do not count. "
+                f"`haptic-fieldbus identify --rig {found.rig.source or 'FILE'}` measures anew; or remove "
+                f"[axis.{name}.identified]. --force runs without a known limit, with at most 5 % of rated torque"
+            )
     missing = [
         f"axis.{name}.{key}"
         for name, axis in found.rig.axis.items()
         for key in ("rated_torque", *MECHANICAL)
-        if getattr(axis, key) is None
+        if getattr(axis if key == "rated_torque" else benches[name], key) is None
     ]
     if missing:
         raise PlanError(

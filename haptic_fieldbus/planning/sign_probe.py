@@ -179,7 +179,7 @@ def check_steps(axis: AxisPlan) -> None:
 def probe_of(axis: AxisPlan, period: float) -> SignProbe:
     """Return the direction test of the axis, even if the direction is known."""
     bound = axis.limits.unseen
-    friction = (axis.rig.coulomb_friction or 0.0) / axis.rig.mechanism.ratio
+    friction = (axis.bench.coulomb_friction or 0.0) / axis.rig.mechanism.ratio
     efforts = tuple(_efforts(axis, bound))
     step = abs(axis.velocity_unit) if axis.integrates else axis.resolution
     mass = axis.plant.mass if axis.plant is not None else None

@@ -44,6 +44,8 @@ class Delay:
     """Shortest `transport` over all that is assumed; None: always as it is."""
     longest: float | None = None
     """Longest `transport` over all that is assumed, or that changes from period to period; None: always as it is."""
+    lateness: float = 0.0
+    """Longest time by which the host may be late in a period [s]."""
     acts_first: bool = False
     """True: a set-point that acts at the instant of a sample acts before it, so that the sample shows it."""
 
@@ -208,7 +210,13 @@ class HostTimes:
         """Longest time by which adapter and host can delay a set-point beyond `known_latency` [s]."""
         unknown = 0.0 if self.simulated else 1.0
         latency = 2.0 * ADAPTER_LATENCY * unknown if self.adapter_latency is None else 0.0
-        return latency + (JITTER * unknown if self.jitter is None else self.jitter)
+        return latency + self.lateness
+
+    @property
+    def lateness(self) -> float:
+        """Longest time by which the host may be late in a period [s]."""
+        unknown = 0.0 if self.simulated else JITTER
+        return unknown if self.jitter is None else self.jitter
 
 
 IDEAL = HostTimes(simulated=True)

@@ -24,7 +24,7 @@ from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.planning.refusal import IF_STATED, STATED, caveat_text, passivity_condition
+from haptic_fieldbus.planning.refusal import CAVEATS, IF_STATED, passivity_condition
 from haptic_fieldbus.report.analysis_texts import estimate_lines
 from haptic_fieldbus.report.drawing import (
     BLUE,
@@ -302,8 +302,8 @@ def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -
     title = f"{judgement.scene.name}: {exactly(asked)} {unit} is {where}"
     delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(stability.delay_s, 's')}"
     margin = f"margin {rounded(limit / asked)}; " if asked and math.isfinite(limit) else ""
-    known = f"; {STATED}" if caveat_text(stability) else ""
-    return title, [f"{margin}{delay}{known}"]
+    known = CAVEATS.get(stability.limit.basis)
+    return title, [f"{margin}{delay}{f'; {known}' if known else ''}"]
 
 
 def _mark(panel: Axes, damping: float, marked: tuple[float, float, float], unit: str) -> None:

@@ -19,7 +19,7 @@ from haptic_fieldbus.assessing.loop_report import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, Trace
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, percent, rounded_limit
-from haptic_fieldbus.planning.refusal import STATED, caveat_text
+from haptic_fieldbus.planning.refusal import CAVEATS
 from haptic_fieldbus.report.drawing import (
     BLUE,
     FELT,
@@ -183,12 +183,18 @@ def headline(result: Result) -> tuple[str, str]:
             if found.stiffness > limit:
                 return (
                     f"Unstable: {exactly(found.stiffness)} {unit}, limit {rounded_limit(limit)} {unit}",
-                    f"{_capital(verdict.partition(': ')[2])}{f' {_capital(STATED)}.' if caveat_text(found) else ''}",
+                    f"{_capital(verdict.partition(': ')[2])}{_caveat(found)}",
                 )
     few, _, rest = re.sub(r" \(|[,;.] |\.$", "|", verdict, count=1).partition("|")
     # A bracket that was opened at the cut has no other half.
     rest = re.sub(r"^([^(]*)\)", r"\1", rest)
     return few, _capital(rest)
+
+
+def _caveat(stability: Stability) -> str:
+    """Return the caveat of a limit as a sentence; empty without one."""
+    known = CAVEATS.get(stability.limit.basis)
+    return f" {_capital(known)}." if known else ""
 
 
 def _capital(text: str) -> str:

@@ -14,7 +14,7 @@ from haptic_fieldbus.assessing.result import (
     result_rows,
 )
 from haptic_fieldbus.drive.profile import MappedSignal
-from haptic_fieldbus.drive.rig import LinearMechanism, unknown_values
+from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.numerals import Line, OutputRow, as_typed, exactly, lines_of
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import enabling_lines
@@ -124,16 +124,16 @@ def _nodes(nodes: list[int]) -> str:
 
 def axis_text(axis: AxisPlan) -> str:
     """Return encoder, mechanism and plant of an axis in one line."""
-    rig, mechanism = axis.rig, axis.rig.mechanism
+    rig, mechanism, bench = axis.rig, axis.rig.mechanism, axis.bench
     travel = (
         f"{as_typed(mechanism.metres_per_revolution)} m/rev"
         if isinstance(mechanism, LinearMechanism)
         else f"gear {as_typed(mechanism.gear_ratio)}"
     )
     known = (
-        f"{as_typed(rig.inertia)} kg·m², {as_typed(rig.viscous_damping)} N·m·s/rad"
-        if rig.inertia is not None and rig.viscous_damping is not None
-        else f"{' and '.join(unknown_values(rig))} unknown"
+        f"{as_typed(bench.inertia)} kg·m², {as_typed(bench.viscous_damping)} N·m·s/rad"
+        if bench.inertia is not None and bench.viscous_damping is not None
+        else "inertia or damping unknown"
     )
     return f"{axis.name}: {rig.encoder_counts_per_revolution} counts/rev, {travel}, {known}"
 

@@ -23,6 +23,7 @@ from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
+from haptic_fieldbus.planning.known_bench import check_measured_drive
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.recordings.provenance import Provenance, write_beside
@@ -227,7 +228,10 @@ class Session:
         Raises UsageError, BusError or DriveFaultError.
         """
         bus.inspect(self.plan, bytearray(self.plan.image.input_size))
-        due = self._due(bus)
+        if not self.plan.simulated:
+            for axis in self.plan.axes:
+                check_measured_drive(axis.name, axis.bench, self.identities[axis.name])
+        due = self._due()
         self._ask(bus, due)
         return due
 
@@ -251,15 +255,20 @@ class Session:
         bus.configure(plan)
         bus.start()
 
-    def _due(self, bus: Bus) -> dict[str, str]:
+    @property
+    def identities(self) -> dict[str, Identity]:
+        """The drives of the axes, after they were inspected; without numbers for a drive that told none."""
+        facts = {} if self._bus is None else self._bus.facts
+        return {axis.name: facts[axis.name].identity if axis.name in facts else Identity() for axis in self.plan.axes}
+
+    def _due(self) -> dict[str, str]:
         """Return the axes of an inspected bus whose watchdogs must be tested, with the reason of each."""
         plan = self.plan
         if plan.simulated and not self.prove:
             return {}
         # With --prove the plan knows of no proof, so each guard has a reason.
         recorded = {axis.name: axis.rig.proved for axis in plan.axes}
-        drives = {name: bus.facts[name].identity if name in bus.facts else Identity() for name in recorded}
-        return to_prove(plan.guards, recorded, drives)
+        return to_prove(plan.guards, recorded, self.identities)
 
     def _ask(self, bus: Bus, due: Mapping[str, str]) -> None:
         """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""

@@ -1,6 +1,7 @@
 """`identify` on simulated benches that differ from their rigs, over CANopen and Modbus."""
 
 import random
+import re
 import tomllib
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from haptic_fieldbus.documents.edits import with_table
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench
+from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.protocols.catalogue import load_rig
@@ -129,16 +131,25 @@ def test_the_next_measurement_replaces_the_table(bench: Path) -> None:
     assert bench.read_text(encoding="utf-8").count("identified]") == 1
 
 
-def test_no_plan_reads_the_measured_values(bench: Path) -> None:
-    bench.write_text(rig_text(), encoding="utf-8")
-    stated = load(Task("wall", bench)).plan
-    values = {"inertia": 1e-3, "viscous_damping": 0.01, "delay_and_lag": 0.1}
-    bench.write_text(with_table(rig_text(), ("axis", "handle", "identified"), values), encoding="utf-8")
-    now = load(Task("wall", bench)).plan
-    assert load_rig(bench).axis["handle"].identified.inertia == 1e-3
-    assert (now.axes[0].plant, now.axes[0].limits, now.stability) == (
-        stated.axes[0].plant, stated.axes[0].limits, stated.stability,
-    )  # fmt: skip
+def test_the_next_plan_rests_on_the_measured_values(bench: Path) -> None:
+    """The rig states three times the true damping; the true limit is 1492 N/m, and the stated one would be 4481."""
+    measured(bench, rig_text("viscous_damping = 1.0e-4"))
+    identified, plan = load_rig(bench).axis["handle"].identified, load(Task("wall", bench)).plan
+    (axis,) = plan.axes
+    assert axis.bench.fault == ""
+    assert identified.planned_delay == pytest.approx(axis.delay.transport + axis.delay.torque_loop, rel=1e-5)
+    assert identified.serial is None  # that of a simulated drive is drawn
+    assert plan.stability is not None
+    assert plan.stability.limit.basis is Basis.IDENTIFIED
+    assert 0.7 * 1492.0 <= plan.stability.limit.value <= 1492.0
+
+
+@pytest.mark.parametrize(("key", "value"), [("encoder_counts_per_revolution", "1024"), ("rated_torque", "0.2")])
+def test_an_earlier_measurement_does_not_hinder_the_next_one(bench: Path, key: str, value: str) -> None:
+    text = with_table(rig_text(), ("axis", "handle", "identified"), {"inertia": 1.0, "inertia_interval": [1.0, 1.0],
+                                                                     "digest": "another"})  # fmt: skip
+    bench.write_text(re.sub(rf"{key} = .*", f"{key} = {value}", text), encoding="utf-8")
+    assert bounds_of(BenchTask(bench)).effort > 0.0
 
 
 @pytest.mark.thorough("measures a bench")

@@ -46,7 +46,7 @@ def test_force_has_a_twentieth_of_the_rated_torque_and_says_that_no_limit_is_kno
     assert ended.status == 0
     told = " ".join(ended.out.split())
     assert f"(5 % of rated torque): no limit is known, because the rig leaves out {' and '.join(keys)}" in told
-    assert "limit unknown: the rig leaves out inertia, damping or friction; identify measures them" in told
+    assert "limit unknown: the rig has no valid inertia, damping or friction; identify measures them" in told
     assert "passive" not in told
 
 

@@ -83,7 +83,7 @@ MEASURED = Identified(
     inertia=3e-5, inertia_interval=(2e-5, 4e-5), viscous_damping=1e-3, viscous_damping_interval=(5e-4, 2e-3),
     coulomb_friction=4e-3, coulomb_friction_interval=(3e-3, 5e-3), delay_and_lag=5e-4,
     delay_and_lag_interval=(4e-4, 6e-4), torque_lag=1e-4, torque_lag_interval=(1e-5, 2e-4), date="2026-01-01",
-    profile="mine", rate=1000.0, top_speed=50.0, residual_counts=0.3,
+    rate=1000.0, planned_delay=5e-4, serial=7, top_speed=50.0, residual_counts=0.3,
 )  # fmt: skip
 TRUTH = Mechanics(
     inertia=6e-5, viscous_damping=1e-4, coulomb_friction=4e-3, torque_bandwidth=500.0,
@@ -210,11 +210,14 @@ def test_no_number_of_a_profile_lifts_what_is_permitted(drive: str) -> None:
 @pytest.mark.parametrize("missing", ["inertia", "viscous_damping", "coulomb_friction"])
 def test_a_value_that_is_supplied_may_end_the_cap_and_another_one_may_not(missing: str) -> None:
     profile = load_profile("maxon_epos4")
-    rig, name, scene = bench("maxon_epos4", Workspace.LINEAR, **{missing: None})
+    rig, name, scene = bench("maxon_epos4", Workspace.LINEAR, **{missing: None}, identified=Identified())
     capped, whole = drafted(rig, name, scene, profile), drafted(*bench("maxon_epos4", Workspace.LINEAR), profile)
     assert capped is not None
     assert whole is not None
     assert capped.limits.effort == pytest.approx(0.05 * whole.limits.effort)
+    unmeasured: dict[str, Any] = {missing: None, f"{missing}_interval": None}
+    others = replace(rig.axis[name], identified=replace(MEASURED, **unmeasured))
+    rig = replace(rig, axis={name: others})
     for key in sorted(DESCRIPTIVE - {missing}):
         for factor in FACTORS:
             told = changed(rig.axis[name], tuple(key.split(".")), factor)

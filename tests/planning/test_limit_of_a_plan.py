@@ -67,7 +67,9 @@ def test_what_is_stated_is_planned_and_what_is_not_counts_in_the_longest_delay(
 @pytest.mark.parametrize(("source", "shares"), [("ASSUMED: usual", (1 / 2.0, 1 / 0.3)), ("manual", (1 / 1.4, 1 / 0.7))])
 def test_an_assumed_bandwidth_has_the_wider_range(source: str, shares: tuple[float, float]) -> None:
     profile = replace(PROFILE, sources={"timing.torque_bandwidth": source})
-    lags = ranges_of(profile, planned(SIMULATED).axes[0].delay, Basis.STATED, compliant=False).torque_lag
+    (axis,) = planned(SIMULATED).axes
+    stated = replace(axis.bench, basis=Basis.STATED)
+    lags = ranges_of(profile, axis.delay, stated, compliant=False).torque_lag
     assert lags == pytest.approx(tuple(share * profile.torque_lag for share in shares))
 
 

@@ -209,13 +209,14 @@ def test_every_parameter_of_an_element_has_its_unit() -> None:
 def test_the_bench_of_a_real_bus_is_told_with_what_is_unknown() -> None:
     axis = default_axis(Workspace.LINEAR, bus="b", node=5, profile="maxon_epos4")
     known = plan("wall", Rig({"b": CanSection("socketcan", "can0", 500_000)}, {"handle": axis}), rate=500.0)
-    blind = replace(known.axes[0], rig=replace(axis, inertia=None), plant=None, stability=None)
+    bench = replace(known.axes[0].bench, inertia=None)
+    blind = replace(known.axes[0], rig=replace(axis, inertia=None), bench=bench, plant=None, stability=None)
     unknown = replace(known, axes=(blind,))
     lines = dict(announcement(unknown))
     assert lines["bench"] == "maxon EPOS4 (socketcan can0), node 5, 500 kbit/s, 500 Hz"
     assert lines["limit"].startswith("unknown")
     assert axis_text(blind) in [text for _, text in announcement(unknown, verbose=True)]
-    assert axis_text(blind).endswith("inertia unknown")
+    assert axis_text(blind).endswith("inertia or damping unknown")
     assert not known.simulated
     assert plan("wall").simulated
 

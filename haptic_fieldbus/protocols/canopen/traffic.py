@@ -329,7 +329,8 @@ class CanTraffic:
         compute, period = COMPUTE_NS * 1e-9, round(1e9 / self.rate) * 1e-9
         found = ways(member.profile.timing, bus + compute, self.host, period, on_reception=acts_on_reception(member))
         drive = found.planned - bus - compute
-        return Delay(bus, compute, drive, member.profile.torque_lag, found.shortest, found.longest)
+        lag, late = member.profile.torque_lag, self.host.lateness
+        return Delay(bus, compute, drive, lag, found.shortest, found.longest, late)
 
     def member(self, axis: str) -> BusMember:
         """Return the axis of that name, which must be on this bus."""

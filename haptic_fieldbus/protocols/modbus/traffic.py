@@ -262,6 +262,7 @@ class ModbusTraffic:
             lag,
             found.shortest - early,
             found.longest + late,
+            self.host.lateness,
             acts_first=self.way is Transaction.READ_WRITE,
         )
 

@@ -12,6 +12,7 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import (
     COUNTS,
     COUNTS_PER_SECOND,
+    MECHANICAL,
     LinearMechanism,
     RigAxis,
     RotaryMechanism,
@@ -99,6 +100,8 @@ BUILT_KEYS = ("inertia", "viscous_damping", "coulomb_friction", "encoder_counts_
 def as_built(axis: RigAxis) -> RigAxis:
     """Return the axis with the values that its simulated bench really has (`[axis.NAME.simulation]`)."""
     given = {key: getattr(axis.simulation, key) for key in BUILT_KEYS}
+    # What nobody states may have been measured.
+    given |= {key: getattr(axis.identified, key) for key in MECHANICAL if getattr(axis, key) is given[key] is None}
     return replace(axis, **{key: value for key, value in given.items() if value is not None})
 
 

@@ -1,0 +1,192 @@
+"""The bench on which a plan rests: the values that `identify` has measured, else those that the rig states.
+
+Theory. `identify` tells each value with an interval of 95 %, 2.4 standard deviations to each side, which are themselves
+known to about a fifth. The limit is the worst over a region that holds all values together with at least 99.7 %. Five
+values stand in it: inertia, damping, friction, delay with lag, and lag. By the inequality of Bonferroni a box holds all
+of them, whatever their correlations, if each end of it is passed with a probability of at most 0.003/10. In Student's
+distribution with the 12.5 degrees of freedom of a spread that is known to a fifth, these are 4.55 standard deviations;
+twice the interval of 95 % is 4.8. So no correlation has to be known.
+
+Delay and lag are taken together, as they were measured: their sum decides, and one of them is long where the other is
+short. What the plan expected at the measurement is kept beside them (`planned_delay`). The difference is the share of
+drive and computer. At another rate or on another bus it is added to what the plan then expects, if it is not negative.
+A control tick that the profile does not call locked may have another place in the period after each start, so up to one
+more control period is open; and the host may be late.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+from haptic_fieldbus.drive.objects import Identity, digest_of
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import MECHANICAL, Identified, LinearMechanism, RigAxis
+from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.margins import Basis
+from haptic_fieldbus.margins.plant import COULOMB_SHARES, DAMPING_SHARES, EXACT, INERTIA_SHARES, Range
+from haptic_fieldbus.numerals import rounded, with_interval
+from haptic_fieldbus.protocols.traffic import Delay
+
+WIDER = 2.0
+"""Half width of the region of 99.7 %, in half widths of the intervals of 95 %."""
+SAME_PLAN = 1e-6
+"""Largest difference of two planned delays that are the same [s]: a rig keeps six digits."""
+STATED_SHARES = {"inertia": INERTIA_SHARES, "viscous_damping": DAMPING_SHARES, "coulomb_friction": COULOMB_SHARES}
+SCALES = ("encoder_counts_per_revolution", "rated_torque", "torque_constant", "rated_current", "peak_current")
+"""Keys of an axis on whose values every measured value rests; beside them the mechanism."""
+TOLD = {"inertia": ("inertia", "kg·m²"), "viscous_damping": ("damping", "N·m·s/rad"),
+        "coulomb_friction": ("friction", "N·m"), "delay_and_lag": ("delay", "s")}  # fmt: skip
+"""Measured values that people are shown, with their words and units."""
+
+
+@dataclass(frozen=True)
+class KnownBench:
+    """Values of one axis at the motor shaft, with the shares of each that are open; None: unknown."""
+
+    inertia: float | None
+    viscous_damping: float | None
+    coulomb_friction: float | None
+    shares: tuple[Range, Range, Range]
+    """Shares of inertia, damping and friction."""
+    basis: Basis
+    measured: Identified | None = None
+    """Measured values that count; None when none do."""
+    fault: str = ""
+    """Why measured values of the rig do not count; all values are then unknown. Empty if they count."""
+
+    @property
+    def unknown(self) -> str:
+        """Reason why no limit is known; empty if all values are known."""
+        missing = [key for key in MECHANICAL if getattr(self, key) is None]
+        if not missing:
+            return ""
+        why = self.fault or f"the rig leaves out {' and '.join(missing)}"
+        return f"no limit is known, because {why}"
+
+
+def known_bench(axis: RigAxis, profile: DriveProfile) -> KnownBench:
+    """Return the bench of an axis; a measured value takes the place of a stated one."""
+    measured = axis.identified
+    if measured == Identified():
+        values = (axis.inertia, axis.viscous_damping, axis.coulomb_friction)
+        return KnownBench(*values, (INERTIA_SHARES, DAMPING_SHARES, COULOMB_SHARES), Basis.STATED)
+    fault = _fault(axis, profile)
+    if fault:
+        return KnownBench(None, None, None, (EXACT, EXACT, EXACT), Basis.STATED, fault=fault)
+    inertia, damping, coulomb = (_known(axis, key) for key in MECHANICAL)
+    basis = Basis.STATED if measured.viscous_damping is None else Basis.IDENTIFIED
+    return KnownBench(inertia[0], damping[0], coulomb[0], (inertia[1], damping[1], coulomb[1]), basis, measured)
+
+
+def _known(axis: RigAxis, key: str) -> tuple[float | None, Range]:
+    """Return a value and the shares of it that are open; the value may be measured, stated or unknown."""
+    value = getattr(axis.identified, key)
+    if value is None:
+        return getattr(axis, key), STATED_SHARES[key]
+    low, high = widened(value, getattr(axis.identified, f"{key}_interval"))
+    return value, (low / value, high / value) if value else EXACT
+
+
+def widened(value: float, interval: Range) -> Range:
+    """Return the side of the region of 99.7 % that belongs to an interval of 95 % of a value that is not negative."""
+    half = WIDER * max(value - interval[0], interval[1] - value)
+    return max(0.0, value - half), value + half
+
+
+def _fault(axis: RigAxis, profile: DriveProfile) -> str:
+    """Return why the measured values of an axis do not count; empty if they do."""
+    measured = axis.identified
+    if measured.profile is not None and measured.profile != profile.name:
+        return f"the values of [identified] were measured with the profile {measured.profile}"
+    if measured.digest is not None and measured.digest != digest_with(axis, measured):
+        return "the axis or its [identified] was changed after the measurement"
+    for key in (*MECHANICAL, "delay_and_lag", "torque_lag"):
+        value, interval = getattr(measured, key), getattr(measured, f"{key}_interval")
+        if value is not None and not (interval is not None and 0.0 <= interval[0] <= value <= interval[1] < math.inf):
+            return f"{key} of [identified] has no interval around it"
+    if measured.inertia is not None and measured.inertia_interval is not None:
+        low, _ = widened(measured.inertia, measured.inertia_interval)
+        return "" if low > 0.0 else "the inertia was measured too roughly for a limit"
+    return ""
+
+
+def digest_with(axis: RigAxis, measured: Identified) -> str:
+    """Return the digest of measured values and of the values of the axis on which they rest."""
+    mechanism = axis.mechanism
+    ratio = mechanism.metres_per_revolution if isinstance(mechanism, LinearMechanism) else mechanism.gear_ratio
+    own = [getattr(measured, each.name) for each in fields(measured) if each.name != "digest"]
+    scales = [mechanism.kind, ratio, *(getattr(axis, key) for key in SCALES)]
+    return digest_of(_text(each) for each in (*own, *scales))
+
+
+def _text(value: object) -> str:
+    """Return a value as it is read from a file: 1 and 1.0 are the same."""
+    if isinstance(value, list | tuple):
+        return " ".join(_text(each) for each in value)
+    return repr(float(value)) if isinstance(value, int | float) else str(value)
+
+
+def check_measured_drive(name: str, bench: KnownBench, drive: Identity) -> None:
+    """Raise PlanError when the values of an axis were measured with another drive than the connected one."""
+    measured = bench.measured
+    if measured is not None and measured.serial is not None and drive.serial not in (None, measured.serial):
+        raise PlanError(
+            f"axis {name}: [axis.{name}.identified] of the rig was measured with the drive of serial number "
+            f"{measured.serial:#010x}, this drive has {drive.serial:#010x}. Run haptic-fieldbus identify anew, or "
+            "remove the table"
+        )
+
+
+# Delay and lag.
+
+
+@dataclass(frozen=True)
+class MeasuredTimes:
+    """Delay and lag of an axis, from a measurement and the plan [s]."""
+
+    total: float
+    """Delay with lag."""
+    lag: float
+    totals: Range
+    lags: Range
+
+    @property
+    def delay(self) -> float:
+        """Delay without lag."""
+        return max(self.total - self.lag, 0.0)
+
+
+def measured_times(bench: KnownBench, profile: DriveProfile, delay: Delay, lags: Range) -> MeasuredTimes | None:
+    """Return the times of an axis whose plan has this delay, or None; `lags` are those of the profile [s]."""
+    measured = bench.measured
+    if measured is None or measured.delay_and_lag is None or measured.delay_and_lag_interval is None:
+        return None
+    if measured.planned_delay is None:  # then nobody knows how much of it is the bus, or the rate
+        return None
+    planned = delay.transport + delay.torque_loop
+    low, high = widened(measured.delay_and_lag, measured.delay_and_lag_interval)
+    further = planned - measured.planned_delay
+    value = measured.delay_and_lag
+    if abs(further) > SAME_PLAN:
+        value, low, high = value + further, low + further, max(high + further, planned)
+        value = max(value, planned)
+    tick = 0.0 if profile.timing.control_tick == "sync" else profile.timing.control_period
+    totals = max(low - tick, 0.0), high + tick + delay.lateness
+    lag = profile.torque_lag
+    if measured.torque_lag is not None and measured.torque_lag_interval is not None:
+        lag, lags = measured.torque_lag, widened(measured.torque_lag, measured.torque_lag_interval)
+    return MeasuredTimes(value, min(lag, value), totals, (min(lags[0], totals[1]), min(lags[1], totals[1])))
+
+
+def measured_texts(bench: KnownBench) -> Iterator[str]:
+    """Yield the measured values of a bench with their intervals of 95 %, and when they were measured."""
+    measured = bench.measured
+    if measured is None:
+        return
+    parts = []
+    for key, (word, unit) in TOLD.items():
+        value, interval = getattr(measured, key), getattr(measured, f"{key}_interval")
+        if value is not None and interval is not None:
+            parts.append(f"{word} {with_interval(value, interval[0], interval[1], unit)}")
+    rate = "" if measured.rate is None else f" at {rounded(measured.rate)} Hz"
+    yield f"{', '.join(parts)}; {measured.date or 'date unknown'}{rate}"
