@@ -95,6 +95,7 @@ TESTS: dict[int, dict[str, str]] = {
         "at most 50 mJ and 2 mW": ALONE,
     },
     62: {},
+    68: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 
