@@ -87,7 +87,9 @@ def told(share: float = 0.01, **values: Any) -> Identified:
         "inertia": 4e-5, "viscous_damping": 1e-4, "coulomb_friction": 2e-3, "delay_and_lag": 5.6e-4,
         "torque_lag": 1.6e-4, **values,
     }  # fmt: skip
-    ends: dict[str, Any] = {f"{key}_interval": ((1.0 - share) * each, (1.0 + share) * each) for key, each in known.items()}
+    ends: dict[str, Any] = {
+        f"{key}_interval": ((1.0 - share) * each, (1.0 + share) * each) for key, each in known.items()
+    }
     return Identified(**known, **ends, profile=PROFILE.name)
 
 
@@ -240,7 +242,9 @@ def test_at_another_rate_the_share_of_drive_and_computer_is_kept_and_never_negat
 @pytest.mark.parametrize("left_out", ["planned_delay", "delay_and_lag", "delay_and_lag_interval"])
 def test_without_a_planned_delay_the_ranges_of_the_profile_count(left_out: str) -> None:
     measured = expecting(told())
-    gone: dict[str, Any] = {left_out: None} if left_out != "delay_and_lag_interval" else {"delay_and_lag": None, left_out: None}
+    gone: dict[str, Any] = (
+        {left_out: None} if left_out != "delay_and_lag_interval" else {"delay_and_lag": None, left_out: None}
+    )
     assert times_of(replace(measured, **gone)) is None
 
 
