@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from haptic_fieldbus import HapticFieldbusError, Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import BLUE, FELT, GREEN, GREY, ORANGE, SKY, VERMILION, dress, figure, look_of, svg
+from haptic_fieldbus.report import drawing
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, FEW_SCENES, Tools, library_scenes
 from haptic_fieldbus.study.measure.timing import (
     SCENE,
@@ -23,18 +23,7 @@ from haptic_fieldbus.study.measure.timing import (
     in_turn,
     parts,
 )
-from haptic_fieldbus.study.page.html import (
-    Card,
-    Cell,
-    Context,
-    Entry,
-    Section,
-    folded,
-    number_text,
-    paragraph,
-    picture,
-    table,
-)
+from haptic_fieldbus.study.page import html
 
 # What each scene leaves out: a line a scene on the first screen, and all of them with their reasons further down.
 
@@ -46,7 +35,7 @@ of the repeats. The image is the data read and written in a period, for all axes
 def lines(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return a table with a line for each scene; `costs` are those of a whole period, by scene."""
     rows = [[scene, ", ".join(names(plan)) or "nothing", _micros(costs[scene])] for scene, plan in plans.items()]
-    return table(("scene", "omitted", "µs per period"), rows, text_columns=2)
+    return html.table(("scene", "omitted", "µs per period"), rows, text_columns=2)
 
 
 def names(plan: Plan) -> list[str]:
@@ -62,13 +51,13 @@ def reasons(plans: Mapping[str, Plan]) -> str:
         for scene, plan in plans.items()
     ]  # fmt: skip
     headings = ("scene", "leaves out, and why", "imports, of the optional modules", "octets of the image")
-    told = table(headings, rows, text_columns=3)
-    return folded("Why, scene by scene", told)
+    told = html.table(headings, rows, text_columns=3)
+    return html.folded("Why, scene by scene", told)
 
 
 def scenes_part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return the part of a section on all scenes."""
-    return f"<h3>Omitted parts of each scene</h3>{paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}"
+    return f"<h3>Omitted parts of each scene</h3>{html.paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}"
 
 
 def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
@@ -95,7 +84,12 @@ def _micros(cost: Cost) -> str:
 QUICK, FULL = 20_000, 1_000_000
 """Periods that are timed one by one."""
 # By the text before the colon in the name of a part.
-COLOURS = {"whole period": BLUE, "estimator": ORANGE, "integrator, two states": GREEN, "integrator, four states": GREEN}
+COLOURS = {
+    "whole period": drawing.BLUE,
+    "estimator": drawing.ORANGE,
+    "integrator, two states": drawing.GREEN,
+    "integrator, four states": drawing.GREEN,
+}
 
 CAPTION = """Nanoseconds per call: the bar is the median of 25 repeats in which all parts take turns; the line at
 its end covers the middle half of the repeats."""
@@ -108,7 +102,7 @@ with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing in sequ
 the computer, limits the rate."""
 
 
-def cost_section(context: Context) -> Section:
+def cost_section(context: html.Context) -> html.Section:
     """Time all parts and the periods, and return their section."""
     plans = {scene: context.tools.plan(scene) for scene in (FEW_SCENES if context.quick else library_scenes())}
     found: list[OptionalPart] = []
@@ -121,7 +115,7 @@ def cost_section(context: Context) -> Section:
     context.costs.extend(each.cost for each in found if each.cost is not None)
     context.progress("deadlines", 0.9)
     late = deadlines(context.tools, QUICK if context.quick else FULL)
-    document = svg(draw(found))
+    document = drawing.svg(draw(found))
     costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
     single = [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
@@ -129,21 +123,21 @@ def cost_section(context: Context) -> Section:
     body = [
         scenes_part(plans, costs),
         "<h3>Time of each part</h3>",
-        paragraph(EXPLAINED),
-        picture("cost", document, CAPTION),
-        table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), single),
+        html.paragraph(EXPLAINED),
+        html.picture("cost", document, CAPTION),
+        html.table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), single),
         "<h3>Periods missed</h3>",
-        paragraph(LATE),
+        html.paragraph(LATE),
         _late_table(late),
     ]
-    return Section(
+    return html.Section(
         "cost",
         "Omitted parts of each scene, and cost of each part",
         "".join(body),
         (scenes_finding(few, costs), _finding(found, late)),
         {"cost": document},
         asdict(late),
-        Card("What does a scene omit?", lines(few, costs) + MORE.format(len(plans))),
+        html.Card("What does a scene omit?", lines(few, costs) + MORE.format(len(plans))),
     )
 
 
@@ -158,13 +152,13 @@ def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:
 
 def draw(parts: Sequence[OptionalPart]) -> Figure:
     """Return a figure with a bar for each part, on a logarithmic scale."""
-    drawn = figure(1.2 + 0.24 * len(parts))
+    drawn = drawing.figure(1.2 + 0.24 * len(parts))
     panel = drawn.subplots()
     for row, part in enumerate(parts):
         # At least 1 ns: a part that is a difference of two times can come out negative, and the scale is logarithmic.
         ends = [max(ns, 1.0) for ns in (part.ns_quartiles[0], part.ns_quartiles[2])]
         panel.plot(ends, [row, row], color="#222222", linewidth=1.2, solid_capstyle="butt")
-        colour = COLOURS.get(part.part.partition(":")[0], SKY)
+        colour = COLOURS.get(part.part.partition(":")[0], drawing.SKY)
         panel.barh(row, max(part.ns_per_step, 1.0), color=colour, height=0.68)
         panel.text(max(part.ns_per_step, ends[1]) * 1.06, row, f"{part.ns_per_step:.0f}", va="center",
                    size=8.5, color="#444444")  # fmt: skip
@@ -173,30 +167,32 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
     panel.set_xscale("log")
     panel.set_xlim(20.0, 2.2 * max(part.ns_per_step for part in parts))
     panel.margins(y=0.01)
-    dress(panel, "", "time per step [ns]", "")
+    drawing.dress(panel, "", "time per step [ns]", "")
     panel.grid(visible=False, axis="y")
-    panel.tick_params(axis="y", color=GREY)
+    panel.tick_params(axis="y", color=drawing.GREY)
     return drawn
 
 
 def _late_table(late: RateDeadlines) -> str:
     """Return the times of a period in words, and a table of missed periods at each rate."""
-    shown = [number_text(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
+    shown = [
+        html.number_text(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)
+    ]
     times = (
         f"{late.periods} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs (99.9 %), "
         f"{shown[2]} µs (largest); bus {shown[3]} µs."
     )
-    rows: list[list[Entry]] = [
+    rows: list[list[html.Entry]] = [
         [f"{exactly(each.rate)} Hz", _share(each.missed_computing), _share(each.missed)] for each in late.rates
     ]
-    return paragraph(times) + table(("rate", "missed by computing alone", "missed with the bus"), rows)
+    return html.paragraph(times) + html.table(("rate", "missed by computing alone", "missed with the bus"), rows)
 
 
-def _share(value: float) -> Cell:
+def _share(value: float) -> html.Cell:
     """Return a share of missed periods; good only when none was missed."""
     if value in (0.0, 1.0):
-        return Cell("every period", "bad") if value else Cell("0", "good")
-    return Cell(percent(value), "bad")
+        return html.Cell("every period", "bad") if value else html.Cell("0", "good")
+    return html.Cell(percent(value), "bad")
 
 
 # Section on one scene over both protocols: felt error against the cost of a period.
@@ -286,7 +282,7 @@ def _felt(tools: Tools, **chosen: object) -> tuple[float | None, str]:
     return found, "" if found is not None else "the hand did not reach the wall"
 
 
-BUSES_COLOURS = dict(zip(BUSES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
+BUSES_COLOURS = dict(zip(BUSES, (drawing.BLUE, drawing.GREEN, drawing.ORANGE, drawing.VERMILION), strict=True))
 CEILING = 1.0
 """Error at which a run that was refused is drawn, as a share of the force."""
 
@@ -303,21 +299,21 @@ over the computing time for one second. <b>×</b> marks a refused run. A hand do
 dashed line."""
 
 
-def buses_section(context: Context) -> Section:
+def buses_section(context: html.Context) -> html.Section:
     """Run the scene on all buses and return their section."""
     found: list[BusPoint] = []
     for name in context.with_progress(BUSES, lambda bus: bus):
         found += bus_points(context.tools, name, quick=context.quick)
-    document = svg(draw_buses(found))
+    document = drawing.svg(draw_buses(found))
     refused = sum(point.felt_error is None for point in found)
     caption = f"{len(found)} runs, {refused} of them refused. Lines join the rates of one estimator on one bus."
     body = [
-        paragraph(BUSES_EXPLAINED),
-        picture("buses", document, caption),
+        html.paragraph(BUSES_EXPLAINED),
+        html.picture("buses", document, caption),
         buses_table(best_of_each(found)),
-        folded("Every run", buses_table(found)),
+        html.folded("Every run", buses_table(found)),
     ]
-    return Section(
+    return html.Section(
         "buses",
         "One scene over both protocols",
         "".join(body),
@@ -337,20 +333,25 @@ def best_of_each(points: Sequence[BusPoint]) -> list[BusPoint]:
 
 def draw_buses(points: Sequence[BusPoint]) -> Figure:
     """Return a figure of the felt error over the cost of a period, and over computing time."""
-    drawn = figure(4.6)
+    drawn = drawing.figure(4.6)
     left, right = drawn.subplots(1, 2, sharey=True)
     _curves(left, points, [1e3 * point.period_cost for point in points])
     _curves(right, points, [1e6 * point.computing_share for point in points])
     for panel in (left, right):
-        panel.axhline(100.0 * FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)), zorder=1)
+        panel.axhline(100.0 * drawing.FELT, color=drawing.GREY, linewidth=1.0, linestyle=(0, (5, 4)), zorder=1)
         panel.set_ylim(top=130.0 * CEILING)
         panel.set_yticks(TICKS, map(exactly, TICKS))
         panel.minorticks_off()
-    dress(left, "error over the cost of a period", "time on the bus and computing in a period [ms]", "felt error [%]")
-    dress(right, "error over computing", "computing time for one second of simulated time [µs]", "")
+    drawing.dress(
+        left, "error over the cost of a period", "time on the bus and computing in a period [ms]", "felt error [%]"
+    )
+    drawing.dress(right, "error over computing", "computing time for one second of simulated time [µs]", "")
     seen = dict.fromkeys(point.estimator for point in points)
     handles = [Line2D([], [], color=colour, linewidth=3.0, label=name) for name, colour in BUSES_COLOURS.items()]
-    handles += [Line2D([], [], color=GREY, linestyle="none", marker=look_of(name).marker, label=name) for name in seen]
+    handles += [
+        Line2D([], [], color=drawing.GREY, linestyle="none", marker=drawing.look_of(name).marker, label=name)
+        for name in seen
+    ]
     drawn.legend(handles=handles, loc="outside lower center", ncols=len(BUSES_COLOURS), frameon=False, fontsize=9)
     return drawn
 
@@ -366,23 +367,25 @@ def _curves(panel: Axes, points: Sequence[BusPoint], places: Sequence[float]) ->
         good = [(place, 100.0 * point.felt_error) for place, point in runs if point.felt_error is not None]
         refused = [place for place, point in runs if point.felt_error is None]
         look: dict[str, Any] = {"color": BUSES_COLOURS[bus], "linewidth": 1.0}
-        panel.plot([x for x, _ in good], [y for _, y in good], marker=look_of(estimator).marker, markersize=5.5, **look)
+        panel.plot(
+            [x for x, _ in good], [y for _, y in good], marker=drawing.look_of(estimator).marker, markersize=5.5, **look
+        )
         panel.plot(refused, [100.0 * CEILING] * len(refused), linestyle="none", marker="x", **look)
 
 
 def buses_table(points: Sequence[BusPoint]) -> str:
     """Return a table of runs: exchange, rate, times and error, or the reason why there is none."""
 
-    def row(point: BusPoint) -> list[Entry]:
-        error: Entry = Cell(point.reason, "bad")
+    def row(point: BusPoint) -> list[html.Entry]:
+        error: html.Entry = html.Cell(point.reason, "bad")
         if point.felt_error is not None:
-            error = Cell(percent(point.felt_error), "good" if point.felt_error < FELT else "bad")
+            error = html.Cell(percent(point.felt_error), "good" if point.felt_error < drawing.FELT else "bad")
         times = (1e3 * point.bus_s, 1e6 * point.computing_s, 1e6 * point.computing_share)
         return [point.bus, point.estimator, point.exchange, f"{rounded(point.rate_hz)} Hz", *times, error]
 
     headings = ("bus", "estimator", "exchange", "rate", "bus, a period [ms]", "computing, a period [µs]",
                 "computing, a second [µs]", "felt error")  # fmt: skip
-    return table(headings, map(row, points), text_columns=3)
+    return html.table(headings, map(row, points), text_columns=3)
 
 
 def _buses_finding(best: Sequence[BusPoint]) -> Iterator[str]:

@@ -17,27 +17,11 @@ from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.planning.compile import grouped
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    FELT,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    dress,
-    figure,
-    legend,
-    line,
-    name_lines,
-    svg,
-)
+from haptic_fieldbus.report import drawing
 from haptic_fieldbus.study.measure import loops
 from haptic_fieldbus.study.measure.bench import FEW_SCENES, Bench, Tools, bench_of, library_scenes
 from haptic_fieldbus.study.measure.loops import HANDLES, LoopGrowth, flicked_free
-from haptic_fieldbus.study.page.html import Cell, Context, Entry, Section, number_text, paragraph, picture, table
+from haptic_fieldbus.study.page import html
 
 # Force error of the shipped scenes on the simulated bench, split by source.
 
@@ -85,14 +69,14 @@ LED, LED_HAND = "wall", "shake"
 """Scene whose error stands at the top of the page, and the hand that moves the handle."""
 # Colour and hatching of each source, in the order in which they are made real.
 COLOURS = {
-    "sampling and delay": (BLUE, ""),
-    "encoder": (ORANGE, "//"),
-    "tachometer": (ORANGE, "//"),
-    "estimator": (GREEN, "\\\\"),
-    "integrator": (PURPLE, "xx"),
-    "limits": (GREY, "oo"),
-    "torque step": (SKY, ".."),
-    "torque loop": (VERMILION, "--"),
+    "sampling and delay": (drawing.BLUE, ""),
+    "encoder": (drawing.ORANGE, "//"),
+    "tachometer": (drawing.ORANGE, "//"),
+    "estimator": (drawing.GREEN, "\\\\"),
+    "integrator": (drawing.PURPLE, "xx"),
+    "limits": (drawing.GREY, "oo"),
+    "torque step": (drawing.SKY, ".."),
+    "torque loop": (drawing.VERMILION, "--"),
 }
 
 EXPLAINED = """Scenes of the library (quick report: one of each kind) run on the simulated bench (drive, bus, motor,
@@ -102,17 +86,21 @@ and delay, encoder, velocity estimator, integrator, limits, torque step of the d
 error sum to one; a negative share reduces the error of the others."""
 
 
-def sources_section(context: Context) -> Section:
+def sources_section(context: html.Context) -> html.Section:
     """Run all scenes of the library, or a few for a quick report, and return their section."""
     names = FEW_SCENES if context.quick else library_scenes()
     scenes = context.with_progress(names, lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, SECONDS) for scene in scenes]
     led = scene_error(context.tools, LED, SECONDS, LED_HAND)
     known = [each for each in found if each.rms is not None]
-    document = svg(draw(known))
+    document = drawing.svg(draw(known))
     caption = "Shares of the mean square error by source. A negative share reduces the error of other sources."
-    body = [paragraph(EXPLAINED), picture("sources", document, caption) if known else "", sources_table(found)]
-    return Section(
+    body = [
+        html.paragraph(EXPLAINED),
+        html.picture("sources", document, caption) if known else "",
+        sources_table(found),
+    ]
+    return html.Section(
         "sources",
         "Where the error comes from",
         "".join(body),
@@ -124,19 +112,19 @@ def sources_section(context: Context) -> Section:
 
 def draw(misfits: Sequence[ForceError]) -> Figure:
     """Return a figure with a bar for each scene, stacked from the shares of its sources."""
-    drawn = figure(1.6 + max(0.28 * len(misfits), min(0.5 * len(misfits), 2.0)))
+    drawn = drawing.figure(1.6 + max(0.28 * len(misfits), min(0.5 * len(misfits), 2.0)))
     panel = drawn.subplots()
     for row, misfit in enumerate(misfits):
         # Positive shares are stacked to the right of 0, negative ones to the left.
         ends = {True: 0.0, False: 0.0}
         for source, share in misfit.by_source.items():
-            colour, hatch = COLOURS.get(source, (GREY, ""))
+            colour, hatch = COLOURS.get(source, (drawing.GREY, ""))
             panel.barh(row, share, left=ends[share >= 0.0], color=colour, hatch=hatch, edgecolor="white", height=0.62)
             ends[share >= 0.0] += share
     panel.set_yticks(range(len(misfits)), [misfit.scene for misfit in misfits])
     panel.set_ylim(len(misfits) - 0.4, -0.6)
     panel.axvline(0.0, color="#222222", linewidth=0.8)
-    dress(panel, "error split by source", "share of the mean square error [1]", "")
+    drawing.dress(panel, "error split by source", "share of the mean square error [1]", "")
     for source in _seen(misfits):  # bars of no length, for a legend with each source once
         colour, hatch = COLOURS[source]
         panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
@@ -153,16 +141,16 @@ def sources_table(misfits: Sequence[ForceError]) -> str:
     """Return a table of errors and shares, or of the reason why a scene was not measured."""
     sources = _seen(misfits)
 
-    def row(misfit: ForceError) -> list[Entry]:
+    def row(misfit: ForceError) -> list[html.Entry]:
         if misfit.rms is None:
-            return [misfit.scene, Cell(misfit.reason, "text"), *[""] * (3 + len(sources))]
+            return [misfit.scene, html.Cell(misfit.reason, "text"), *[""] * (3 + len(sources))]
         shares = [100.0 * misfit.by_source[s] if s in misfit.by_source else None for s in sources]
         contact = None if misfit.contact is None else 100.0 * misfit.contact
         energy = None if misfit.energy is None else 1e3 * misfit.energy
         return [
             misfit.scene,
-            f"{number_text(misfit.rms)} {misfit.unit}",
-            f"{number_text(misfit.max)} {misfit.unit}",
+            f"{html.number_text(misfit.rms)} {misfit.unit}",
+            f"{html.number_text(misfit.max)} {misfit.unit}",
             contact,
             energy,
             *shares,
@@ -170,7 +158,7 @@ def sources_table(misfits: Sequence[ForceError]) -> str:
 
     headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",
                 *(f"{source} [%]" for source in sources))  # fmt: skip
-    return table(headings, map(row, misfits))
+    return html.table(headings, map(row, misfits))
 
 
 def _finding(led: ForceError) -> str:
@@ -203,13 +191,13 @@ of device, hold, delay and virtual mass. The figure shows the growth rate of the
 of a virtual 0.5 kg mass at 1 kHz on the shipped bench. Above zero the motion grows."""
 
 
-def integrator_section(context: Context) -> Section:
+def integrator_section(context: html.Context) -> html.Section:
     """Measure the growth rates of all methods and return their section."""
     points = QUICK if context.quick else FULL
     methods = context.with_progress(METHODS, lambda method: f"loop with {method}")
     found = [loops.loop_growth(context.bench, method, points) for method in methods]
     stiffness = SHARE * _limit(found, "exact-foh")
-    rates, swing = svg(draw_integrator(found)), svg(draw_flicked(context.bench, stiffness))
+    rates, swing = drawing.svg(draw_integrator(found)), drawing.svg(draw_flicked(context.bench, stiffness))
     caption = (
         "Growth rate over virtual stiffness. With a clamped handle only the method matters: forward Euler grows at "
         "every stiffness. In the loop the <i>lateness</i> of the force matters. The axis is linear between ±0.1 s⁻¹."
@@ -219,14 +207,14 @@ def integrator_section(context: Context) -> Section:
         "spring, same mass, different integrators. Curves that leave the frame continue to grow."
     )
     body = [
-        paragraph(QUESTION),
-        picture("integrator", rates, caption),
+        html.paragraph(QUESTION),
+        html.picture("integrator", rates, caption),
         limits_table(found),
         "<h3>The answer</h3>",
-        paragraph(answer(found)),
-        picture("integrator-flick", swing, swinging),
+        html.paragraph(answer(found)),
+        html.picture("integrator-flick", swing, swinging),
     ]
-    return Section(
+    return html.Section(
         "integrator",
         "Does the integrator's own stability matter in the loop?",
         "".join(body),
@@ -238,13 +226,13 @@ def integrator_section(context: Context) -> Section:
 
 def draw_integrator(growths: Sequence[LoopGrowth]) -> Figure:
     """Return a figure of growth rates over stiffness, a panel for each handle."""
-    drawn = figure(4.6)
+    drawn = drawing.figure(4.6)
     for panel, name in zip(drawn.subplots(1, 3, sharey=True), HANDLES, strict=True):
         for growth in growths:
-            panel.plot(growth.stiffness, growth.rate[name], **line(growth.method, marked=False))
+            panel.plot(growth.stiffness, growth.rate[name], **drawing.line(growth.method, marked=False))
         _axis(panel)
-        dress(panel, TITLES[name], "virtual stiffness [N/m]", "growth rate [1/s]" if name == HANDLES[0] else "")
-    legend(drawn, {growth.method: growth.method for growth in growths}, marked=False, ncols=5)
+        drawing.dress(panel, TITLES[name], "virtual stiffness [N/m]", "growth rate [1/s]" if name == HANDLES[0] else "")
+    drawing.legend(drawn, {growth.method: growth.method for growth in growths}, marked=False, ncols=5)
     return drawn
 
 
@@ -254,32 +242,32 @@ def _axis(panel: Axes) -> None:
     panel.set_xscale("log")
     panel.set_yscale("symlog", linthresh=0.1, linscale=0.5)
     panel.set_ylim(-1e3, 1e3)
-    panel.axhline(0.0, color=INK, linewidth=1.0)
+    panel.axhline(0.0, color=drawing.INK, linewidth=1.0)
     panel.axhspan(0.0, 1e3, color="#fbeee6", zorder=0)
-    panel.text(0.03, 0.96, "grows", transform=panel.transAxes, color=GREY, va="top", size=9)
-    panel.text(0.03, 0.04, "fades", transform=panel.transAxes, color=GREY, va="bottom", size=9)
+    panel.text(0.03, 0.96, "grows", transform=panel.transAxes, color=drawing.GREY, va="top", size=9)
+    panel.text(0.03, 0.04, "fades", transform=panel.transAxes, color=drawing.GREY, va="bottom", size=9)
 
 
 def draw_flicked(bench: Bench, stiffness: float) -> Figure:
     """Return a figure of the force on the free handle over time, at a stiffness that only some methods keep stable."""
-    drawn = figure(3.4)
+    drawn = drawing.figure(3.4)
     panel = drawn.subplots()
     largest = 0.0
     for method in FLICKED:
         times, force = flicked_free(bench, method, INTEGRATOR_SECONDS, stiffness)
         if method == "exact-foh":
             largest = float(np.abs(force).max())
-        panel.plot(times, force, **line(method, marked=False))
+        panel.plot(times, force, **drawing.line(method, marked=False))
     # Growing curves leave the frame; a frame around them would hide the stable ones.
     panel.set_ylim(-3.0 * largest, 3.0 * largest)
     panel.margins(x=0)
-    dress(
+    drawing.dress(
         panel,
         f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free",
         "time [s]",
         "force on the handle [N]",
     )
-    name_lines(drawn)
+    drawing.name_lines(drawn)
     return drawn
 
 
@@ -291,13 +279,13 @@ def _limit(growths: Sequence[LoopGrowth], method: str, name: str = "free") -> fl
 def limits_table(growths: Sequence[LoopGrowth]) -> str:
     """Return a table of the stiffest stable springs, and of the rates with the stiffness of the scene."""
 
-    def row(growth: LoopGrowth) -> list[Entry]:
+    def row(growth: LoopGrowth) -> list[html.Entry]:
         limits = [growth.limit[name] for name in HANDLES]
         preserved = math.isclose(METHODS[growth.method].oscillator_growth(0.1), 1.0, abs_tol=1e-12)
         return [
             growth.method,
-            Cell("yes", "good") if preserved else "no",
-            *(("any" if math.isinf(k) else number_text(k, 4)) if k else Cell("none", "bad") for k in limits),
+            html.Cell("yes", "good") if preserved else "no",
+            *(("any" if math.isinf(k) else html.number_text(k, 4)) if k else html.Cell("none", "bad") for k in limits),
             *(0.0 if abs(growth.at_scene[name]) < 1e-9 else growth.at_scene[name] for name in HANDLES),  # or rounding
         ]
 
@@ -306,7 +294,7 @@ def limits_table(growths: Sequence[LoopGrowth]) -> str:
         *(f"stiffest stable spring, {name} [N/m]" for name in HANDLES),
         *(f"rate at 200 N/m, {name} [1/s]" for name in HANDLES),
     )  # fmt: skip
-    return table(headings, map(row, growths))
+    return html.table(headings, map(row, growths))
 
 
 def short_answer(growths: Sequence[LoopGrowth]) -> str:
@@ -447,19 +435,19 @@ continuous time. The ideal has the same device and the scene in continuous time.
 the handle can put out more energy than it took in."""
 
 
-def impedance_section(context: Context) -> Section:
+def impedance_section(context: html.Context) -> html.Section:
     """Compute the impedances of a few scenes and return their section."""
     scenes = context.with_progress(SCENES, lambda scene: f"impedance of {scene}")
     found = [of_plan(context.tools.plan(scene)) for scene in scenes]
-    document = svg(draw_impedance(found))
+    document = drawing.svg(draw_impedance(found))
     caption = (
         "Magnitude, relative error and real part of the impedance. Red: frequencies with a negative real part. "
         "Dashed: the 8 % that a hand notices."
     )
-    return Section(
+    return html.Section(
         "impedance",
         "Impedance at the handle",
-        paragraph(IMPEDANCE_EXPLAINED) + picture("impedance", document, caption) + impedance_table(found),
+        html.paragraph(IMPEDANCE_EXPLAINED) + html.picture("impedance", document, caption) + impedance_table(found),
         tuple(_impedance_finding(each) for each in found[:1]),
         {"impedance": document},
         [
@@ -484,29 +472,31 @@ def error(curve: Impedance) -> np.ndarray:
 
 def draw_impedance(impedances: Sequence[Impedance]) -> Figure:
     """Return a figure of magnitude, relative error and real part, a column for each scene."""
-    drawn = figure(7.6)
+    drawn = drawing.figure(7.6)
     panels = drawn.subplots(3, len(impedances), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
     for (top, middle, bottom), curve in zip(panels.T, impedances, strict=True):
         f = curve.frequency
-        top.loglog(f, np.abs(curve.felt), color=BLUE, linewidth=2.4, label="sampled loop")
-        top.loglog(f, np.abs(curve.ideal), color=INK, linewidth=1.1, label="ideal, continuous")
-        top.loglog(f, np.abs(curve.device), color=GREY, linewidth=1.1, linestyle="--", label="device, motor off")
-        middle.loglog(f, error(curve), color=VERMILION, linewidth=1.6)
-        middle.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
-        bottom.semilogx(f, curve.felt.real, color=BLUE, linewidth=1.8)
-        bottom.semilogx(f, curve.ideal.real, color=INK, linewidth=1.0)
-        bottom.fill_between(
-            f, curve.felt.real, 0.0, where=curve.felt.real < 0.0, color=VERMILION, alpha=0.3, linewidth=0
+        top.loglog(f, np.abs(curve.felt), color=drawing.BLUE, linewidth=2.4, label="sampled loop")
+        top.loglog(f, np.abs(curve.ideal), color=drawing.INK, linewidth=1.1, label="ideal, continuous")
+        top.loglog(
+            f, np.abs(curve.device), color=drawing.GREY, linewidth=1.1, linestyle="--", label="device, motor off"
         )
-        bottom.axhline(0.0, color=INK, linewidth=0.7)
+        middle.loglog(f, error(curve), color=drawing.VERMILION, linewidth=1.6)
+        middle.axhline(drawing.FELT, color=drawing.GREY, linewidth=1.0, linestyle=(0, (5, 4)))
+        bottom.semilogx(f, curve.felt.real, color=drawing.BLUE, linewidth=1.8)
+        bottom.semilogx(f, curve.ideal.real, color=drawing.INK, linewidth=1.0)
+        bottom.fill_between(
+            f, curve.felt.real, 0.0, where=curve.felt.real < 0.0, color=drawing.VERMILION, alpha=0.3, linewidth=0
+        )
+        bottom.axhline(0.0, color=drawing.INK, linewidth=0.7)
         # Resonances would stretch the axis: it is scaled by the ideal, whose real part is the damping felt.
         top_of = 1.5 * float(curve.ideal.real.max())
         bottom.set_ylim(-0.6 * top_of, top_of)
         first = curve is impedances[0]
-        dress(top, curve.scene, "", "impedance |Z| [N·s/m]" if first else "")
-        dress(middle, "", "", "error |Z / ideal − 1| [1]" if first else "")
-        dress(bottom, "", "frequency [Hz]", "real part of Z [N·s/m]" if first else "")
-    name_lines(drawn, panels[0, :1])
+        drawing.dress(top, curve.scene, "", "impedance |Z| [N·s/m]" if first else "")
+        drawing.dress(middle, "", "", "error |Z / ideal − 1| [1]" if first else "")
+        drawing.dress(bottom, "", "frequency [Hz]", "real part of Z [N·s/m]" if first else "")
+    drawing.name_lines(drawn, panels[0, :1])
     return drawn
 
 
@@ -514,18 +504,18 @@ def impedance_table(impedances: Sequence[Impedance]) -> str:
     """Return a table of errors, and of the lowest frequencies with a perceptible error or a negative real part."""
     places = (1.0, 10.0, 100.0)
 
-    def row(curve: Impedance) -> list[Entry]:
+    def row(curve: Impedance) -> list[html.Entry]:
         values = [100.0 * float(np.interp(place, curve.frequency, error(curve))) for place in places]
         return [
             curve.scene,
             *values,
-            _first(curve, error(curve) > FELT),
+            _first(curve, error(curve) > drawing.FELT),
             _first(curve, curve.felt.real < 0.0),
         ]
 
     headings = ("scene", *(f"error at {exactly(place)} Hz [%]" for place in places), "first above 8 % at",
                 "Re Z first negative at")  # fmt: skip
-    return table(headings, map(row, impedances))
+    return html.table(headings, map(row, impedances))
 
 
 def _first(curve: Impedance, holds: np.ndarray) -> str:

@@ -14,26 +14,13 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus import Result, Rig, Scene, SceneAxis, Workspace
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    VERMILION,
-    card_panel,
-    dress,
-    figure,
-    name_lines,
-    side_by_side,
-    svg,
-)
+from haptic_fieldbus.report import drawing
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import Case, CaseResult
 from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.measure.bench import Tools
 from haptic_fieldbus.study.measure.region import LARGEST, Ending, Plane, Region, border, plane, region
-from haptic_fieldbus.study.page.html import WIDE_CARD, Card, Cell, Context, Entry, Section, paragraph, picture, table
+from haptic_fieldbus.study.page import html
 
 # All stiff and extreme cases by margin, in one figure: how much of what is permitted each of them needs.
 
@@ -73,20 +60,20 @@ def margin_of(result: CaseResult) -> float:
 
 def draw(cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> Figure:
     """Return a figure with a row for each family and a mark for each case."""
-    drawn = figure(*WIDE_CARD)
+    drawn = drawing.figure(*html.WIDE_CARD)
     panel = drawn.subplots()
     seen = {family_of(cases[name]) for name in found}
     rows = [*(row for row in dict.fromkeys(FAMILIES.values()) if row in seen), *sorted(seen - set(FAMILIES.values()))]
     for name, result in found.items():
-        colour, marker = (BLUE, "o") if result.passed else (VERMILION, "X")
-        colour = GREEN if result.passed and math.isinf(margin_of(result)) else colour
+        colour, marker = (drawing.BLUE, "o") if result.passed else (drawing.VERMILION, "X")
+        colour = drawing.GREEN if result.passed and math.isinf(margin_of(result)) else colour
         margin = margin_of(result)
         place = EXACT if math.isinf(margin) else min(max(margin, 2.0 * WORST), FURTHEST)
         panel.plot(place, rows.index(family_of(cases[name])), marker, color=colour, markersize=5, alpha=0.75,
                    markeredgewidth=0)  # fmt: skip
     for place, row in enumerate(rows):
         exact = sum(family_of(cases[name]) == row and math.isinf(margin_of(found[name])) for name in found)
-        panel.text(2.0 * EXACT, place, f"{exact}" if exact > 1 else "", va="center", size=6.5, color=GREEN)
+        panel.text(2.0 * EXACT, place, f"{exact}" if exact > 1 else "", va="center", size=6.5, color=drawing.GREEN)
     _frame(panel, rows)
     _name_closest(panel, rows, cases, found)
     return drawn
@@ -101,7 +88,7 @@ def _name_closest(panel: Axes, rows: Sequence[str], cases: Mapping[str, Case], f
         margin = f" {rounded(margin_of(found[names[0]]))}" if names and not failed else ""
         panel.annotate(", ".join(failed or names[:1]) + margin, (1.0, place), xycoords=panel.get_yaxis_transform(),
                        xytext=(5, 0), textcoords="offset points", va="center", size=7.2,
-                       color=VERMILION if failed else "#444444")  # fmt: skip
+                       color=drawing.VERMILION if failed else "#444444")  # fmt: skip
 
 
 def closest(found: Mapping[str, CaseResult]) -> list[str]:
@@ -115,15 +102,15 @@ def _frame(panel: Axes, rows: Sequence[str]) -> None:
     panel.set_xscale("log")
     panel.set_xlim(WORST, 10.0 * EXACT)
     panel.axvspan(WORST, 1.0, color="#fbeee6", linewidth=0, zorder=0)
-    panel.axvline(1.0, color=VERMILION, linewidth=1.0, zorder=1)
+    panel.axvline(1.0, color=drawing.VERMILION, linewidth=1.0, zorder=1)
     panel.axvspan(3.0 * FURTHEST, 10.0 * EXACT, color="#eef6f2", linewidth=0, zorder=0)
     panel.set_yticks(range(len(rows)), rows)
     panel.set_ylim(len(rows) - 0.4, -0.6)
-    card_panel(panel, "", "margin: deviation permitted over deviation found [1]", "")
+    drawing.card_panel(panel, "", "margin: deviation permitted over deviation found [1]", "")
     ticks = [10.0**power for power in range(0, 11, 2)]
     panel.set_xticks([*ticks, EXACT], [*(rounded(tick) for tick in ticks), "exact"])
     panel.minorticks_off()
-    panel.text(0.32, -0.35, "fails", ha="center", va="center", size=7, color=GREY)
+    panel.text(0.32, -0.35, "fails", ha="center", va="center", size=7, color=drawing.GREY)
 
 
 # Section on stiff and extreme cases; a case that raises an error counts as failed, and the others go on.
@@ -143,7 +130,7 @@ def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
     return result, perf_counter() - begun
 
 
-def stability_section(context: Context) -> Section:
+def stability_section(context: html.Context) -> html.Section:
     """Run the chosen cases and return their section."""
     chosen = {name: case for name, case in CASES.items() if context.is_chosen(name)}
     found = {}
@@ -151,14 +138,14 @@ def stability_section(context: Context) -> Section:
         found[name] = run_case(case, context.quick)
         context.add("stability_cases", {"name": name, **asdict(found[name][0])})
     results = {name: result for name, (result, _) in found.items()}
-    document = svg(draw(CASES, results))
-    return Section(
+    document = drawing.svg(draw(CASES, results))
+    return html.Section(
         "stability",
         "Stiff and extreme cases",
-        paragraph(EXPLAINED) + _table(found),
+        html.paragraph(EXPLAINED) + _table(found),
         (_finding(results),),
         {"margins": document},
-        card=Card("Is the loop stable in stiff and extreme cases?", picture("margins", document, TOLD)),
+        card=html.Card("Is the loop stable in stiff and extreme cases?", html.picture("margins", document, TOLD)),
     )
 
 
@@ -173,10 +160,10 @@ def _finding(results: Mapping[str, CaseResult]) -> str:
 
 
 def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
-    rows: list[list[str | Cell]] = [
+    rows: list[list[str | html.Cell]] = [
         [
             name,
-            Cell("✓ passed", "good") if result.passed else Cell("✗ failed", "bad"),
+            html.Cell("✓ passed", "good") if result.passed else html.Cell("✗ failed", "bad"),
             result.expected,
             result.measured,
             f"{result.oracle}; within: {result.tolerance}" if result.tolerance else result.oracle,
@@ -185,7 +172,7 @@ def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
         ]
         for name, (result, seconds) in results.items()
     ]
-    return table(
+    return html.table(
         ("case", "verdict", "expected", "measured", "checked by", "share of tolerance", "time [s]"),
         rows,
         text_columns=5,
@@ -213,14 +200,14 @@ energy per swing than friction absorbs, K·T/2 − b &gt; 4·fc/(π·ω·A). For
 
 def part(planes: Sequence[Plane]) -> tuple[str, str]:
     """Return the part as HTML, and the SVG document of its figure."""
-    document = svg(side_by_side(planes, _plane_panel, 4.2, ncols=5))
+    document = drawing.svg(drawing.side_by_side(planes, _plane_panel, 4.2, ncols=5))
     share = min(plane.agreement for plane in planes)
     told = "all handles" if share == 1.0 else f"{percent(share, 3)} of the handles"
     caption = (
         f"{len(planes[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: prediction "
         f"by describing functions for motions of that size; {told} more than 5 % of the plane away from it agree."
     )
-    return paragraph(PLANE_EXPLAINED) + picture("friction-plane", document, caption), document
+    return html.paragraph(PLANE_EXPLAINED) + html.picture("friction-plane", document, caption), document
 
 
 def _plane_panel(panel: Axes, plane: Plane) -> None:
@@ -232,11 +219,11 @@ def _plane_panel(panel: Axes, plane: Plane) -> None:
         panel.fill_between([], [], color=colour, label=label)
     beta = np.linspace(0.0, 0.5, 50)
     panel.plot(beta, border(plane.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
-    panel.axvline(0.5, color=INK, linewidth=1.0, linestyle="--", label="quadrants")
-    panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
+    panel.axvline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--", label="quadrants")
+    panel.axhline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--")
     panel.set_xlim(0.0, LARGEST)
     panel.set_ylim(0.0, LARGEST)
-    dress(
+    drawing.dress(
         panel,
         f"released {exactly(plane.start)} counts away",
         "damping over K·T: β = b/(K·T) [1]",
@@ -258,7 +245,7 @@ condition of Colgate and Schenkel, extended to delay and torque loop (passive). 
 up to a point and then lowers it. Passive is much stricter than stable, because it holds for every hand."""
 
 
-def region_section(context: Context) -> Section:
+def region_section(context: html.Context) -> html.Section:
     """Measure three regions and the friction planes, and return their section.
 
     The regions: the whole region of the bench, its part near the bench's own damping, and the region with one more
@@ -280,14 +267,14 @@ def region_section(context: Context) -> Section:
     sticking, plane_document = part([plane(start, *size) for start in STARTS])
     agreed = min(each.agreement for each in found)
     told = "every loop" if agreed == 1.0 else f"{percent(agreed, 4)} of the loops"
-    document = svg(side_by_side(found, _panel, 4.4, ncols=4))
+    document = drawing.svg(drawing.side_by_side(found, _panel, 4.4, ncols=4))
     caption = (
         f"{points}² loops of {periods} periods in each panel. Measured: blue decays, orange grows. Lines: predicted."
     )
-    return Section(
+    return html.Section(
         "region",
         "Stiffness and damping: the region that is stable",
-        paragraph(REGION_EXPLAINED) + picture("region", document, caption) + _region_table(found) + sticking,
+        html.paragraph(REGION_EXPLAINED) + html.picture("region", document, caption) + _region_table(found) + sticking,
         (
             f"Measured and predicted K–B regions agree on {told}, without a strip of 1 % around the border. Without "
             f"damping the wall is stable up to {rounded(float(found[0].stable_limit[0]))} N/m and passive up to "
@@ -311,19 +298,19 @@ def _panel(panel: Axes, region: Region) -> None:
     panel.plot(
         region.damping, scale * region.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below"
     )
-    panel.plot(region.damping, scale * region.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
+    panel.plot(region.damping, scale * region.passive_limit, color=drawing.GREEN, linewidth=2.0, linestyle="--",
                label="predicted: passive below")  # fmt: skip
     # Empty areas, for the legend: a mesh has no entry of its own there.
     panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
-    panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=VERMILION)
+    panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=drawing.VERMILION)
     panel.set_xlim(0.0, region.damping[-1])
     panel.set_ylim(0.0, scale * region.stiffness[-1])
-    dress(panel, region.title, "virtual damping [N·s/m]", "virtual stiffness [N/mm]")
+    drawing.dress(panel, region.title, "virtual damping [N·s/m]", "virtual stiffness [N/mm]")
     panel.grid(visible=False)
 
 
 def _region_table(regions: Sequence[Region]) -> str:
-    rows: list[list[Entry]] = [
+    rows: list[list[html.Entry]] = [
         [
             region.title,
             *map(
@@ -336,7 +323,7 @@ def _region_table(regions: Sequence[Region]) -> str:
     ]
     headings = ("bench", "stable without damping [N/m]", "stable at best [N/m]", "with damping [N·s/m]",
                 "passive at best [N/m]", "measured as predicted")  # fmt: skip
-    return table(headings, rows)
+    return html.table(headings, rows)
 
 
 # Section on the passivity controller: stability, feel and cost of a wall with and without it.
@@ -461,7 +448,7 @@ PASSIVITY_QUICK, PASSIVITY_FULL = (0.5, 0.95, 1.05, 3.0), (0.25, 0.5, 0.75, 0.95
 DURATION, TAPPED = 2.0, 4.0
 """Length of each run, and of the tap [s of virtual time]."""
 NAMES = {False: "observer alone", True: "controller"}
-PASSIVITY_COLOURS = {False: ORANGE, True: BLUE}
+PASSIVITY_COLOURS = {False: drawing.ORANGE, True: drawing.BLUE}
 
 PASSIVITY_EXPLAINED = """With <code>passivity = "controller"</code> damping absorbs the energy that sampling and delay
 add, as
@@ -471,22 +458,22 @@ without Coulomb friction; below 1 each swing is smaller than the one before. The
 the library, where the bench would absorb that energy anyway. There the controller only changes the feel."""
 
 
-def passivity_section(context: Context) -> Section:
+def passivity_section(context: html.Context) -> html.Section:
     """Measure decays and a tap, without and with the controller, and return their section."""
     shares = PASSIVITY_QUICK if context.quick else PASSIVITY_FULL
     found: list[Decay] = []
     for share in context.with_progress(shares, lambda share: f"passivity, {rounded(share)} of the limit"):
         found += decays(context.tools, (share,), DURATION)
     taps = felt(context.tools, TAPPED)
-    document = svg(draw_passivity(found))
+    document = drawing.svg(draw_passivity(found))
     caption = "Growth per swing over stiffness, as a share of the limit. Above the line the motion grows."
     body = [
-        paragraph(PASSIVITY_EXPLAINED),
-        picture("passivity", document, caption),
+        html.paragraph(PASSIVITY_EXPLAINED),
+        html.picture("passivity", document, caption),
         _decay_table(found),
         _felt_table(taps),
     ]
-    return Section(
+    return html.Section(
         "passivity",
         "Passivity controller",
         "".join(body),
@@ -498,15 +485,17 @@ def passivity_section(context: Context) -> Section:
 
 def draw_passivity(found: Sequence[Decay]) -> Figure:
     """Return a figure of the growth with and without the controller."""
-    drawn = figure(3.4)
+    drawn = drawing.figure(3.4)
     panel = drawn.subplots()
     for controlled, name in NAMES.items():
         rows = [each for each in found if each.controlled == controlled]
         shares, growths = [each.share for each in rows], [each.growth for each in rows]
         panel.plot(shares, growths, "o-", color=PASSIVITY_COLOURS[controlled], label=name)
-    panel.axhline(1.0, color=INK, linewidth=0.8, linestyle="--")
-    dress(panel, "a handle released beside a wall", "stiffness over the stability limit [1]", "growth per swing [1]")
-    name_lines(drawn)
+    panel.axhline(1.0, color=drawing.INK, linewidth=0.8, linestyle="--")
+    drawing.dress(
+        panel, "a handle released beside a wall", "stiffness over the stability limit [1]", "growth per swing [1]"
+    )
+    drawing.name_lines(drawn)
     return drawn
 
 
@@ -517,13 +506,13 @@ def _decay_table(found: Sequence[Decay]) -> str:
         [plain.share, plain.growth, damped.growth, damped.peak, _scaled(1e3, damped.energy)]
         for plain, damped in zip(found[::2], found[1::2], strict=True)
     ]
-    return table(headings, rows, text_columns=0)
+    return html.table(headings, rows, text_columns=0)
 
 
 def _felt_table(taps: Sequence[WallTap]) -> str:
     headings = ("a tap with", "error in contact, % of force", "energy put in [mJ]", "its largest force [N]",
                 "periods in which it damps [%]")  # fmt: skip
-    return table(headings, (
+    return html.table(headings, (
         [NAMES[tap.controlled], _scaled(100.0, tap.error), _scaled(1e3, tap.energy), tap.peak,
          _scaled(100.0, tap.periods)]
         for tap in taps

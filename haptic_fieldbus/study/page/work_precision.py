@@ -12,40 +12,12 @@ from matplotlib.lines import Line2D
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import (
-    BLUE,
-    FELT,
-    GREY,
-    INK,
-    MEASURED,
-    ORANGE,
-    card_panel,
-    dress,
-    figure,
-    legend,
-    line,
-    look_of,
-    note,
-    svg,
-)
+from haptic_fieldbus.report import drawing
 from haptic_fieldbus.study.measure import loops, work_precision
 from haptic_fieldbus.study.measure.loops import Contact, Growth
 from haptic_fieldbus.study.measure.problems import Problem, problems, step_counts
 from haptic_fieldbus.study.measure.work_precision import FAILED, Set, at_fixed_period, computing, has_failed, step_limit
-from haptic_fieldbus.study.page.html import (
-    CARD,
-    WIDE_CARD,
-    Card,
-    Cell,
-    Context,
-    Entry,
-    Section,
-    folded,
-    number_text,
-    paragraph,
-    picture,
-    table,
-)
+from haptic_fieldbus.study.page import html
 
 # Error against cost of all problems in one figure: the first thing that the page shows.
 
@@ -53,9 +25,9 @@ LOWEST, TOP = 1e-7, 300.0
 """Ends of the frame: errors as a share of the largest force."""
 BEST, SIMPLE = "exact-foh", "forward-euler"
 LOOPS = {
-    "wall-in-hand": (GREY, "wall"),
-    "damped-wall-in-hand": (ORANGE, f"damped wall,\n{len(ESTIMATORS)} estimators"),
-    "sprung-mass-in-hand": (BLUE, f"sprung mass,\n{len(METHODS)} integrators"),
+    "wall-in-hand": (drawing.GREY, "wall"),
+    "damped-wall-in-hand": (drawing.ORANGE, f"damped wall,\n{len(ESTIMATORS)} estimators"),
+    "sprung-mass-in-hand": (drawing.BLUE, f"sprung mass,\n{len(METHODS)} integrators"),
 }
 """Colour and label of each loop in a hand."""
 
@@ -80,7 +52,7 @@ def median_curve(curves: Sequence[Curve]) -> Curve:
 
 def draw_all(sets_of_problems: Sequence[Sequence[Set]]) -> Figure:
     """Return a figure with a panel for the steps by themselves, and one for the loops in a hand."""
-    drawn = figure(*WIDE_CARD)
+    drawn = drawing.figure(*html.WIDE_CARD)
     alone, loops = drawn.subplots(1, 2, sharey=True, width_ratios=[1.25, 1.0])
     known = [sets for sets in sets_of_problems if sets[0].problem in problems()]
     for each in known[0] if known else ():
@@ -91,8 +63,8 @@ def draw_all(sets_of_problems: Sequence[Sequence[Set]]) -> Figure:
             _line(loops, curve(runs), color=colour, linewidth=0.9, marker="o", markersize=2.0)
     for panel in (alone, loops):
         _frame(panel)
-    card_panel(alone, f"step alone: median of {len(known)} problems", "", "rms error over largest force [1]")
-    card_panel(loops, "in the loop, held by a hand", "", "")
+    drawing.card_panel(alone, f"step alone: median of {len(known)} problems", "", "rms error over largest force [1]")
+    drawing.card_panel(loops, "in the loop, held by a hand", "", "")
     drawn.supxlabel("computing time for one second of simulated time [µs]", size=8)
     _legend(drawn, [each.method for each in known[0]] if known else [])
     return drawn
@@ -100,11 +72,11 @@ def draw_all(sets_of_problems: Sequence[Sequence[Set]]) -> Figure:
 
 def _method(panel: Axes, method: str, curves: Sequence[Curve]) -> None:
     """Draw a method: faint on each problem, and its median over all."""
-    look = look_of(method)
+    look = drawing.look_of(method)
     for each in curves:
         _line(panel, each, color=look.colour, linewidth=0.5, alpha=0.35)
     middle = median_curve(curves)
-    _line(panel, middle, **{**line(method), "markersize": 0.7 * look.size})
+    _line(panel, middle, **{**drawing.line(method), "markersize": 0.7 * look.size})
     failed = [cost for cost, error in middle if error > FAILED]
     panel.plot(failed, [math.sqrt(FAILED * TOP)] * len(failed), linestyle="none", marker="x", markersize=4,
                color=look.colour)  # fmt: skip
@@ -120,14 +92,17 @@ def _frame(panel: Axes) -> None:
     """Scale the axes; mark imperceptible errors and the zone of failures."""
     panel.set_ylim(LOWEST, TOP)
     panel.axhspan(FAILED, TOP, color="#fbeee6", linewidth=0, zorder=0)
-    panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)), zorder=1)
-    note(panel, FAILED, "failed")
-    note(panel, FELT, "noticeable above")
+    panel.axhline(drawing.FELT, color=drawing.INK, linewidth=0.9, linestyle=(0, (5, 4)), zorder=1)
+    drawing.note(panel, FAILED, "failed")
+    drawing.note(panel, drawing.FELT, "noticeable above")
 
 
 def _legend(drawn: Figure, methods: Sequence[str]) -> None:
     """Put the methods, and the loops, to the right of the panels."""
-    handles = [Line2D([], [], **{**line(method), "markersize": 0.7 * look_of(method).size}) for method in methods]
+    handles = [
+        Line2D([], [], **{**drawing.line(method), "markersize": 0.7 * drawing.look_of(method).size})
+        for method in methods
+    ]
     handles += [Line2D([], [], color=colour, marker="o", markersize=2.0, label=f"in a hand: {label}")
                 for colour, label in LOOPS.values()]  # fmt: skip
     drawn.legend(handles=handles, loc="outside right center", frameon=False, fontsize=7.2, labelspacing=0.32,
@@ -173,11 +148,11 @@ samples second order; therefore <code>rk4</code> and <code>exact-foh</code> are 
 the classic orders appear."""
 
 
-def work_precision_section(context: Context) -> Section:
+def work_precision_section(context: html.Context) -> html.Section:
     """Measure the chosen problems and contacts with all their methods, and return their section."""
     every: dict[str, Problem | Contact] = {**problems(), **loops.contacts()}
     chosen = [(name, item) for name, item in every.items() if context.is_chosen(name)]
-    body, figures, found = [paragraph(EXPLAINED)], {}, []
+    body, figures, found = [html.paragraph(EXPLAINED)], {}, []
     for place, (name, item) in enumerate(chosen):
         context.progress(name, place / len(chosen))
         sets = list(_sets(context, item))
@@ -185,18 +160,18 @@ def work_precision_section(context: Context) -> Section:
         for point in (point for each in sets for point in each.points):
             context.add("work_precision", asdict(point))
         found.append(sets)
-        document = svg(draw(sets))
+        document = drawing.svg(draw(sets))
         figures[f"work-precision-{name}"] = document
-        body += [f"<h3>{item.title[0].upper()}{item.title[1:]}</h3>", picture(name, document, _caption(sets))]
-        body.append(folded("Figures of each method", sets_table(sets)))
+        body += [f"<h3>{item.title[0].upper()}{item.title[1:]}</h3>", html.picture(name, document, _caption(sets))]
+        body.append(html.folded("Figures of each method", sets_table(sets)))
     if context.names is None:
-        body += ["<h3>Largest stable step</h3>", paragraph(LIMITS_EXPLAINED), _limits_table()]
+        body += ["<h3>Largest stable step</h3>", html.paragraph(LIMITS_EXPLAINED), _limits_table()]
     card = None
     if context.names is None:
-        figures["all-problems"] = svg(draw_all(found))
-        card = Card("What does accuracy cost?", picture("all-problems", figures["all-problems"], TOLD))
+        figures["all-problems"] = drawing.svg(draw_all(found))
+        card = html.Card("What does accuracy cost?", html.picture("all-problems", figures["all-problems"], TOLD))
     title = "Error against the time it costs"
-    return Section("work-precision", title, "".join(body), tuple(_findings(found)), figures, card=card)
+    return html.Section("work-precision", title, "".join(body), tuple(_findings(found)), figures, card=card)
 
 
 LIMITS_EXPLAINED = """Stability limits that each method states, and those that bisection on its own step finds: the
@@ -205,7 +180,7 @@ time constant τ does not grow. 0: it grows at every step size. This table cover
 loop is below."""
 
 
-def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
+def _sets(context: html.Context, item: Problem | Contact) -> Iterator[Set]:
     """Return an iterator that measures one method after another; their costs are taken in turn before."""
     steps = step_counts(context.quick)
     if isinstance(item, Problem):
@@ -217,7 +192,7 @@ def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
 
 def draw(sets: Sequence[Set]) -> Figure:
     """Return a figure of errors over step size and over cost, with the zone of failures at the top."""
-    drawn = figure(5.1)
+    drawn = drawing.figure(5.1)
     left, right = drawn.subplots(1, 2, sharey=True)
     peak = sets[0].peak
     errors = [p.error_rms for each in sets for p in each.points if p.error_rms and not has_failed(p, peak)]
@@ -231,15 +206,15 @@ def draw(sets: Sequence[Set]) -> Figure:
     for panel, place, side in ((left, 0.006, "left"), (right, 0.994, "right")):  # where small steps are: few fail
         panel.axhspan(edge, top, color="#fbeee6", linewidth=0, zorder=0)
         panel.text(place, 0.985, "failed", transform=panel.transAxes, ha=side, va="top", size=8.5, color="#888888")
-        panel.axhline(FELT * peak, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)), zorder=1)
+        panel.axhline(drawing.FELT * peak, color=drawing.GREY, linewidth=1.0, linestyle=(0, (5, 4)), zorder=1)
         panel.set_ylim(low, top)
-    left.annotate("not noticeable", (0.995, FELT * peak), xycoords=("axes fraction", "data"), ha="right", va="top",
-                  size=8.5, color="#666666", xytext=(0, -2), textcoords="offset points")  # fmt: skip
-    dress(left, "error over step size", "period [ms]", "rms error of the force [N]")
-    dress(right, "error over cost", "computing time for one second of simulated time [µs]", "")
-    right.set_gid(MEASURED)
+    left.annotate("not noticeable", (0.995, drawing.FELT * peak), xycoords=("axes fraction", "data"), ha="right",
+                  va="top", size=8.5, color="#666666", xytext=(0, -2), textcoords="offset points")  # fmt: skip
+    drawing.dress(left, "error over step size", "period [ms]", "rms error of the force [N]")
+    drawing.dress(right, "error over cost", "computing time for one second of simulated time [µs]", "")
+    right.set_gid(drawing.MEASURED)
     labels = {each.method: f"{each.method}  {order_words(each)}" for each in sets}
-    legend(drawn, labels, ncols=3, title="method, and order observed (claimed)", title_fontsize=9)
+    drawing.legend(drawn, labels, ncols=3, title="method, and order observed (claimed)", title_fontsize=9)
     return drawn
 
 
@@ -247,10 +222,10 @@ def _curve(panel: Axes, runs: Set, places: Sequence[float], height: float) -> No
     """Draw the runs of one method; those that failed stand at `height` in the zone of failures."""
     good = [(x, p.error_rms) for x, p in zip(places, runs.points, strict=True) if not has_failed(p, runs.peak)]
     failed = [x for x, p in zip(places, runs.points, strict=True) if has_failed(p, runs.peak)]
-    panel.loglog([x for x, _ in good], [max(e or 0.0, 1e-17) for _, e in good], **line(runs.method))
+    panel.loglog([x for x, _ in good], [max(e or 0.0, 1e-17) for _, e in good], **drawing.line(runs.method))
     if failed:
         panel.loglog(failed, [height] * len(failed), linestyle="none", marker="x", markersize=5, markeredgewidth=1.6,
-                     color=look_of(runs.method).colour)  # fmt: skip
+                     color=drawing.look_of(runs.method).colour)  # fmt: skip
 
 
 def is_as_claimed(runs: Set) -> bool:
@@ -297,14 +272,14 @@ def sets_table(sets: Sequence[Set]) -> str:
     """Return a table of all methods on one problem: orders, largest stable step, errors and cost."""
     period = 1e3 * at_fixed_period(sets[0]).period_s
 
-    def row(each: Set) -> list[Entry]:
+    def row(each: Set) -> list[html.Entry]:
         point = at_fixed_period(each)
-        failed = Cell("failed", "bad") if has_failed(point, each.peak) else None
+        failed = html.Cell("failed", "bad") if has_failed(point, each.peak) else None
         share = None if failed or point.error_rms is None else 100.0 * point.error_rms / each.peak
         largest = max((p.period_s for p in each.points if p.stable), default=None)
         return [
             each.method,
-            Cell(order_words(each), "good" if is_as_claimed(each) else "bad"),
+            html.Cell(order_words(each), "good" if is_as_claimed(each) else "bad"),
             "none of them" if largest is None else f"{rounded(1e3 * largest)} ms",
             *(failed or error for error in (point.error_final, point.error_rms, point.error_max)),
             share,
@@ -317,18 +292,18 @@ def sets_table(sets: Sequence[Set]) -> str:
         "rms [N]", "max [N]", "rms, % of largest force", "ns per step (half of the repeats)",
         f"rms [N] for {exactly(FIXED_COST)} µs a second",
     )  # fmt: skip
-    return table(headings, map(row, sets))
+    return html.table(headings, map(row, sets))
 
 
 def _limits_table() -> str:
     """Return a table of the largest stable steps of all methods."""
     rows = [
-        [name, *(number_text(each, 6) for each in limits), f"{radius:.9f}"]
+        [name, *(html.number_text(each, 6) for each in limits), f"{radius:.9f}"]
         for name, *limits, radius in map(astuple, map(step_limit, METHODS))
     ]
     headings = ("method", "oscillator: claimed h", "measured h", "decay: claimed T/τ", "measured T/τ",
                 "spectral radius at h = 0.1, undamped")  # fmt: skip
-    return table(headings, rows)
+    return html.table(headings, rows)
 
 
 def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
@@ -375,57 +350,59 @@ largest error within the last half period. Right: the drift of the energy, which
 in proportion to time; the exact steps lose only rounding errors."""
 
 
-def growth_section(context: Context) -> Section:
+def growth_section(context: html.Context) -> html.Section:
     """Measure all methods and return their section."""
     total = QUICK if context.quick else FULL
     told = f"{rounded(total)} steps of "
     found = [
         loops.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
     ]
-    document = svg(draw_growth(found))
+    document = drawing.svg(draw_growth(found))
     caption = (
         f"{rounded(total)} steps are {rounded(total * loops.PERIOD)} s of simulated time. Values outside the frame "
         "are drawn at its edge; × marks the first value that is not finite."
     )
-    body = [paragraph(GROWTH_EXPLAINED), picture("growth", document, caption), growth_table(found)]
-    short = svg(draw_card(found))
-    return Section(
+    body = [html.paragraph(GROWTH_EXPLAINED), html.picture("growth", document, caption), growth_table(found)]
+    short = drawing.svg(draw_card(found))
+    return html.Section(
         "growth",
         "Error along the run",
         "".join(body),
         (_finding(found, total),),
         {"growth": document, "growth-force": short},
         [asdict(each) for each in found],
-        Card("How does the error grow along a run?", picture("growth-force", short, caption)),
+        html.Card("How does the error grow along a run?", html.picture("growth-force", short, caption)),
     )
 
 
 def draw_growth(swings: Sequence[Growth]) -> Figure:
     """Return a figure of the force's error and of the energy's drift over the steps."""
-    drawn = figure(4.9)
+    drawn = drawing.figure(4.9)
     left, right = drawn.subplots(1, 2)
     for swing in swings:
         _growth_curve(left, swing, swing.error)
         _growth_curve(right, swing, swing.energy)
-    left.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
-    note(left, FELT, "noticeable above", right=False, size=8.5)
-    dress(left, "error of the force", "steps [1]", "largest error over amplitude [1]")
-    dress(right, "drift of the energy", "steps [1]", "|energy / energy at the start − 1| [1]")
-    legend(drawn, {swing.method: swing.method for swing in swings}, ncols=5)
+    left.axhline(drawing.FELT, color=drawing.GREY, linewidth=1.0, linestyle=(0, (5, 4)))
+    drawing.note(left, drawing.FELT, "noticeable above", right=False, size=8.5)
+    drawing.dress(left, "error of the force", "steps [1]", "largest error over amplitude [1]")
+    drawing.dress(right, "drift of the energy", "steps [1]", "|energy / energy at the start − 1| [1]")
+    drawing.legend(drawn, {swing.method: swing.method for swing in swings}, ncols=5)
     return drawn
 
 
 def draw_card(swings: Sequence[Growth]) -> Figure:
     """Return a small figure of the force's error, its curves named at their ends."""
-    drawn = figure(*CARD)
+    drawn = drawing.figure(*html.CARD)
     panel = drawn.subplots()
     for swing in swings:
-        panel.loglog(swing.steps, np.clip(swing.error, GROWTH_LOWEST, HIGHEST), **line(swing.method, marked=False))
-    panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)))
-    note(panel, FELT, "noticeable above", right=False)
+        panel.loglog(
+            swing.steps, np.clip(swing.error, GROWTH_LOWEST, HIGHEST), **drawing.line(swing.method, marked=False)
+        )
+    panel.axhline(drawing.FELT, color=drawing.INK, linewidth=0.9, linestyle=(0, (5, 4)))
+    drawing.note(panel, drawing.FELT, "noticeable above", right=False)
     panel.set_ylim(GROWTH_LOWEST, HIGHEST)
     panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
-    card_panel(panel, "", "steps of the loop [1]", "largest error over amplitude [1]")
+    drawing.card_panel(panel, "", "steps of the loop [1]", "largest error over amplitude [1]")
     _name_ends(panel, {swing.method: min(max(swing.error[-1], GROWTH_LOWEST), HIGHEST) for swing in swings})
     return drawn
 
@@ -439,7 +416,7 @@ def _name_ends(panel: Axes, ends: Mapping[str, float]) -> None:
     lowest_free = 1.0 + APART
     for left, (name, place) in enumerate(places.items(), 1 - len(places)):
         lowest_free = max(min(place, lowest_free - APART), -left * APART)
-        colour = look_of(name).colour
+        colour = drawing.look_of(name).colour
         arrow = {"arrowstyle": "-", "relpos": (0.0, 0.5), "color": colour, "linewidth": 0.6}
         panel.annotate(name, (1.0, place), (1.06, lowest_free), xycoords="axes fraction", textcoords="axes fraction",
                        size=7.2, color=colour, va="center", annotation_clip=False, arrowprops=arrow)  # fmt: skip
@@ -447,10 +424,10 @@ def _name_ends(panel: Axes, ends: Mapping[str, float]) -> None:
 
 def _growth_curve(panel: Axes, swing: Growth, values: Sequence[float]) -> None:
     """Draw one method; values outside the frame are drawn at its edge, × marks where numbers overflowed."""
-    panel.loglog(swing.steps, np.clip(np.abs(values), GROWTH_LOWEST, HIGHEST), **line(swing.method))
+    panel.loglog(swing.steps, np.clip(np.abs(values), GROWTH_LOWEST, HIGHEST), **drawing.line(swing.method))
     if swing.diverged_at is not None:
         panel.loglog([swing.diverged_at], [HIGHEST], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
-                     color=look_of(swing.method).colour, clip_on=False)  # fmt: skip
+                     color=drawing.look_of(swing.method).colour, clip_on=False)  # fmt: skip
     panel.set_ylim(GROWTH_LOWEST, HIGHEST)
 
 
@@ -459,13 +436,13 @@ def growth_table(swings: Sequence[Growth]) -> str:
     rows = [
         [
             swing.method,
-            Cell(f"by step {swing.diverged_at}", "bad") if swing.diverged_at is not None else "no",
+            html.Cell(f"by step {swing.diverged_at}", "bad") if swing.diverged_at is not None else "no",
             *(swing.error[-1], swing.energy[-1], max(map(abs, swing.energy))),
         ]
         for swing in swings
     ]
     headings = ("method", "overflowed", "last error / amplitude", "last energy drift", "largest energy drift")
-    return table(headings, rows)
+    return html.table(headings, rows)
 
 
 def _finding(swings: Sequence[Growth], total: int) -> str:
