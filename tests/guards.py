@@ -35,6 +35,7 @@ def _line(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
 
 PROVING = "tests/running/test_guard_proof.py"
 SAFETY, ECHO, PLACE = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py", "tests/cycle/test_place.py"
+BENCH = "tests/planning/test_known_bench.py::"
 STILL = "tests/cycle/test_standstill.py"
 SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watch.py", "tests/cycle/test_tied_axes.py"
 
@@ -693,6 +694,45 @@ GUARDS = {
             "tests/planning/test_guards.py::"
             "test_a_measured_time_that_no_proof_accepts_is_refused_with_file_key_value_and_what_is_expected",
         ),
+    ),
+    "a measured value that lies outside of its interval": Guard(
+        "haptic_fieldbus/drive/plausible.py",
+        "_is_number(low) and _is_number(high) and low <= value <= high",
+        "True",
+        (f"{BENCH}test_a_table_that_no_measurement_writes_is_a_fault_of_the_file",),
+    ),
+    "a measured bench that was changed by hand": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        "measured.digest is not None and measured.digest != digest_with(axis, measured)",
+        "False",
+        (
+            f"{BENCH}test_an_axis_that_was_changed_after_the_measurement_is_another_bench",
+            f"{BENCH}test_every_value_of_the_table_is_sealed",
+        ),
+    ),
+    "a bench that was measured with another profile": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        "measured.profile is not None and measured.profile != profile.name",
+        "False",
+        (f"{BENCH}test_a_run_names_what_does_not_count_and_the_way_out",),
+    ),
+    "a bench that was measured with another drive": Guard(
+        "haptic_fieldbus/running/session.py",
+        "check_measured_drive(axis.name, axis.bench, self.identities[axis.name])",
+        "pass",
+        ("tests/running/test_measured_drive.py::test_another_drive_is_refused_and_nothing_is_written_to_it",),
+    ),
+    "the region of 99.7 % of a measured bench": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        "half = WIDER * max(",
+        "half = 0.5 * max(",
+        (f"{BENCH}test_the_limit_is_below_that_of_every_bench_inside_the_region",),
+    ),
+    "a control tick that is not locked": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        '0.0 if profile.timing.control_tick == "sync" else profile.timing.control_period',
+        "0.0",
+        (f"{BENCH}test_a_tick_that_is_not_locked_may_be_a_control_period_later_after_the_next_start",),
     ),
     "no note of a drive without a serial number": Guard(
         "haptic_fieldbus/drive/objects.py",
