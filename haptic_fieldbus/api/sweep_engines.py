@@ -36,6 +36,7 @@ from haptic_fieldbus.margins.verdict import AT_LIMIT, Verdict
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import growth, loop_matrix, shift_mode
+from haptic_fieldbus.planning.known_bench import as_stated
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
@@ -106,7 +107,9 @@ def with_rig_value(rig: Rig, name: str, value: Any) -> Rig:
     axis, *path = name.removeprefix(RIG).split(".")
     if axis not in rig.axis or not path:
         raise UsageError(f"{name}: expected {RIG}AXIS.KEY with an axis of the rig{suggestion(axis, rig.axis)}")
-    return replace(rig, axis={**rig.axis, axis: _with_value(rig.axis[axis], path, name, value)})
+    # What is varied is another bench than the measured one.
+    whole = rig.axis[axis] if value is None else as_stated(rig.axis[axis])
+    return replace(rig, axis={**rig.axis, axis: _with_value(whole, path, name, value)})
 
 
 def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:

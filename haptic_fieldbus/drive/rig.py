@@ -444,7 +444,7 @@ class Identified:
     """Motion that the fit leaves unexplained, root mean square [counts]."""
     digest: Annotated[str, Len(1)] | None = None
     """Digest of the values above and of the values of the axis on which they rest; with another digest none of them
-    counts. None: not checked."""
+    counts. None: the values are judged like stated ones."""
     __pydantic_config__: ClassVar = STRICT
 
 

@@ -10,13 +10,17 @@ twice the interval of 95 % is 4.8. So no correlation has to be known.
 Delay and lag are taken together, as they were measured: their sum decides, and one of them is long where the other is
 short. What the plan expected at the measurement is kept beside them (`planned_delay`). The difference is the share of
 drive and computer. At another rate or on another bus it is added to what the plan then expects, if it is not negative.
+Without it a measured delay counts only where it is longer than the longest one of the profile.
 A control tick that the profile does not call locked may have another place in the period after each start, so up to one
 more control period is open; and the host may be late.
+
+`identify` seals its table with a digest. A table without one may be written by anybody, so its values count as stated:
+the region is then that of the interval and that of a stated value together.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from haptic_fieldbus.drive.objects import Identity, digest_of
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -74,7 +78,8 @@ def known_bench(axis: RigAxis, profile: DriveProfile) -> KnownBench:
     if fault:
         return KnownBench(None, None, None, (EXACT, EXACT, EXACT), Basis.STATED, fault=fault)
     inertia, damping, coulomb = (_known(axis, key) for key in MECHANICAL)
-    basis = Basis.STATED if measured.viscous_damping is None else Basis.IDENTIFIED
+    is_stated = measured.viscous_damping is None or measured.digest is None
+    basis = Basis.STATED if is_stated else Basis.IDENTIFIED
     return KnownBench(inertia[0], damping[0], coulomb[0], (inertia[1], damping[1], coulomb[1]), basis, measured)
 
 
@@ -84,7 +89,9 @@ def _known(axis: RigAxis, key: str) -> tuple[float | None, Range]:
     if value is None:
         return getattr(axis, key), STATED_SHARES[key]
     low, high = widened(value, getattr(axis.identified, f"{key}_interval"))
-    return value, (low / value, high / value) if value else EXACT
+    shares = (low / value, high / value) if value else EXACT
+    least, most = STATED_SHARES[key] if axis.identified.digest is None else shares
+    return value, (min(shares[0], least), max(shares[1], most))
 
 
 def widened(value: float, interval: Range) -> Range:
@@ -137,6 +144,13 @@ def check_measured_drive(name: str, bench: KnownBench, drive: Identity) -> None:
         )
 
 
+def as_stated(axis: RigAxis) -> RigAxis:
+    """Return the axis with its measured values as stated ones, and without the table, so that one can be varied."""
+    known = {key: getattr(axis.identified, key) for key in MECHANICAL}
+    given = {key: value for key, value in known.items() if value is not None}
+    return replace(axis, identified=Identified(), **given)
+
+
 # Delay and lag.
 
 
@@ -161,15 +175,15 @@ def measured_times(bench: KnownBench, profile: DriveProfile, delay: Delay, lags:
     measured = bench.measured
     if measured is None or measured.delay_and_lag is None or measured.delay_and_lag_interval is None:
         return None
-    if measured.planned_delay is None:  # then nobody knows how much of it is the bus, or the rate
-        return None
-    planned = delay.transport + delay.torque_loop
+    planned, longest = delay.transport + delay.torque_loop, delay.range[1] + lags[1]
     low, high = widened(measured.delay_and_lag, measured.delay_and_lag_interval)
-    further = planned - measured.planned_delay
     value = measured.delay_and_lag
-    if abs(further) > SAME_PLAN:
-        value, low, high = value + further, low + further, max(high + further, planned)
-        value = max(value, planned)
+    if measured.planned_delay is None or measured.digest is None:  # nobody knows how much of it is the bus, or the rate
+        if high <= longest:
+            return None
+        low = min(low, delay.range[0] + lags[0])
+    elif abs(further := planned - measured.planned_delay) > SAME_PLAN:
+        value, low, high = max(value + further, planned), low + further, max(high + further, planned)
     tick = 0.0 if profile.timing.control_tick == "sync" else profile.timing.control_period
     totals = max(low - tick, 0.0), high + tick + delay.lateness
     lag = profile.torque_lag
@@ -189,4 +203,5 @@ def measured_texts(bench: KnownBench) -> Iterator[str]:
         if value is not None and interval is not None:
             parts.append(f"{word} {with_interval(value, interval[0], interval[1], unit)}")
     rate = "" if measured.rate is None else f" at {rounded(measured.rate)} Hz"
-    yield f"{', '.join(parts)}; {measured.date or 'date unknown'}{rate}"
+    seal = "" if measured.digest is not None else "; without digest, so judged like stated values"
+    yield f"{', '.join(parts)}; {measured.date or 'date unknown'}{rate}{seal}"

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,10 @@ from hypothesis import strategies as st
 from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
 from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.api.sweep_folder import SweepPoints
+from haptic_fieldbus.drive.rig import Identified
 from haptic_fieldbus.margins.closed_loop import environment_of
 from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import load
 
 WALLS = {"wall.stiffness": [50.0, 600.0, 2500.0, 60000.0], "wall.damping": [0.0, 3.0, 40.0]}
 
@@ -90,6 +93,14 @@ def test_other_scenes_have_a_plan_a_point_and_the_bench_is_a_parameter() -> None
     usual = rows(sweep("sprung_mass", {"sprung_mass.mass": [0.5]}, workers=1))
     assert usual[0]["verdict"] == stability("sprung_mass").nominal.value
     damped = rows(sweep("wall", {"rig.handle.viscous_damping": [0.0, 1.0]}, workers=1))
+    assert [row["damping_share"] for row in damped] == [math.inf, pytest.approx(0.0, abs=1e-3)]
+
+
+def test_a_value_that_is_varied_takes_the_place_of_a_measured_one() -> None:
+    rig = load(Task("wall")).rig
+    measured = Identified(viscous_damping=1e-4, viscous_damping_interval=(9e-5, 1.1e-4), digest="of the measured bench")
+    rig = replace(rig, axis={name: replace(axis, identified=measured) for name, axis in rig.axis.items()})
+    damped = rows(sweep("wall", {"rig.handle.viscous_damping": [0.0, 1.0]}, rig=rig, workers=1))
     assert [row["damping_share"] for row in damped] == [math.inf, pytest.approx(0.0, abs=1e-3)]
 
 

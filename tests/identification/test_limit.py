@@ -8,6 +8,7 @@ import pytest
 from haptic_fieldbus.api.identification import kept_values
 from haptic_fieldbus.drive.rig import Identified, LinearMechanism, Rig, default_axis
 from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.known_bench import digest_with
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.scenes.wall import Wall
@@ -31,15 +32,16 @@ def limit_after(bench: Bench, measured: Identified, factor: float, rate: float) 
         encoder_counts_per_revolution=bench.counts,
     )  # fmt: skip
 
-    def limit_with(identified: Identified, rate: float) -> tuple[float, float]:
-        rig = Rig({"b": CanSection("haptic_sim", "sim")}, {"handle": replace(axis, identified=identified)}, "rig.toml")
+    def limit_with(planned: float | None, rate: float) -> tuple[float, float]:
+        identified = replace(measured, digest=None, planned_delay=planned)
+        own = replace(axis, identified=replace(identified, digest=digest_with(axis, identified)))
+        rig = Rig({"b": CanSection("haptic_sim", "sim")}, {"handle": own}, "rig.toml")
         plan = compile_plan(scene_of(Wall("handle", 1.0)), rig, {"p": LOCKED}, rate)
         (found,) = plan.axes
         assert found.stability is not None
         return found.stability.limit.value, found.delay.transport + found.delay.torque_loop
 
-    planned = limit_with(replace(measured, digest=None, planned_delay=None), bench.rate)[1]
-    return limit_with(replace(measured, digest=None, planned_delay=planned), rate)[0]
+    return limit_with(limit_with(None, bench.rate)[1], rate)[0]
 
 
 @pytest.mark.thorough("measures 12 drawn benches", quick=1)

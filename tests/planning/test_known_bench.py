@@ -29,6 +29,7 @@ from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.planning.known_bench import (
+    as_stated,
     check_measured_drive,
     digest_with,
     known_bench,
@@ -96,9 +97,18 @@ def told(share: float = 0.01, **values: Any) -> Identified:
 
 
 def planned(
-    measured: Identified, profile: DriveProfile = PROFILE, rate: float = 1000.0, bus: str = "haptic_sim", **axis: Any
+    measured: Identified,
+    profile: DriveProfile = PROFILE,
+    rate: float = 1000.0,
+    bus: str = "haptic_sim",
+    *,
+    seal: bool = True,
+    **axis: Any,
 ) -> Plan:
+    """Return the plan of a bench with these measured values, which `seal` seals as `identify` does."""
     own = replace(AXIS, identified=measured, **axis)
+    if seal and measured.digest is None and measured != Identified():
+        own = replace(own, identified=replace(measured, digest=digest_with(own, measured)))
     rig = Rig({"b": CanSection(bus, "sim")}, {"handle": own}, source="rig.toml")
     return compile_plan(load_scene("wall"), rig, {"p": profile}, rate)
 
@@ -195,6 +205,25 @@ def test_a_limit_takes_a_few_of_the_sixteen_corners(monkeypatch: pytest.MonkeyPa
     assert len(counted) <= 4
 
 
+def test_a_table_without_a_digest_is_judged_like_stated_values() -> None:
+    """Anybody may have written it, so it never narrows what is open, and never says that it was measured."""
+    measured = expecting(told(viscous_damping=3e-4))
+    (axis,) = planned(measured, seal=False).axes
+    assert (axis.bench.basis, axis.bench.viscous_damping) == (Basis.STATED, 3e-4)
+    assert axis.bench.shares == ((0.8, 1.25), (0.5, 2.0), (0.5, 2.0))
+    assert limit_of(planned(measured, seal=False)) <= limit_of(planned(Identified(), viscous_damping=3e-4))
+    text = explain(planned(measured, seal=False), verbose=True)
+    assert "without digest, so judged like stated values" in text
+    assert "damping stated, not measured" in text
+    rough = replace(measured, viscous_damping_interval=(1e-4, 5e-4))
+    assert known_bench(replace(AXIS, identified=rough), PROFILE).shares[1] == pytest.approx((0.0, 7.0 / 3.0))
+
+
+def test_a_bench_of_which_a_value_is_varied_is_none_that_was_measured() -> None:
+    stated = as_stated(replace(AXIS, identified=replace(told(viscous_damping=7e-4), inertia=None)))
+    assert (stated.inertia, stated.viscous_damping, stated.identified) == (4e-5, 7e-4, Identified())
+
+
 # Delay and lag.
 
 
@@ -225,6 +254,15 @@ def test_a_tick_that_is_not_locked_may_be_a_control_period_later_after_the_next_
 def test_a_host_on_a_real_bus_may_be_late() -> None:
     measured = expecting(told())
     assert times_of(measured, bus="socketcan").totals[1] == pytest.approx(times_of(measured).totals[1] + 1e-4)
+
+
+def test_a_longer_delay_than_the_profile_permits_counts_without_a_planned_one_too() -> None:
+    (axis,) = planned(Identified()).axes
+    longest = axis.delay.range[1] + 3e-4
+    assert times_of(told(delay_and_lag=0.9 * longest)) is None
+    times = times_of(told(delay_and_lag=1.1 * longest))
+    assert times.totals[1] == pytest.approx(1.1 * 1.02 * longest + PROFILE.timing.control_period)
+    assert times.totals[0] == 0.0
 
 
 @pytest.mark.parametrize("surplus", [-2e-4, 3e-4])
@@ -367,5 +405,5 @@ def test_an_unmeasured_bench_has_no_line_of_measured_values() -> None:
     assert not [*measured_texts(known_bench(AXIS, PROFILE))]
     only = Identified(inertia=5e-5, inertia_interval=(4.9e-5, 5.1e-5))
     assert [*measured_texts(known_bench(replace(AXIS, identified=only), PROFILE))] == [
-        "inertia 5e-5 kg·m² ± 2 %; date unknown"
+        "inertia 5e-5 kg·m² ± 2 %; date unknown; without digest, so judged like stated values"
     ]
