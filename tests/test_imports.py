@@ -52,22 +52,22 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.identify": "api.identification identification report.analysis_plots",
-        "cli.options": "documents.quantities planning.request protocols.registry signals",
+        "cli.identify": "api.identification api.provenance identification report.analysis_plots",
+        "cli.options": "documents.quantities planning.request protocols.registry report.drawing signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots api planning.explain"
-        " api.model api.open_loop api.stability_limits",
+        " api.model api.open_loop api.provenance api.stability_limits",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue sim.canopen.simulated_eds documents"
         " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
-        "cli.replay": "api.replaying recordings.reading report.plot",
-        "cli.report": "api protocols.catalogue study.make_report study.measure.bench",
+        "cli.replay": "api.provenance api.replaying recordings.reading report.plot",
+        "cli.report": "api api.provenance protocols.catalogue study.make_report study.measure.bench",
         "cli.run": "api api.provenance assessing.loop_report planning.refusal planning.request recordings.reading"
         " report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
-        "cli.sweep": "api api.sweep_folder api.sweeping",
+        "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
         "cli.view": "running.live sim.mechanics.pointer view.description view.server",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
         "cli.app": "vcan.runner",
@@ -104,7 +104,7 @@ DOES_WITHOUT = {
         "cycle.axis": "cycle.standstill",
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
-        "api.provenance": "running.changes",
+        "api.provenance": "numerics.estimators numerics.integrators running.changes",
         "running.rows": "recordings.mcap",
         "api": "sim.faults.drawing",
         "api.site": "sim.faults.drawing",

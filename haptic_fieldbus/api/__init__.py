@@ -322,15 +322,26 @@ def progress_line() -> Callable[[int, int], None]:
     return show
 
 
-def repeat(source: str | Path | Provenance, *, record: str | Path | None = None) -> Result:
+def repeat(
+    source: str | Path | Provenance,
+    *,
+    record: str | Path | None = None,
+    hand: str | Hand | None = None,
+    method: "str | Integrator | None" = None,
+    estimator: "str | Estimator | None" = None,
+) -> Result:
     """Repeat the run of a recording, a picture or a JSON object in simulation, and return the result.
 
     The frames and rows are those of the recorded run when the versions are the same; the warnings of the result name
-    those that differ. Raises UsageError when the source has no provenance, and the errors of `run`.
+    those that differ. A hand, method or estimator that was an object of Python is given again, as a recording has its
+    name alone. Raises UsageError when the source has no provenance, and the errors of `run`.
     """
     from haptic_fieldbus.recordings.reading import read_provenance
 
-    return repeat_run(source if isinstance(source, Provenance) else read_provenance(source), Trial(record=record))
+    found = source if isinstance(source, Provenance) else read_provenance(source)
+    given = {"hand": hand, "method": method, "estimator": estimator}
+    parts = {name: name_of(part) for name, part in given.items() if part is not None}
+    return repeat_run(replace(found, conditions=replace(found.conditions, **parts)), Trial(record=record))
 
 
 def repeat_run(provenance: Provenance, trial: Trial) -> Result:

@@ -1,9 +1,10 @@
 """Provenance of a run that is about to begin, and the run again that it describes."""
 
+import json
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -20,12 +21,21 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.planning.selection import parsed
+from haptic_fieldbus.planning.selection import load, parsed
 from haptic_fieldbus.protocols.catalogue import load_rig, profile_file
-from haptic_fieldbus.recordings.provenance import Conditions, Provenance, RunText, scrubbed, without_secrets
+from haptic_fieldbus.recordings.provenance import (
+    Conditions,
+    Provenance,
+    RunText,
+    digest,
+    marked,
+    scrubbed,
+    without_secrets,
+)
 from haptic_fieldbus.scenes.registry import kind_of
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.faults import Fault, load_faults, toml_of
+from haptic_fieldbus.sim.hand import hand_named
 
 PACKAGE = "haptic-fieldbus"
 USED = ("numpy", "pydantic", "python-can", "canopen", "pymodbus", "pyserial")
@@ -56,15 +66,9 @@ def provenance_of(
 
     The files of one that repeats another are those of that one, since its own last only as long as the run.
     """
-    profiles, found = texts_of_profiles(plan.rig, task), versions()
+    profiles = texts_of_profiles(plan.rig, task)
     provenance = Provenance(
-        version=found.get(PACKAGE, "unknown"),
-        versions=found,
-        date=datetime.now(UTC).isoformat(timespec="seconds"),
-        command=scrubbed(sys.argv, paths=not anonymous),
-        system=f"{platform.system()} {platform.release()} {platform.machine()}",
-        host=None if anonymous else platform.node(),
-        user=None if anonymous else os.environ.get("USER") or os.environ.get("USERNAME"),
+        **_here(anonymous=anonymous),
         scene=text_of_scene(plan.scene),
         rig=text_of_rig(plan.rig, profiles),
         profiles=tuple({text.name: text for text in profiles.values()}.values()),
@@ -81,6 +85,35 @@ def provenance_of(
             profiles=repeats.profiles, faults=repeats.faults, settings=repeats.settings,
         )  # fmt: skip
     return _without_paths(provenance) if anonymous else provenance
+
+
+def _here(*, anonymous: bool) -> dict[str, Any]:
+    """Return versions, date, command line, system, host and user; without host, user and folders if `anonymous`."""
+    found = versions()
+    return {
+        "version": found.get(PACKAGE, "unknown"),
+        "versions": found,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": scrubbed(sys.argv, paths=not anonymous),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "host": None if anonymous else platform.node(),
+        "user": None if anonymous else os.environ.get("USER") or os.environ.get("USERNAME"),
+    }
+
+
+def picture_mark(task: Task | None = None, files: Iterable[Path] = ()) -> str:
+    """Return the mark of a picture that shows no run: versions, date, command line, texts, and digests of files.
+
+    It has neither host, user nor folders: such a picture is shown to others, and is not repeated.
+    """
+    told: dict[str, Any] = {"files": {path.name: digest(path.read_bytes()) for path in files}}
+    if task is not None:
+        found = load(task)
+        profiles = texts_of_profiles(found.rig, task)
+        texts = {"scene": text_of_scene(found.scene), "rig": text_of_rig(found.rig, profiles)}
+        told["files"] |= {text.name: text.sha256 for text in profiles.values()}
+        told |= {key: None if text is None else text.text for key, text in texts.items()}
+    return marked(json.dumps({"schema": 1, **_here(anonymous=True), **told}))
 
 
 def _from(text: RunText | None, origin: RunText) -> Any:
@@ -155,6 +188,7 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
     if provenance.scene is None:
         raise UsageError("the recorded run cannot be repeated: an element of its scene is an object of Python")
     made = provenance.conditions
+    _check_parts(made)
     with TemporaryDirectory(prefix="haptic-fieldbus-") as folder:
         scene, bench = Path(folder, "scene", provenance.scene.name), Path(folder, "bench", provenance.rig.name)
         profiles = [bench.with_name(text.name) for text in provenance.profiles]
@@ -184,6 +218,24 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
             "duration": made.duration, "hand": made.hand, "fade_in": made.fade_in, "seed": made.seed,
             "force": made.force, "prove": made.prove, "faults": faults, "changes": changes,
         }  # fmt: skip
+
+
+def _check_parts(made: Conditions) -> None:
+    """Raise UsageError for a hand, method or estimator that is not here; a recording has its name alone."""
+    from haptic_fieldbus.numerics.estimators import chosen
+    from haptic_fieldbus.numerics.integrators import method_named
+
+    finders: dict[str, Callable[[str], object]] = {"hand": hand_named, "method": method_named, "estimator": chosen}
+    for sort, find in finders.items():
+        name = getattr(made, sort)
+        try:
+            if name is not None:
+                find(name)
+        except UsageError as error:
+            raise UsageError(
+                f'the {sort} "{name}" of the recorded run was an object of a program, or is from a package that is not '
+                f"installed ({error}); repeat the run from Python with repeat(FILE, {sort}=...)"
+            ) from error
 
 
 def differences_of(provenance: Provenance) -> list[str]:

@@ -87,6 +87,7 @@ def identify(options: IdentifyOptions) -> None:
     """Measure inertia, friction, damping and delay of a bench with its own drive, and write them into the rig file."""
     from haptic_fieldbus.api.identification import bounds_of
     from haptic_fieldbus.api.identification import identify as measure_bench
+    from haptic_fieldbus.api.provenance import picture_mark
 
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
@@ -101,6 +102,7 @@ def identify(options: IdentifyOptions) -> None:
         return
     if not sys.stdin.isatty():
         never_wait()
+    mark = "" if options.plot is None else picture_mark(files=[options.rig])  # of the rig file before it is changed
     found = measure_bench(
         options.bench_task(),
         confirm=tell_question if options.yes else ask,
@@ -114,9 +116,9 @@ def identify(options: IdentifyOptions) -> None:
         show(lines_of(_rows(found)))
     sys.stdout.flush()
     if options.plot is not None:
-        from haptic_fieldbus.report.analysis_plots import plot_identified
+        from haptic_fieldbus.report.analysis_plots import draw_identified
 
-        draw(options.plot, lambda path: plot_identified(found, path))
+        draw(options.plot, draw_identified(found), mark)
         if not options.as_json:
             show([("plot", str(options.plot))])
 

@@ -30,6 +30,8 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from haptic_fieldbus.planning.request import Task
 
 
@@ -318,9 +320,11 @@ def check_plot(path: Path | None) -> None:
         raise UsageError("\n".join(wrong))
 
 
-def draw(path: Path, plot: Callable[[Path], None]) -> None:
-    """Draw a picture into a file by calling `plot`; raises UsageError when the file cannot be written."""
+def draw(path: Path, figure: "Figure", mark: str) -> None:
+    """Write a picture with the mark of its provenance; raises UsageError when the file cannot be written."""
+    from haptic_fieldbus.report.drawing import save
+
     try:
-        plot(path)
+        save(figure, path, mark)
     except OSError as error:
         raise UsageError(f'plot "{path}": {error.strerror}') from error

@@ -28,6 +28,8 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, exactly, rounded
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from haptic_fieldbus.api.model import EnvironmentModel
     from haptic_fieldbus.api.open_loop import Response
 
@@ -54,6 +56,7 @@ class StabilityOptions(SceneOptions):
 @options_of(StabilityOptions, without=(*OF_A_RUN, "verbose"))
 def stability(options: StabilityOptions) -> None:
     """Compute the stability limits of SCENE. Nothing moves. `report` tests the methods behind it."""
+    from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.api.stability_limits import Device, judge_scene
     from haptic_fieldbus.report.analysis_texts import notes, stability_json, stability_lines
 
@@ -62,9 +65,9 @@ def stability(options: StabilityOptions) -> None:
     show(note_assumed_bitrate(options.bus), sys.stderr)
     judgement = judge_scene(task, device)
     if options.plot is not None:
-        from haptic_fieldbus.report.analysis_plots import plot_region
+        from haptic_fieldbus.report.analysis_plots import draw_region
 
-        draw(options.plot, lambda path: plot_region(judgement, path))
+        draw(options.plot, draw_region(judgement), picture_mark(task))
     show(notes(judgement), sys.stderr)
     if options.as_json:
         print_json({key: plain(value) for key, value in stability_json(judgement).items()})
@@ -111,6 +114,7 @@ def response(options: ResponseOptions) -> None:
     """Compute the force of SCENE for a given motion, without a drive. For the closed loop use `run`."""
     check_plot(options.plot)
     from haptic_fieldbus.api.open_loop import OpenLoop, open_loop
+    from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.report.analysis_texts import response_lines
 
     task = options.task()
@@ -122,7 +126,7 @@ def response(options: ResponseOptions) -> None:
 
         model = model_of(task)
     if options.plot is not None:
-        _draw(options.plot, found, model, title)
+        draw(options.plot, _figure(found, model, title), picture_mark(task))
     if found.diverged:
         show([("diverged", f"not finite after {len(found.time)} samples")], sys.stderr)
     if found.alias is not None:
@@ -141,18 +145,17 @@ def response(options: ResponseOptions) -> None:
         show([("plot", str(options.plot))])
 
 
-def _draw(path: Path, found: "Response", model: "EnvironmentModel | None", title: str) -> None:
-    """Draw the poles of the model, or the response when there is no model; raises UsageError for no poles."""
+def _figure(found: "Response", model: "EnvironmentModel | None", title: str) -> "Figure":
+    """Return the poles of the model, or the response when there is no model; raises UsageError for no poles."""
     if model is not None:
         if not model.integrated.order:
             raise UsageError("--plot: this scene has no virtual states, so there are no poles to draw")
-        from haptic_fieldbus.report.analysis_plots import plot_model
+        from haptic_fieldbus.report.analysis_plots import draw_model
 
-        draw(path, lambda file: plot_model(model, title, file))
-        return
-    from haptic_fieldbus.report.analysis_plots import plot_response
+        return draw_model(model, title)
+    from haptic_fieldbus.report.analysis_plots import draw_response
 
-    draw(path, lambda file: plot_response(found, title, file))
+    return draw_response(found, title)
 
 
 # Command `estimate`: a velocity estimator, a filter or an integration on a recorded signal.
@@ -186,14 +189,16 @@ def estimate(options: EstimateOptions) -> None:
     """Apply a velocity estimator to a signal in FILE. To use one in a loop: `run --estimator`."""
     check_plot(options.plot)
     from haptic_fieldbus.api.estimation import SignalRequest, estimate_from
+    from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.report.analysis_texts import estimate_lines
 
     names = (field.name for field in fields(SignalRequest))
+    mark = "" if options.plot is None else picture_mark(files=[options.file])
     found = estimate_from(SignalRequest(**{name: getattr(options, name) for name in names}))
     if options.plot is not None:
-        from haptic_fieldbus.report.analysis_plots import plot_estimate
+        from haptic_fieldbus.report.analysis_plots import draw_estimate
 
-        draw(options.plot, lambda path: plot_estimate(found, options.file.name, path))
+        draw(options.plot, draw_estimate(found, options.file.name), mark)
     if options.as_json:
         print_json({key: plain(value) for key, value in found.to_json().items()})
         return

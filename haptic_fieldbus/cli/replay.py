@@ -53,18 +53,17 @@ def replay(
         raise UsageError(f"{', '.join(taken)}: exists; move it away")
     for target in targets:
         found.write(target)
-    difference = None
+    difference, origin, kind = None, found.provenance, "rows" if found.rows else "frames"
     if compare:
         from haptic_fieldbus.api.replaying import compare_recording
 
         difference = compare_recording(found)
     if plot is not None:
+        from haptic_fieldbus.api.provenance import picture_mark
         from haptic_fieldbus.api.replaying import shown
-        from haptic_fieldbus.report.plot import plot_run
+        from haptic_fieldbus.report.plot import draw_run
 
-        result = shown(found)
-        draw(plot, lambda path: plot_run(result, path))
-    origin, kind = found.provenance, "rows" if found.rows else "frames"
+        draw(plot, draw_run(shown(found)), origin.mark if origin else picture_mark(files=[file]))
     duration = float(found.time[-1]) if len(found) else 0.0
     if as_json:
         told = {

@@ -36,6 +36,7 @@ def report(
     if find_spec("matplotlib") is None:
         raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api
+    from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.study.make_report import json_ready, make_report
     from haptic_fieldbus.study.measure.bench import Tools
 
@@ -49,6 +50,7 @@ def report(
             only=only,
             progress=progress,
             command=" ".join(filter(None, words)),
+            mark=picture_mark(),
         )
     show([("warning", warning) for warning in made.warnings], sys.stderr)
     if as_json:

@@ -134,9 +134,9 @@ def _run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: 
         trial.live.end({"text": result.stopped.message if result.stopped else "its duration is over"})
     _tell(result, options)
     if options.plot is not None:
-        from haptic_fieldbus.report.plot import plot_run
+        from haptic_fieldbus.report.plot import draw_run
 
-        draw(options.plot, lambda path: plot_run(result, path))
+        draw(options.plot, draw_run(result), result.provenance.mark if result.provenance else "")
         if not options.as_json:
             show([("plot", str(options.plot))])
     if result.recording_fault is not None:

@@ -69,6 +69,7 @@ def sweep(options: SweepOptions) -> None:
     check_plot(options.plot)
     points = parse_grid(options.grid or [], options.sample)
     from haptic_fieldbus.api import Trial
+    from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.api.sweep_folder import SweepPoints
     from haptic_fieldbus.api.sweeping import SweepRequest, sweep_task
 
@@ -86,8 +87,7 @@ def sweep(options: SweepOptions) -> None:
         asked.check()
         found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)
     if options.plot is not None:
-        figure = found.plot()
-        draw(options.plot, lambda path: figure.savefig(path))
+        draw(options.plot, found.plot(), picture_mark(task))
     if options.as_json:
         told = {
             "points": found.points, "computed": found.computed, "wall_s": found.wall_s,

@@ -146,7 +146,12 @@ class Provenance:
     @property
     def mark(self) -> str:
         """Text for the description of a picture, from which `read_provenance` reads it back."""
-        return MARK + b64encode(zlib.compress(self.text().encode(), 9)).decode()
+        return marked(self.text())
+
+
+def marked(text: str) -> str:
+    """Return the description of a picture that holds a JSON object."""
+    return MARK + b64encode(zlib.compress(text.encode(), 9)).decode()
 
 
 def scrubbed(command: Sequence[str], *, paths: bool = True) -> tuple[str, ...]:

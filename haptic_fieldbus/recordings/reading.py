@@ -50,7 +50,7 @@ def read_provenance(path: str | Path) -> Provenance:
         raise
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError, zlib.error) as error:  # of JSON, UTF-8 or base64
+    except (ValueError, LookupError, TypeError, RecursionError, zlib.error) as error:  # of JSON, UTF-8 or base64
         raise UsageError(f"{path}: no provenance in it: {error}") from error
     if found is None:
         raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
@@ -86,7 +86,11 @@ def _found(path: Path) -> Any:
         return table.get("provenance", table) if isinstance(table, dict) else None
     octets = read_octets(path, PROVENANCE_SIZE) if path.suffix in PICTURES else b""
     if marked := _MARKED.search(octets):
-        return json.loads(zlib.decompressobj().decompress(b64decode(marked[1]), PROVENANCE_SIZE))
+        table = json.loads(zlib.decompressobj().decompress(b64decode(marked[1]), PROVENANCE_SIZE))
+        if isinstance(table, dict) and "files" in table:
+            made = f"by {' '.join(table['command'])} on {table['date']} with version {table['version']}"
+            raise UsageError(f"{path}: shows no run that could be repeated; made {made}")
+        return table
     check_regular(path)
     if path.suffix == ".mcap":
         text = read_mcap(path)[3]

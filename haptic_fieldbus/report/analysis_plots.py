@@ -2,7 +2,6 @@
 
 import math
 from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,6 @@ from haptic_fieldbus.report.drawing import (
     figure,
     line,
     name_lines,
-    save,
     thin,
 )
 from haptic_fieldbus.report.plot import limit_drawn
@@ -60,14 +58,6 @@ VIEW = 1.6
 """Half of the width of the z-plane that is shown."""
 GROWN = 3.0
 """Largest growth per step that is shown."""
-
-
-def plot_model(model: EnvironmentModel, title: str, path: Path) -> None:
-    """Draw a model with virtual states into a file; the suffix selects the format.
-
-    Raises OSError when the file cannot be written.
-    """
-    save(draw_model(model, title), path)
 
 
 def draw_model(model: EnvironmentModel, title: str) -> Figure:
@@ -142,11 +132,6 @@ OUTER = 0.02
 """Share of the samples that may leave the panel of the force: a one-period impulse would hide everything else."""
 
 
-def plot_response(response: Response, title: str, path: Path) -> None:
-    """Draw a response into a file; the suffix selects the format; raises OSError when it cannot be written."""
-    save(draw_response(response, title), path)
-
-
 def draw_response(response: Response, title: str) -> Figure:
     """Return a figure of positions, velocities and the force over time."""
     units = UNITS[response.workspace]
@@ -206,11 +191,6 @@ ESTIMATE_UNITS = {"position": "m or rad", "velocity": "m/s or rad/s"}
 TOLD = ("noise", "delay", "drift")
 
 
-def plot_estimate(found: Estimation, file: str, path: Path) -> None:
-    """Draw an estimate into a file; the suffix selects the format; raises OSError when it cannot be written."""
-    save(draw_estimate(found, file), path)
-
-
 def draw_estimate(found: Estimation, file: str) -> Figure:
     """Return a figure of a signal and its estimate over time."""
     told = dict(estimate_lines(found, file))
@@ -239,14 +219,6 @@ HEADROOM = 1.3
 """Height of the picture over the largest stiffness that is marked at the damping of the scene."""
 DAMPINGS = 2.5
 """Width of the picture over the damping of the scene, or of the device if that is larger."""
-
-
-def plot_region(judgement: Judgement, path: Path) -> None:
-    """Draw the limits over damping, with the scene, into a file; the suffix selects the format.
-
-    Raises UsageError when no element of the scene has both parameters, and OSError when the file cannot be written.
-    """
-    save(draw_region(judgement), path)
 
 
 def draw_region(judgement: Judgement) -> Figure:
@@ -449,11 +421,6 @@ SEGMENTS = 8
 """Number of half-overlapping segments of a record, over which spectra are averaged."""
 COHERENT = 0.9
 """Least coherence of a point that is drawn."""
-
-
-def plot_identified(found: IdentifiedBench, path: Path) -> None:
-    """Draw a measured bench into a file; raises OSError when it cannot be written."""
-    save(draw_identified(found), path)
 
 
 def draw_identified(found: IdentifiedBench) -> Figure:

@@ -449,6 +449,11 @@ def save(drawn: Figure, path: FilePath, description: str = "") -> None:
     drawn.savefig(path, metadata=words)
 
 
+def with_description(document: str, description: str) -> str:
+    """Return the SVG document of `svg` with a description, in the field where `save` has it."""
+    return document.replace("</cc:Work>", f"<dc:description>{description}</dc:description></cc:Work>", 1)
+
+
 def content(drawn: Figure) -> dict[str, Any]:
     """Return the content of a figure: its texts, the range of each panel, and its lines and areas in a few numbers.
 

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from itertools import cycle, pairwise
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -43,7 +42,6 @@ from haptic_fieldbus.report.drawing import (
     is_smear,
     kept,
     name_lines,
-    save,
     thin,
 )
 from haptic_fieldbus.report.texts import key_figures, parameter_units
@@ -149,14 +147,6 @@ WIDTH, HEIGHT = 13.5, 8.0
 """Size of the picture of one axis [inches]."""
 OPPOSES = 0.9
 """Share of the considerable force opposite to the travel from which the scene counts as pushing back."""
-
-
-def plot_run(result: Result, path: Path) -> None:
-    """Draw the traces of a run into a file; the suffix selects the format.
-
-    Raises OSError when the file cannot be written.
-    """
-    save(draw_run(result), path, "" if result.provenance is None else result.provenance.mark)
 
 
 def draw_run(result: Result) -> Figure:

@@ -17,7 +17,7 @@ from time import perf_counter
 from haptic_fieldbus import Plan, UsageError
 from haptic_fieldbus.margins import HAND
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
-from haptic_fieldbus.report.drawing import FELT
+from haptic_fieldbus.report.drawing import FELT, with_description
 from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
 from haptic_fieldbus.study.measure.loops import contacts
@@ -122,10 +122,12 @@ def make_report(
     only: str | None = None,
     progress: Progress | None = None,
     command: str = "haptic-fieldbus report",
+    mark: str = "",
 ) -> Report:
     """Measure, and write `index.html`, `report.json`, `details.json` and `figures/` into `out`.
 
-    `progress` is called with a label and the share that is done; `command` is shown on the page.
+    `progress` is called with a label and the share that is done; `command` is shown on the page, and `mark` tells in
+    each figure what it was made from.
 
     Raises UsageError when `only` is unknown or the folder cannot be written, PlanError when the bench has no known mass
     and friction.
@@ -152,7 +154,7 @@ def make_report(
     sections.append(_made_on(machine, command, perf_counter() - begun))
     text = page(TITLE, INTRODUCTION, sections, assumed(wall, context.bench, machine), escape(" ".join(warnings)))
     with _writing(out):
-        _write(out, sections, content, text)
+        _write(out, sections, content, text, mark)
     return Report(content, findings, warnings)
 
 
@@ -192,11 +194,11 @@ def _make_folder(out: Path) -> None:
             probe.unlink()
 
 
-def _write(out: Path, sections: list[Section], rows: Mapping[str, object], text: str) -> None:
+def _write(out: Path, sections: list[Section], rows: Mapping[str, object], text: str, mark: str) -> None:
     """Write figures, both JSON files and the page."""
     for section in sections:
         for name, document in section.figures.items():
-            (out / "figures" / f"{name}.svg").write_text(document, encoding="utf-8")
+            (out / "figures" / f"{name}.svg").write_text(with_description(document, mark), encoding="utf-8")
     details = {section.name: section.details for section in sections if section.details is not None}
     _write_json(out / "report.json", rows)
     _write_json(out / "details.json", details)

@@ -86,8 +86,13 @@ def test_a_run_with_them_is_repeated_where_the_objects_are_known(tmp_path: Path)
     repeat(result.provenance, record=tmp_path / "b.csv")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     assert read_recording(tmp_path / "a.csv").provenance is not None
-    with pytest.raises(UsageError, match=r'no (hand|estimator) "mine"'):
+    told = 'the {0} "mine" of the recorded run was an object of a program, .*no {0} "mine".*{0}=...'
+    with pytest.raises(UsageError, match=told.format("hand")):
         repeat(tmp_path / "a.csv")
+    with pytest.raises(UsageError, match=told.format("estimator")):
+        repeat(tmp_path / "a.csv", hand=NUDGE)
+    repeat(tmp_path / "a.csv", record=tmp_path / "c.csv", hand=NUDGE, estimator=ESTIMATOR)
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
 
 
 def test_a_result_with_them_is_copied_without_what_cannot_be_sent() -> None:

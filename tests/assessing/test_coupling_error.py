@@ -9,7 +9,8 @@ from haptic_fieldbus.assessing import summary
 from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.assessing.torque_error import ErrorFigures
-from haptic_fieldbus.report.plot import plot_run
+from haptic_fieldbus.report.drawing import save
+from haptic_fieldbus.report.plot import draw_run
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.element import AnyElement
@@ -69,10 +70,10 @@ def test_an_axis_names_the_sources_that_it_has(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.thorough("draws a run")
 def test_the_picture_names_each_axis(tmp_path: Path) -> None:
     shaft = scene_of(SHAFT)
-    plot_run(run(shaft, endless_rig(shaft), duration=1.0), tmp_path / "shaft.svg")
+    save(draw_run(run(shaft, endless_rig(shaft), duration=1.0)), tmp_path / "shaft.svg")
     text = (tmp_path / "shaft.svg").read_text(encoding="utf-8")
     assert "left: whole run" in text
     assert "right: whole run" in text
     wall = scene_of(Wall("handle", 300.0))
-    plot_run(run(wall, endless_rig(wall), duration=1.0), tmp_path / "wall.svg")
+    save(draw_run(run(wall, endless_rig(wall), duration=1.0)), tmp_path / "wall.svg")
     assert "<!-- whole run -->" in (tmp_path / "wall.svg").read_text(encoding="utf-8")

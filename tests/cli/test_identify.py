@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.api import identification
+from haptic_fieldbus.recordings.provenance import digest
 from tests.api.test_identification import rig_text
 from tests.cli.command import Command
+from tests.recordings.test_provenance import told_by
 
 KEYS = "axis values rate_hz travel speed effort residual samples warnings written"
 
@@ -30,12 +32,13 @@ def test_a_dry_run_says_what_would_move_and_changes_nothing(rig: Path, command: 
 
 
 def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, command: Command) -> None:
-    picture = tmp_path / "bench.png"
+    picture, before = tmp_path / "bench.png", digest(rig.read_text(encoding="utf-8"))
     ended = command("identify", "--rig", rig, "--plot", picture)
     assert ended.status == 0, ended.err
     assert "the rig states 0.3 mN·m·s/rad, measured" in ended.out
     assert f"[axis.handle.identified] written into {rig}" in ended.out
     assert picture.stat().st_size > 10_000
+    assert told_by(picture)["files"] == {rig.name: before}, "the rig file as it was before the values were written"
 
 
 @pytest.mark.thorough("measures a bench")

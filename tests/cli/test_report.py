@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import haptic_fieldbus.cli.report as module
+from haptic_fieldbus import UsageError, read_provenance
 from haptic_fieldbus.numerics.integrators import METHODS
 from tests.cli.command import Command
 
@@ -58,6 +59,9 @@ def test_every_section_is_written(
     assert bool(found["findings"])
     assert all(number in page for finding in found["findings"] for number in re.findall(r"\d+\.\d+", str(finding)))
     names = sorted(path.stem for path in (tmp_path / "new" / "folder" / "figures").iterdir())
+    for path in (tmp_path / "new" / "folder" / "figures").iterdir():
+        with pytest.raises(UsageError, match="shows no run that could be repeated"):
+            read_provenance(path)
     assert names == sorted(figures)
     assert bool(found["optional_parts"]) is (section == "cost")
     assert all(list(row) == ["part", "ns_per_step", "ns_quartiles"] for row in found["optional_parts"])

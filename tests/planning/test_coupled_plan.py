@@ -217,7 +217,8 @@ def test_a_coupling_without_stiffness_beside_others_is_none_to_vary() -> None:
 @pytest.mark.thorough("judges a grid of couplings")
 def test_the_picture_of_the_region_is_drawn_of_a_pair_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from haptic_fieldbus.report import analysis_plots
+    from haptic_fieldbus.report.drawing import save
 
     monkeypatch.setattr(analysis_plots, "POINTS", 3)
-    analysis_plots.plot_region(judge_scene(Task("virtual_shaft")), tmp_path / "region.png")
+    save(analysis_plots.draw_region(judge_scene(Task("virtual_shaft"))), tmp_path / "region.png")
     assert (tmp_path / "region.png").stat().st_size > 10_000

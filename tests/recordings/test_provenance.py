@@ -5,8 +5,10 @@ import os
 import platform
 import re
 import zlib
-from base64 import b64encode
+from base64 import b64decode, b64encode
 from dataclasses import replace
+from inspect import signature
+from itertools import cycle
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,10 +17,20 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus import HapticFieldbusError, Provenance, UsageError, read_provenance, repeat, run
 from haptic_fieldbus.api import provenance as gathering
+from haptic_fieldbus.cli.app import app
 from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE
 from haptic_fieldbus.planning.request import RECORD_SUFFIXES
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.recordings.provenance import HIDDEN, MARK, PICTURES, digest, scrubbed, side_file, without_secrets
+from haptic_fieldbus.recordings.provenance import (
+    HIDDEN,
+    MARK,
+    PICTURES,
+    digest,
+    marked,
+    scrubbed,
+    side_file,
+    without_secrets,
+)
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
@@ -196,6 +208,19 @@ def test_an_element_of_python_is_told_and_not_repeated(tmp_path: Path) -> None:
         repeat(tmp_path / "a.csv")
 
 
+@pytest.mark.parametrize("sort", ["hand", "method", "estimator"])
+def test_a_part_of_python_that_is_not_here_is_named(sort: str, command: Command, tmp_path: Path) -> None:
+    recorded(tmp_path / "a.csv")
+    beside = side_file(tmp_path / "a.csv")
+    table = json.loads(beside.read_text())
+    beside.write_text(json.dumps(table | {"conditions": table["conditions"] | {sort: "mine"}}))
+    refused = command("run", "--from", str(tmp_path / "a.csv"))
+    told = " ".join(refused.err.split())
+    assert refused.status == 2
+    assert f'the {sort} "mine" of the recorded run was an object of a program' in told
+    assert f"repeat(FILE, {sort}=...)" in told
+
+
 def test_a_run_that_is_stopped_is_repeated_up_to_its_end() -> None:
     found = run("wall", duration=SHORT).provenance
     assert found is not None
@@ -247,12 +272,69 @@ def test_the_next_octets_of_a_picture_are_no_part_of_its_provenance(tmp_path: Pa
     picture, lengths = tmp_path / "a.png", set[int]()
     for more in range(40):
         longer = replace(found, command=(*found.command, *map(str, range(more))))
-        marked = longer.mark
-        lengths.add(marked.count("="))
+        mark = longer.mark
+        lengths.add(mark.count("="))
         for after in ("A", "AB", "+/9", "ABCD", "=", "==", "A=", "\0"):
-            picture.write_bytes(b"\x89PNG" + marked.encode() + after.encode() + b"\0\0\0")
+            picture.write_bytes(b"\x89PNG" + mark.encode() + after.encode() + b"\0\0\0")
             assert read_provenance(picture) == longer
     assert lengths == {0, 1, 2}
+
+
+WORDS = {
+    "stability": ("wall", "--set", "wall.stiffness=max/2"),
+    "response": ("wall", "--duration", "0.05"),
+    "estimate": ("signal.csv",),
+    "sweep": ("wall", "--grid", "wall.stiffness=100:200:2", "--workers", "1", "--out", "rows"),
+    "replay": ("signal.csv",),
+}
+"""Arguments of the commands that draw no run, beside --plot."""
+
+
+def told_by(picture: Path) -> dict[str, Any]:
+    """Return the JSON object in a picture, found without the package."""
+    found = re.search(
+        MARK.encode() + rb"((?:[A-Za-z0-9+/]{4})*(?:[A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?)", picture.read_bytes()
+    )
+    assert found is not None, picture
+    return cast(dict[str, Any], json.loads(zlib.decompress(b64decode(found[1]))))
+
+
+def test_a_picture_of_no_run_tells_what_it_was_made_from(
+    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("USER", "ada")
+    recorded(Path("signal.csv"))
+    side_file(Path("signal.csv")).unlink()
+    rows = Path("signal.csv").read_text().splitlines()
+    place = rows[0].split(",").index("handle.position")
+    signal = [f"{index / 1000},{row.split(',')[place]}" for index, row in enumerate(rows[1:])]
+    Path("motion.csv").write_text("\n".join(["time,position", *signal]))
+    for (name, given), suffix in zip(WORDS.items(), cycle(PICTURES), strict=False):
+        words = ("motion.csv",) if name == "estimate" else given
+        picture = Path("secret", f"{name}{suffix}")
+        picture.parent.mkdir(exist_ok=True)
+        monkeypatch.setattr("sys.argv", ["/opt/bin/haptic-fieldbus", name, *words, "--plot", str(picture)])
+        finished = command(name, *words, "--plot", str(picture))
+        assert finished.status == 0, finished.err
+        told = told_by(picture)
+        assert told["version"] == gathering.versions()["haptic-fieldbus"]
+        assert told["command"][:3] == ["haptic-fieldbus", name, words[0]]
+        if words[0].endswith(".csv"):
+            assert told["files"] == {words[0]: digest(Path(words[0]).read_bytes())}
+        else:
+            assert 'kind = "wall"' in told["scene"]
+        assert (told["host"], told["user"]) == (None, None)
+        assert not any(private in json.dumps(told) for private in ("/opt", "secret", '"ada"', str(tmp_path)))
+        refused = command("run", "--from", str(picture))
+        assert refused.status == 2
+        assert f"shows no run that could be repeated; made by haptic-fieldbus {name} {words[0]}" in refused.err
+
+
+def test_every_command_that_draws_is_tried() -> None:
+    commands = [cast(Any, each.callback) for each in app.registered_commands]
+    drawing = {each.__name__ for each in commands if "plot" in signature(each).parameters}
+    assert drawing == {*WORDS, "run", "rehearse", "identify"}
 
 
 def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
@@ -286,6 +368,10 @@ def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bomb.png").write_bytes(MARK.encode() + b64encode(zlib.compress(b" " * (PROVENANCE_SIZE + 1), 9)))
     with pytest.raises(UsageError, match="no provenance in it"):
         read_provenance(tmp_path / "bomb.png")
+    for text in ('{"files": 1}', '{"files": {}, "command": 3, "date": 1, "version": 2}'):
+        (tmp_path / "a.png").write_text(marked(text))
+        with pytest.raises(UsageError, match="no provenance in it"):
+            read_provenance(tmp_path / "a.png")
     os.mkfifo(tmp_path / "a.json")
     (tmp_path / "zero.png").symlink_to("/dev/zero")
     for name, kind in (("a.json", "a FIFO"), ("zero.png", "a device")):

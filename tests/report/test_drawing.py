@@ -1,6 +1,8 @@
 """Style of all pictures: colours, names at lines, and titles."""
 
 from itertools import combinations
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,6 +22,9 @@ from haptic_fieldbus.report.drawing import (
     figure,
     is_smear,
     name_lines,
+    save,
+    svg,
+    with_description,
 )
 from tests.pictures import misplaced
 
@@ -119,3 +124,14 @@ def test_an_envelope_holds_every_value() -> None:
     assert (low[nearest] <= values).all()
     assert (values <= high[nearest]).all()
     assert (low.min(), high.max()) == (values.min(), values.max())
+
+
+def test_a_description_stands_where_matplotlib_writes_it(tmp_path: Path) -> None:
+    drawn = figure(1.0, 1.0, "", [])
+    document = svg(drawn)
+    told = with_description(document, "of a test")
+    assert told.replace("<dc:description>of a test</dc:description>", "") == document
+    save(drawn, tmp_path / "a.svg", "of a test")
+    kind = "{http://creativecommons.org/ns#}Work/{http://purl.org/dc/elements/1.1/}description"
+    texts = [ElementTree.fromstring(each).findtext(f".//{kind}") for each in (told, (tmp_path / "a.svg").read_text())]
+    assert texts == ["of a test", "of a test"]

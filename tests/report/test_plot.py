@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from haptic_fieldbus.assessing.loop_report import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
 from haptic_fieldbus.margins import Basis
-from haptic_fieldbus.report.drawing import BINS, held, thin
+from haptic_fieldbus.report.drawing import BINS, held, save, thin
 from haptic_fieldbus.report.plot import (
     ZOOM_AFTER,
     ZOOM_BEFORE,
@@ -22,7 +22,6 @@ from haptic_fieldbus.report.plot import (
     draw_run,
     first_force,
     headline,
-    plot_run,
     pushes_back,
 )
 from haptic_fieldbus.scenes.wall import Wall
@@ -66,7 +65,7 @@ def result_of(*traces: Trace, walls: tuple[Wall, ...] = ()) -> Result:
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
 def test_a_run_is_drawn_in_every_format(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"demo{suffix}"
-    plot_run(result_of(push(), walls=(Wall("handle", 600.0, 0.02),)), path)
+    save(draw_run(result_of(push(), walls=(Wall("handle", 600.0, 0.02),))), path)
     assert path.stat().st_size > 10_000
 
 
@@ -235,8 +234,8 @@ def test_changes_are_marked_where_they_began() -> None:
 
 @pytest.mark.thorough("draws a run")
 def test_two_axes_stand_below_one_another(tmp_path: Path) -> None:
-    plot_run(result_of(push(), push()), tmp_path / "two.png")
-    plot_run(result_of(push()), tmp_path / "one.png")
+    save(draw_run(result_of(push(), push())), tmp_path / "two.png")
+    save(draw_run(result_of(push())), tmp_path / "one.png")
     assert image_height(tmp_path / "two.png") == 2 * image_height(tmp_path / "one.png")
 
 
