@@ -213,9 +213,9 @@ class _Bench:
             while True:
                 next(steps)
                 caller.stopping = taken.period(session)
-                if not session.plan.simulated:
-                    self.serial = session.identities[self.name].serial
         except StopIteration as ended:
+            if not session.plan.simulated:  # a simulated drive draws its number
+                self.serial = session.identities[self.name].serial
             if ended.value.stopped is not None:
                 raise KeyboardInterrupt from None
         if experiment.failure:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.running.session import Session
 from tests.running.guard_bench import GuardBench, rig_text
 from tests.running.test_proofs import with_serial
 
@@ -32,6 +33,21 @@ def test_another_drive_is_refused_and_nothing_is_written_to_it(rig: Path) -> Non
     assert (bench.asked, bench.torques(), bench.downloads()) == ("", [], set())
     assert bench.is_free()
     assert rig.read_bytes() == before
+
+
+def test_after_a_run_it_is_known_which_drive_it_was(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`identify` keeps this number in the rig."""
+    sessions: list[Session] = []
+    begun = Session.__init__
+
+    def noted(self: Session, *arguments: object, **words: object) -> None:
+        begun(self, *arguments, **words)  # type: ignore[arg-type]
+        sessions.append(self)
+
+    monkeypatch.setattr(Session, "__init__", noted)
+    GuardBench(rig).put(but=with_serial(0x1234)).run()
+    assert [each.identities["handle"].serial for each in sessions] == [0x1234]
+    assert not sessions[0].plan.simulated
 
 
 @pytest.mark.parametrize("serial", [0x1234, 0])
