@@ -111,6 +111,9 @@ def _fault(axis: RigAxis, profile: DriveProfile) -> str:
         value, interval = getattr(measured, key), getattr(measured, f"{key}_interval")
         if value is not None and not (interval is not None and 0.0 <= interval[0] <= value <= interval[1] < math.inf):
             return f"{key} of [identified] has no interval around it"
+    coupling = axis.simulation.coupling
+    if measured.inertia is not None and coupling is not None and measured.inertia <= coupling.load_inertia:
+        return "the measured inertia is not above load_inertia of simulation.coupling"
     if measured.inertia is not None and measured.inertia_interval is not None:
         low, _ = widened(measured.inertia, measured.inertia_interval)
         return "" if low > 0.0 else "the inertia was measured too roughly for a limit"

@@ -300,6 +300,13 @@ def test_a_compliant_coupling_stays_open() -> None:
     assert ranges.total is not None
 
 
+def test_a_measured_inertia_below_that_of_the_load_leaves_the_bench_unknown() -> None:
+    coupling = CompliantCoupling(stiffness=1.0, load_inertia=3e-5)
+    (axis,) = planned(told(inertia=2.5e-5), simulation=Mechanics(coupling=coupling)).axes
+    assert "not above load_inertia of simulation.coupling" in axis.cap
+    assert axis.plant is None
+
+
 # What does not count.
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
