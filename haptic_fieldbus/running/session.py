@@ -337,7 +337,7 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     facts = bus.facts[name]
     share, probe = axis.limits.effort / axis.rated_effort, sign_probe(axis, plan.period)
     number = facts.identity.serial
-    serial = "" if number is None else f" (serial {number:#06x})"
+    serial = "" if number is None else f" (serial {number:#010x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
