@@ -2,6 +2,7 @@
 
 import signal
 import struct
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,32 +11,49 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus import LiveSession
+from haptic_fieldbus.planning.deadlines import EndCause
 from tests.peers.hosts import GROUP, free_port, line_of, require_multicast, start
-from tests.peers.test_master_dies import BUS, NODE, OPERATION_ENABLED, RIG, SETTING, STATE, Drive
+from tests.peers.test_master_dies import (
+    ATTEMPTS,
+    BUS,
+    NODE,
+    OPERATION_ENABLED,
+    RATE,
+    RIG,
+    SETTING,
+    STATE,
+    Drive,
+    stated,
+)
 
 pytestmark = pytest.mark.xdist_group("peers")
 
-RATE, PERIODS = 50.0, 25
-"""A slow loop, whose guard a busy machine does not reach by itself."""
-ATTEMPTS = 3
+ENABLED = 0x0F
+PUSHED = 2.0
+"""Force at the handle at which the block is left [N]."""
 
 
-def by_break(live: LiveSession) -> None:
-    for number, _ in enumerate(live):
-        if number == PERIODS:
+def pushed(live: LiveSession) -> float:
+    """Step until the wall pushes; return the time of day."""
+    next(each for each in live if abs(each.given) >= PUSHED)
+    return time.time()
+
+
+def by_break(live: LiveSession, left: list[float]) -> None:
+    for each in live:
+        if abs(each.given) >= PUSHED:
+            left.append(time.time())
             break
 
 
-def by_an_error(live: LiveSession) -> None:
-    for number, _ in enumerate(live):
-        if number == PERIODS:
-            raise ZeroDivisionError
+def by_an_error(live: LiveSession, left: list[float]) -> None:
+    left.append(pushed(live))
+    raise ZeroDivisionError
 
 
-def by_a_signal(live: LiveSession) -> None:
-    for number, _ in enumerate(live):
-        if number == PERIODS:
-            signal.raise_signal(signal.SIGINT)
+def by_a_signal(live: LiveSession, left: list[float]) -> None:
+    left.append(pushed(live))
+    signal.raise_signal(signal.SIGINT)
 
 
 def bind(asked: list[str]) -> Callable[[str], bool]:
@@ -50,8 +68,8 @@ def bind(asked: list[str]) -> Callable[[str], bool]:
 
 @pytest.mark.thorough("seconds of real time")
 @pytest.mark.parametrize("leave", [by_break, by_an_error, by_a_signal])
-def test_the_drive_is_torque_free_when_the_block_is_left(
-    leave: Callable[[LiveSession], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_drive_is_torque_free_within_the_stated_time_when_the_block_is_left(
+    leave: Callable[[LiveSession, list[float]], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = free_port()
     require_multicast(port)
@@ -60,19 +78,23 @@ def test_the_drive_is_torque_free_when_the_block_is_left(
     rig.write_text(RIG)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     host = start(
-        "simulate", "--drive", f"generic_cia402@{NODE}", "--bus", BUS.partition("@")[0], "--hand", "none", port=port
+        "simulate", "--drive", f"generic_cia402@{NODE}", "--bus", BUS.partition("@")[0], "--hand", "push", port=port
     )
     try:
         line_of(host)
         trips: list[str] = []
         for _ in range(ATTEMPTS):
-            with can.Bus(interface="udp_multicast", channel=GROUP, port=port) as bus:
-                asked: list[str] = []
+            with (
+                can.Bus(interface="udp_multicast", channel=GROUP, port=port) as bus,
+                can.Bus(interface="udp_multicast", channel=GROUP, port=port) as ear,
+                can.Notifier(ear, [(heard := list[can.Message]()).append]),
+            ):
+                asked, left = list[str](), list[float]()
                 try:
                     with haptic_fieldbus.session(
                         "wall", rig, rate=RATE, settings=dict([SETTING]), confirm=bind(asked)
                     ) as live:
-                        leave(live)
+                        leave(live, left)
                 except (ZeroDivisionError, KeyboardInterrupt):
                     pass
                 except haptic_fieldbus.HapticFieldbusError as error:  # late, and so tripped: torque is off then too
@@ -83,8 +105,16 @@ def test_the_drive_is_torque_free_when_the_block_is_left(
                     assert Drive(bus).read(0x6077) == 0
                 assert asked
                 assert live.result is None if leave is by_an_error else live.result is not None
-                sent = [heard for heard in iter(lambda: bus.recv(0), None) if heard.arbitration_id == 0x200 + NODE]
-                assert all(struct.unpack("<Hh", bytes(each.data))[1] == 0 for each in sent[-1:])
+                sent = [each for each in heard if each.arbitration_id == 0x200 + NODE]
+                targets = [(each.timestamp - left[0], *struct.unpack("<Hh", bytes(each.data))) for each in sent]
+                assert targets[-1][1] != ENABLED
+                assert targets[-1][2] == 0
+                pushes = [after for after, _, torque in targets if torque]
+                assert pushes, "it was left under torque"
+                zero = min(after for after, _, torque in targets if after > pushes[-1] and not torque)
+                if zero > stated(rig, EndCause.END):
+                    trips.append(f"torque-free after {zero} s, on a busy machine")
+                    continue
                 return
         pytest.fail("\n".join(trips))
     finally:
