@@ -291,85 +291,103 @@ def _blocks(given: Loops) -> Iterator[NDArray[np.int64]]:
 
 
 class Running:
-    """Loops of one block while they run: their states, and the forces that do not act yet."""
+    """Loops of one block while they run: their states, and the forces that do not act yet.
+
+    A step writes into arrays that are there already. A factor that all loops have in common is one number.
+    """
 
     def __init__(self, loops: Loops) -> None:
         self._loops = loops
         splits = [split_delay(*pair) for pair in zip(loops.delay.tolist(), loops.period.tolist(), strict=True)]
         self._whole, self._rest = splits[0][0], np.array([rest for _, rest in splits])
-        zero = np.zeros(len(loops))
-        self.state = [loops.position.copy(), loops.velocity.copy()] + ([zero.copy()] if loops.lag.any() else [])
-        self._inner = [zero.copy() for _ in range(loops.b.shape[1])]
+        count, order = len(loops), loops.b.shape[1]
+        states = [loops.position, loops.velocity] + ([np.zeros(count)] if loops.lag.any() else [])
+        self.state, self._next, self._products = (np.array(states) for _ in range(3))
+        self._inner, self._next_inner = np.zeros((order, count)), np.zeros((order, count))
         # Newest first. With n whole periods of delay F_{k−n} and F_{k−n−1} act, hence n + 2.
-        self._forces = [zero.copy() for _ in range(self._whole + 2)]
-        self._rows = (
-            None
-            if loops.coulomb.any()
-            else [
-                [(place, factor) for place, factor in enumerate(row) if factor.any()]
-                for row in _maps(loops, self._rest)
-            ]
-        )
-        self._step = np.where(loops.resolution > 0.0, loops.resolution, 1.0)
-        self._is_ideal = loops.resolution == 0.0
+        self._forces = [np.zeros(count) for _ in range(self._whole + 2)]
+        self._terms = None if loops.coulomb.any() else _terms(_maps(loops, self._rest))
+        self._step = _common(np.where(loops.resolution > 0.0, loops.resolution, 1.0))
+        self._offset = _common(loops.phase + 0.5)
+        self._ideal = loops.resolution == 0.0
+        self._has_encoder, self._has_ideal = not self._ideal.all(), bool(self._ideal.any())
+        self._has_stop, self._is_limited = bool(loops.unilateral.any()), bool(np.isfinite(loops.saturation).any())
+        self._d, self._c, self._b = (_common(each) for each in (loops.d, loops.c.T, loops.b.T))
+        self._a = [(row, at, _common(loops.a[:, row, at])) for row, at in np.argwhere(loops.a.any(axis=0)).tolist()]
+        self._measured, self._product = np.empty(count), np.empty(count)
 
     def advance(self, steps: int) -> Array:
         """Run for `steps` more periods and return the greatest |position| at their samples, (N,)."""
-        peak = np.zeros(len(self._loops))
+        peak, product = np.zeros(len(self._loops)), self._product
         for _ in range(steps):
-            np.fmax(peak, np.abs(self.state[0]), out=peak)
-            self._forces.insert(0, self._force(self._measured()))
-            self._forces.pop()
+            np.fmax(peak, np.abs(self.state[0], out=product), out=peak)
+            self._forces.insert(0, self._force(self._measure(), self._forces.pop()))
             after, before = self._forces[self._whole], self._forces[self._whole + 1]
-            if self._rows is None:
+            if self._terms is None:
                 self._slide(before, after)
             else:
-                known = (*self.state, before, after, self._loops.push)
-                self.state = [_sum(terms, known) for terms in self._rows]
+                self._move(self._terms, (*self.state, before, after, self._loops.push))
         return peak
 
-    def _measured(self) -> Array:
+    def _measure(self) -> Array:
         """Return the position rounded to encoder counts; unchanged for loops without a resolution."""
-        position = self.state[0]
-        if self._is_ideal.all():
+        position, counted = self.state[0], self._measured
+        if not self._has_encoder:
             return position
-        counted: Array = np.floor(position / self._step + (self._loops.phase + 0.5)) * self._step
-        return np.where(self._is_ideal, position, counted) if self._is_ideal.any() else counted
+        np.floor(np.add(np.divide(position, self._step, out=counted), self._offset, out=counted), out=counted)
+        counted *= self._step
+        if self._has_ideal:
+            np.copyto(counted, position, where=self._ideal)
+        return counted
 
-    def _force(self, position: Array) -> Array:
-        loops, inner = self._loops, self._inner
-        force: Array = loops.d * position
-        for place, value in enumerate(inner):
-            force = force + loops.c[:, place] * value
-        self._inner = [
-            sum((loops.a[:, row, place] * value for place, value in enumerate(inner)), loops.b[:, row] * position)
-            for row in range(len(inner))
-        ]
-        if loops.unilateral.any():
-            force = np.where(loops.unilateral & ((position <= 0.0) | (force > 0.0)), 0.0, force)
-        if np.isfinite(loops.saturation).any():
-            force = np.clip(force, -loops.saturation, loops.saturation)
+    def _force(self, position: Array, force: Array) -> Array:
+        """Write the new force into `force`, and step the states of the environment."""
+        loops, inner, product = self._loops, self._inner, self._product
+        np.multiply(self._d, position, out=force)
+        for factor, value in zip(self._c, inner, strict=True):
+            force += np.multiply(factor, value, out=product)
+        np.multiply(self._b, position, out=self._next_inner)
+        for row, at, factor in self._a:
+            self._next_inner[row] += np.multiply(factor, inner[at], out=product)
+        self._inner, self._next_inner = self._next_inner, inner
+        if self._has_stop:
+            np.copyto(force, 0.0, where=loops.unilateral & ((position <= 0.0) | (force > 0.0)))
+        if self._is_limited:
+            np.clip(force, -loops.saturation, loops.saturation, out=force)
         return force
+
+    def _move(self, terms: "Terms", known: tuple[Array, ...]) -> None:
+        """Step the states of loops without friction."""
+        # One product after the other, unlike a dot product of numpy: this keeps the bits of the sum in plain floats.
+        new, products = self._next, self._products
+        new.fill(-0.0)  # the only number to which a sum can be added without a change of any bit
+        for place, (factors, rows) in enumerate(terms):
+            new[rows] += np.multiply(factors, known[place], out=products[rows])
+        self._next, self.state = self.state, new
 
     def _slide(self, before: Array, after: Array) -> None:
         loops = self._loops
         device = SampledMass(loops.mass, loops.damping, loops.coulomb)
-        x, v = self.state[0], self.state[1]
+        x, v = self.state
         if self._rest.any():
             x, v = slide(device, x, v, before + loops.push, self._rest)
-        self.state = [*slide(device, x, v, after + loops.push, loops.period - self._rest)]
+        self.state[:] = slide(device, x, v, after + loops.push, loops.period - self._rest)
 
 
-Terms = list[tuple[int, Array]]
+Terms = list[tuple[Array, slice]]
+"""By the number of a known value: its factors in the rows of the map that have one, and these rows."""
 
 
-def _sum(terms: Terms, known: tuple[Array, ...]) -> Array:
-    # One product after the other, unlike a dot product of numpy: this keeps the bits of the sum in plain floats.
-    (place, factor), *others = terms
-    total: Array = factor * known[place]
-    for place, factor in others:
-        total = total + factor * known[place]
-    return total
+def _common(factors: Array) -> Array:
+    """Return factors (..., N), or (..., 1) where they are the same in all loops."""
+    return factors[..., :1].copy() if (factors == factors[..., :1]).all() else np.ascontiguousarray(factors)
+
+
+def _terms(rows: list[list[Array]]) -> Terms:
+    """Return the map of a period by columns, each without the rows at its end that it does not act on."""
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    ends = [max(np.flatnonzero(column.any(axis=1)).tolist(), default=-1) + 1 for column in columns]
+    return [(_common(column[:end]), slice(end)) for column, end in zip(columns, ends, strict=True)]
 
 
 def _maps(loops: Loops, rest: Array) -> list[list[Array]]:
