@@ -14,8 +14,10 @@ from statistics import median
 import drive_cost
 import modbus_exchange
 import period_cost
+import session_cost
 import start_cost
 import step_cost
+import sweep_cost
 import virtual_time
 from rich.console import Console
 from rich.progress import track
@@ -27,6 +29,8 @@ FIGURES: tuple[Figure, ...] = (
     *step_cost.FIGURES,
     *modbus_exchange.FIGURES,
     *virtual_time.FIGURES,
+    *session_cost.FIGURES,
+    *sweep_cost.FIGURES,
     *drive_cost.FIGURES,
     *start_cost.FIGURES,
 )

@@ -1,48 +1,49 @@
-"""A session beside the run that it cuts open: the wall in virtual time, interleaved, the shortest of each."""
+"""A period of a session, whose caller looks at each state, beside one of the run that it cuts open; in virtual time.
 
-from time import perf_counter
+Both take turns. Times are processor time, of a long one less that of a short one: that leaves out what happens once.
+"""
 
-from rows import Row, show
+import gc
+from collections.abc import Callable
+from contextlib import ExitStack
+from time import process_time
+
+from rows import Figure, Pair, Row, show
 
 from haptic_fieldbus import run, session
 
-SHORT, LONG, REPEATS = 0.2, 2.2, 12
-"""Durations [s]; their difference leaves out what happens once a run."""
+SHORT, LONG = 0.2, 4.2
+"""Durations [s]."""
 
 
-def by_run(duration: float) -> float:
-    """Time of a run [s]."""
-    began = perf_counter()
+def by_run(duration: float) -> None:
     run("wall", duration=duration)
-    return perf_counter() - began
 
 
-def by_session(duration: float) -> float:
-    """Time of a session whose caller looks at each period [s]."""
-    began = perf_counter()
+def by_session(duration: float) -> None:
     with session("wall", duration=duration) as live:
         for state in live:
             if state.position > 1.0:
                 break
-    return perf_counter() - began
 
 
-def main() -> None:
-    by_run(SHORT)
-    found = [(by_session(SHORT), by_run(SHORT), by_session(LONG), by_run(LONG)) for _ in range(REPEATS)]
-    short, brief, ours, reference = (min(times) for times in zip(*found, strict=True))
-    periods = 1000.0 * (LONG - SHORT)
-    show(
-        [
-            Row(
-                "a period of a session, beside that of a run",
-                (ours - short) / periods,
-                (reference - brief) / periods,
-                1.1,
-            )
-        ]
-    )
+def period(call: Callable[[float], None]) -> float:
+    """Return the processor time of a period [s]."""
+    times = []
+    for duration in (SHORT, LONG):
+        gc.collect()  # the garbage of what was measured before
+        begun = process_time()
+        call(duration)
+        times.append(process_time() - begun)
+    return (times[1] - times[0]) / (1000.0 * (LONG - SHORT))
+
+
+def pair(_: ExitStack) -> Pair:
+    return lambda: (period(by_session), period(by_run))
+
+
+FIGURES = (Figure("period of a session", "one of the same run", 1.1, pair),)
 
 
 if __name__ == "__main__":
-    main()
+    show([Row(each.name, *each.pair(ExitStack())(), each.bound) for each in FIGURES])

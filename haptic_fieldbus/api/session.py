@@ -19,14 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.assessing.result import Result
-from haptic_fieldbus.cycle.axis import AxisCycle
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
 from haptic_fieldbus.errors import UsageError, wrong_kind
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.planning.live_changes import Change
 from haptic_fieldbus.planning.request import LONGEST, Task
@@ -147,9 +145,12 @@ class SessionState(NamedTuple):
     @property
     def axis(self) -> AxisView:
         """The only axis; raises UsageError where there are several."""
-        if len(self.axes) > 1:
-            raise UsageError(f"the session has several axes; name one, as in state.axes[{min(self.axes)!r}]")
-        return next(iter(self.axes.values()))
+        try:
+            (only,) = self.axes.values()
+        except ValueError:
+            text = f"the session has several axes; name one, as in state.axes[{min(self.axes)!r}]"
+            raise UsageError(text) from None
+        return only
 
     @property
     def position(self) -> float:
@@ -172,12 +173,25 @@ class SessionState(NamedTuple):
         return self.axis.drive
 
 
-def _viewer(plan: AxisPlan, axis: AxisCycle) -> Callable[[], AxisView]:
-    """Return a function that looks at an axis."""
-    state, sensed, unit = axis.state, axis.sensed, plan.effort_unit
-    if Signal.VELOCITY not in plan.needs:
-        return lambda: AxisView(state.position, None, state.force, state.target * unit, state.power)
-    return lambda: AxisView(state.position, sensed.velocity, state.force, state.target * unit, state.power)
+def _viewer(run: Session, caller: Caller) -> Callable[[], SessionState]:
+    """Return a function that looks at the present period; raises StopIteration for a run that never enabled."""
+    cycle, report, new = run.cycle, run.report, tuple.__new__  # which is quicker than the class itself
+    if cycle is None or report.enabled_at_ns is None:
+        raise StopIteration
+    begin = report.enabled_at_ns
+    sights = [
+        (axis.name, at.state, at.sensed if Signal.VELOCITY in axis.needs else None, axis.effort_unit)
+        for axis, at in ((axis, cycle.axes[axis.name]) for axis in run.plan.axes)
+    ]
+
+    def look() -> SessionState:
+        axes = {}
+        for name, state, sensed, unit in sights:
+            speed = None if sensed is None else sensed.velocity
+            axes[name] = new(AxisView, (state.position, speed, state.force, state.target * unit, state.power))
+        return new(SessionState, ((cycle.t_ns - begin) * 1e-9, caller.late_ns * 1e-9, axes))
+
+    return look
 
 
 class LiveSession:
@@ -197,7 +211,7 @@ class LiveSession:
         self._judging: ThreadPoolExecutor | None = None
         self._aside = False
         """Whether another thread judges changes."""
-        self._views: dict[str, Callable[[], AxisView]] = {}
+        self._look: Callable[[], SessionState] | None = None
         self.result: Result | None = None
 
     @own_faults()
@@ -229,13 +243,9 @@ class LiveSession:
             self._judged.pop(0).result()
         if self._steps is None or self._caller.stopping or not self._advance():
             raise StopIteration
-        cycle, report = self._run.cycle, self._run.report
-        if cycle is None or report.enabled_at_ns is None:
-            raise StopIteration
-        if not self._views:
-            self._views = {axis.name: _viewer(axis, cycle.axes[axis.name]) for axis in self._run.plan.axes}
-        time = (cycle.t_ns - report.enabled_at_ns) * 1e-9
-        return SessionState(time, self._caller.late_ns * 1e-9, {name: view() for name, view in self._views.items()})
+        if self._look is None:
+            self._look = _viewer(self._run, self._caller)
+        return self._look()
 
     def _advance(self) -> bool:
         """Go on to the next pause; return whether there was one. The run is over otherwise, and when it raises."""

@@ -331,7 +331,8 @@ class Running:
 
     def _measure(self) -> Array:
         """Return the position rounded to encoder counts; unchanged for loops without a resolution."""
-        position, counted = self.state[0], self._measured
+        position: Array = self.state[0]
+        counted = self._measured
         if not self._has_encoder:
             return position
         np.floor(np.add(np.divide(position, self._step, out=counted), self._offset, out=counted), out=counted)
