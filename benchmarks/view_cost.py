@@ -33,7 +33,7 @@ def main() -> None:
     with Live(lambda _: {}) as live:
         record = live.record(found, columns(found), ROWS)
         assert isinstance(record, LiveRecord)
-        live.begin(found, cycle, report, {}, EndSignals())
+        live.begin(found, cycle, report, None, EndSignals())
         alone = Row("nobody looks", cost(lambda: record.push(row), 2000, 60), cost(lambda: plain.push(row), 2000, 60))
         fd = record.ring.fd
         with subprocess.Popen([sys.executable, "-c", READER, str(fd)], pass_fds=[fd]) as reader:

@@ -24,9 +24,9 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
 from haptic_fieldbus.api import run
-from haptic_fieldbus.cli.view import _handles
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.running.live import Live, SimulatedTime
+from haptic_fieldbus.running.leading import SimulatedTime
+from haptic_fieldbus.running.live import Live
 from haptic_fieldbus.view.description import describe
 
 FILE = Path(__file__).parent / "images" / "live_view.webp"
@@ -139,7 +139,9 @@ class Film:
         """Do what a person does, and wait until the run knows it."""
         if what == "pull":
             self.browser.execute_script("haptic.pull('handle', arguments[0])", value)
-            wait(lambda: self.live._pulled.get("handle") == value)
+            leading = self.live._leading
+            assert leading is not None
+            wait(lambda: value in (leading._asked.get("handle"), leading._pulls.get("handle")))
         else:
             self.browser.execute_script("haptic.change('wall.stiffness', arguments[0])", value)
             wait(lambda: self.ask("haptic.state().hello.parameters[0].value") == value)
@@ -167,7 +169,7 @@ def served(live: Live) -> Iterator[str]:
 
 def filmed() -> Film:
     """Film the page of a wall that is touched with the mouse."""
-    with chromium() as browser, Live(describe, handles=_handles) as live, served(live) as address:
+    with chromium() as browser, Live(describe) as live, served(live) as address:
         film, wrong = Film(live, browser), list[BaseException]()
 
         def work() -> None:

@@ -68,7 +68,7 @@ DOES_WITHOUT = {
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
         "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
-        "cli.view": "running.live sim.mechanics.pointer view.description view.server",
+        "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
         "cli.app": "vcan.runner",
         "running.ending": "assessing.result",
@@ -106,12 +106,12 @@ DOES_WITHOUT = {
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "api.provenance": "numerics.estimators numerics.integrators running.changes",
         "running.rows": "recordings.mcap",
-        "api": "sim.faults.drawing",
+        "api": "sim.faults.drawing running.leading sim.mechanics.pointer",
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
         "buses.canopen.access": "protocols.canopen.upload",
-        "running.session": "running.direction running.guard_proof running.rights",
+        "running.session": "running.direction running.guard_proof running.leading running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },
 }

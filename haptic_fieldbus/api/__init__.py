@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.api.open_loop import response as response
@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.numerics.estimators import Estimator
     from haptic_fieldbus.numerics.integrators import Integrator
     from haptic_fieldbus.running.changes import Changes, Scheduled
+    from haptic_fieldbus.running.leading import Leading
     from haptic_fieldbus.running.live import Live
     from haptic_fieldbus.running.session import Session, Site
 
@@ -274,10 +275,26 @@ def prepare_run(
     session = Session(
         plan, on_bus, trial.duration, record=recording, changes=changes, prove=trial.prove,
         confirm=trial.confirm, instruct=trial.instruct, progress=_shown(trial.progress, plan),
-        provenance=provenance, drawing=DRAWING, live=trial.live,
+        provenance=provenance, drawing=DRAWING, live=trial.live, led=_led(plan, trial, repeats),
     )  # fmt: skip
     time = None if trial.live is None else trial.live.time
     return session, site_of(plan, recording, hand, trial.seed, faults, time)
+
+
+def _led(plan: Plan, trial: Trial, repeats: Provenance | None) -> "Callable[[Mapping[str, Any]], Leading] | None":
+    """Return what leads the handles of a simulation by the commands of a page or of a record; None: nobody leads."""
+    recorded = (repeats.conditions.led if repeats else None) or ()
+    if not plan.simulated or (trial.live is None and not recorded):
+        return None
+    from haptic_fieldbus.running.leading import Leading
+    from haptic_fieldbus.sim.mechanics.pointer import PointedHandle
+
+    def leading(worlds: Mapping[str, Any]) -> Leading:
+        axes = [axis for axis in plan.axes if axis.rig.bus in worlds]
+        bodies = {axis.name: worlds[axis.rig.bus].body(axis.node) for axis in axes}
+        return Leading({axis.name: PointedHandle(bodies[axis.name], axis.rig.mechanism) for axis in axes}, recorded)
+
+    return leading
 
 
 def _capped(plan: Plan, share: float) -> Plan:

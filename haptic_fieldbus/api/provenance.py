@@ -1,6 +1,7 @@
 """Provenance of a run that is about to begin, and the run again that it describes."""
 
 import json
+import math
 import os
 import platform
 import sys
@@ -35,7 +36,7 @@ from haptic_fieldbus.recordings.provenance import (
 from haptic_fieldbus.scenes.registry import kind_of
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.faults import Fault, load_faults, toml_of
-from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.hand import HANDS, hand_named
 
 PACKAGE = "haptic-fieldbus"
 USED = ("numpy", "pydantic", "python-can", "canopen", "pymodbus", "pyserial")
@@ -202,6 +203,7 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
             path.write_text(provenance.faults.text, encoding="utf-8")
             faults = load_faults(path)
         rig = load_rig(bench)
+        _check_led(provenance, rig)
         if provenance.rig.source_sha256 is None:  # no file then: it is judged as that bench was, with exact values
             rig = replace(rig, source="")
         task = Task(
@@ -238,12 +240,24 @@ def _check_parts(made: Conditions) -> None:
             ) from error
 
 
+def _check_led(provenance: Provenance, rig: Rig) -> None:
+    """Raise UsageError for commands to the hand that no page has given."""
+    before = 0
+    for period, axis, to in provenance.conditions.led or ():
+        hand = isinstance(to, str) and not axis and to in HANDS
+        place = axis in rig.axis and (to is None or (isinstance(to, float) and math.isfinite(to)))
+        if period < before or not (hand or place):
+            told = json.dumps([period, axis, to])
+            raise UsageError(f"conditions.led: {told}: expected a later period, and an axis and a place or a hand")
+        before = period
+
+
 def differences_of(provenance: Provenance) -> list[str]:
-    """Return a sentence for each thing that a repetition has otherwise: versions, and the hand that a page has led."""
+    """Return a sentence for each thing that a repetition has otherwise: versions, and a hand that was led for long."""
     now, hand = versions(), provenance.conditions.hand
     names = dict.fromkeys((*provenance.versions, *now))
-    led = f'the hand was led or chosen on a page, which is not recorded: the repetition has the hand "{hand}"'
-    return [led] * provenance.conditions.led + [
+    led = f'the hand was led on a page for longer than is recorded: the repetition has the hand "{hand}"'
+    return [led] * (provenance.conditions.led is None) + [
         f"recorded with {name} {provenance.versions.get(name, 'none')}, repeated with {now.get(name, 'none')}: "
         "frames and rows may differ"
         for name in names

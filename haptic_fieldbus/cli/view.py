@@ -5,20 +5,19 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.options import option, options_of
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.errors import BusError, UsageError
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning.plan import Plan
-    from haptic_fieldbus.running.live import Handle, Live
+    from haptic_fieldbus.running.live import Live
 
 LOOPBACK = "127.0.0.1"
 STARTING = 60.0
@@ -49,7 +48,7 @@ def viewed(host: str, port: int | None, required: bool, *, browser: bool = False
     from haptic_fieldbus.running.live import Live
     from haptic_fieldbus.view.description import base_command, describe
 
-    with Live(describe, required=required, handles=_handles) as live:
+    with Live(describe, required=required) as live:
         live.command = ["haptic-fieldbus", *base_command(sys.argv[1:])]
         child = _started(live.path, host, port)
         # The server is waited for when the run is about to begin: it starts while the scene is compiled.
@@ -102,17 +101,6 @@ def _announce(address: str, host: str, browser: bool) -> None:
         import webbrowser
 
         webbrowser.open(address)
-
-
-def _handles(plan: "Plan", worlds: Mapping[str, Any]) -> "Mapping[str, Handle]":
-    """Return the handles of a simulation that a pointer may lead."""
-    from haptic_fieldbus.sim.mechanics.pointer import PointedHandle
-
-    return {
-        axis.name: PointedHandle(worlds[axis.rig.bus].body(axis.node), axis.rig.mechanism)
-        for axis in plan.axes
-        if axis.rig.bus in worlds
-    }
 
 
 @dataclass(frozen=True, kw_only=True)

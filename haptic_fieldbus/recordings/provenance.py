@@ -77,8 +77,9 @@ class Conditions:
     """Times [s from operation enabled] and settings; those that were made, once the run is over."""
     ramp: float | None = None
     """Length of a change [s]."""
-    led: bool = False
-    """Whether a hand was led or chosen on the page of the live view, which a repetition has no record of."""
+    led: tuple[tuple[int, str, float | str | None], ...] | None = ()
+    """Commands to the hand on the page of the live view: period, axis and place, none to let go; or no axis and the
+    name of a hand that took all handles. None: more than is kept."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,10 @@ class Provenance:
         return f"Provenance({self.version}, {self.date}, scene={getattr(self.scene, 'name', None)!r})"
 
     def ended(
-        self, periods: int | None, changes: Sequence[tuple[float, Mapping[str, Any]]], *, led: bool = False
+        self,
+        periods: int | None,
+        changes: Sequence[tuple[float, Mapping[str, Any]]],
+        led: Sequence[tuple[int, str, float | str | None]] | None = (),
     ) -> "Provenance":
         """Return the provenance of a run that was stopped after so many periods (None: it was not), with its changes.
 
@@ -141,7 +145,7 @@ class Provenance:
         """
         made = self.conditions if periods is None else replace(self.conditions, duration=periods / self.conditions.rate)
         acted = tuple((time, dict(each)) for time, each in changes if time < made.duration)
-        return replace(self, conditions=replace(made, changes=acted, led=led))
+        return replace(self, conditions=replace(made, changes=acted, led=None if led is None else tuple(led)))
 
     @property
     def mark(self) -> str:

@@ -29,15 +29,14 @@ import socket
 import stat
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
-from time import monotonic, monotonic_ns
-from typing import TYPE_CHECKING, Any, Protocol
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
-from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.power import PowerState
@@ -45,7 +44,9 @@ from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.ring import RingWriter
+from haptic_fieldbus.running.leading import Leading, LedRecord, SimulatedTime
+from haptic_fieldbus.running.rights import REAL_TIME
+from haptic_fieldbus.running.ring import LONGEST_LINE, RingWriter
 from haptic_fieldbus.signals import LinkFlag
 
 if TYPE_CHECKING:
@@ -57,25 +58,19 @@ RING_TIME = 30.0
 LONGEST_RING = 120_000
 _IN_FILE = re.compile(r"^.*?\.toml: --set ")
 """Beginning of a refusal that only a command line needs."""
-LONGEST_LINE = 65_536
-"""Octets of a command after which its sender is left."""
 PAGE_LOST = 1.0
 """Time without a page after which a run that requires one ends [s]."""
 FIRST_PAGE = 120.0
 """Time for which a run that requires a page waits for the first one [s]."""
 POLL = 0.25
-SLACK_NS = 2_000_000
-"""By how much simulated time may be ahead of real time, so that not every period sleeps."""
 NEXT_SCENE = 0
 """Mark of an end after which another scene begins; a signal, and STOP, take its place."""
 MOST_CHANGES = 8
 """Tasks that wait to be judged, from which on a further change is refused: judging takes time beside the loop."""
-MOST_STEPS = 10_000
-"""Largest number of periods that a paused simulation is still to go on."""
+REST, LONGEST_REST = 9.0, 0.5
+"""Rest after a task, as a multiple of the time that it took, and at most [s]: the loop has most of the interpreter."""
 SEND_BUFFER = 1 << 20
 """Octets that wait for a reader before it is left, as far as the system permits them."""
-BEHIND_NS = 100_000_000
-"""By how much a slow computer may fall behind before the simulated time is no longer made up for."""
 NO_COMMAND = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
 """Errors of a line that is no JSON object, whose sender is left, and of a command whose value is refused."""
 RUN_COLUMNS = ("t", "enabled", "missed", "lateness_us", "compute_us", "energy", "changes")
@@ -115,75 +110,16 @@ def sockets() -> list[Path]:
     return sorted(alive, key=lambda path: path.stat().st_mtime, reverse=True)
 
 
-class SimulatedTime(VirtualClock):
-    """Virtual time that follows real time, faster or slower, or stands still; nothing in it depends on the pace."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.speed, self.paused = 1.0, False
-        self.period_ns = 1_000_000
-        """Period of the loop, which is what one step lets pass."""
-        self._until_ns = 0
-        """Time up to which a paused simulation may go on."""
-        self.leaving: Callable[[], bool] = lambda: False
-        """Whether the run is to end, which waits for no pace."""
-        self.changed = threading.Event()
-        self._anchor = (self.now_ns(), monotonic_ns())
-
-    def sleep_until(self, deadline_ns: int) -> int:
-        while not self.leaving() and (wait_ns := self._ahead_ns(deadline_ns)) > 0:
-            self.changed.clear()
-            self.changed.wait(min(wait_ns * 1e-9, POLL))
-        return super().sleep_until(deadline_ns)
-
-    def set(self, *, speed: float | None = None, paused: bool | None = None, steps: int = 0) -> None:
-        """Change the pace; any thread may call it. A simulation that is paused goes on by `steps` periods."""
-        now_ns = self.now_ns()
-        self.speed = self.speed if speed is None else min(max(speed, 0.001), 10.0)
-        if paused is not None and paused is not self.paused:
-            self._until_ns, self.paused = now_ns, paused
-        further = max(self._until_ns, now_ns) + max(0, steps) * self.period_ns
-        self._until_ns = min(further, now_ns + MOST_STEPS * self.period_ns)
-        self._anchor = (now_ns, monotonic_ns())
-        self.changed.set()
-
-    def _ahead_ns(self, deadline_ns: int) -> float:
-        """Return how long a deadline has to be waited for [ns]."""
-        if self.paused:
-            self._anchor = (self.now_ns(), monotonic_ns())
-            # Not each wait is a period: the world behind a simulated bus waits for each of its events.
-            return 0 if deadline_ns <= self._until_ns else math.inf
-        virtual_ns, real_ns = self._anchor
-        ahead_ns = (deadline_ns - virtual_ns) / self.speed - (monotonic_ns() - real_ns)
-        if ahead_ns < -BEHIND_NS:
-            self._anchor = (deadline_ns, monotonic_ns())
-        return ahead_ns if ahead_ns > SLACK_NS else 0
-
-
-class Handle(Protocol):
-    """The handle of a simulated axis, as a hand takes it; efforts and places are in the workspace."""
-
-    def pull(self, position: float, target: float, period: float) -> None:
-        """Pull towards a place with a spring."""
-
-    def let_go(self) -> None:
-        """Let go."""
-
-    def take(self, hand: str) -> None:
-        """Let the hand of this name take the handle."""
-
-
-class LiveRecord(Record):
+class LiveRecord(LedRecord):
     """A record whose rows also go to the ring; `after` is called once a period, after them."""
 
     def __init__(self, columns: Sequence[str], capacity: int, ring: RingWriter) -> None:
         super().__init__(columns, capacity)
         self.ring, self._show = ring, ring.push
         self.of_run: Callable[[], tuple[float, ...]] = lambda: (math.nan,) * len(RUN_COLUMNS)
-        self.after: Callable[[], None] | None = None
 
     def push(self, row: Sequence[float]) -> None:
-        super().push(row)
+        Record.push(self, row)
         self._show(row, self.of_run())
         if self.after is not None:
             self.after()
@@ -221,11 +157,10 @@ class Live:
         describe: Callable[[Plan], Message],
         *,
         required: bool = False,
-        handles: Callable[[Plan, Mapping[str, Any]], Mapping[str, Handle]] | None = None,
     ) -> None:
         if not hasattr(socket, "send_fds"):
             raise UsageError("the live view needs Linux or macOS")
-        self._describe, self._required, self._handles_of = describe, required, handles
+        self._describe, self._required = describe, required
         self.command: list[str] = []
         """Command line of the run, for a page to copy."""
         self.ready: Callable[[], None] = lambda: None
@@ -240,8 +175,6 @@ class Live:
         """Number of the run; a page draws itself anew for another one."""
         self.time = SimulatedTime()
         self.changes: Changes | None = None
-        self.led = False
-        """True when a pointer led a handle or a page chose another hand."""
         self.lost = False
         """True when the run was ended because its page was lost."""
         self.path = folder() / f"{os.getpid()}.sock"
@@ -251,10 +184,9 @@ class Live:
         """Held while readers are added, removed or written to."""
         self._hello: dict[str, Any] | None = None
         self._record: LiveRecord | None = None
-        self._handles: Mapping[str, Handle] = {}
-        self._pulled: dict[str, float | None] = {}
-        self._taken: str | None = None
-        """Hand that is to take the handles."""
+        self._leading: Leading | None = None
+        self._rests = False
+        """Whether the loop is in real time, and the thread that judges rests after each task."""
         self._ending: EndSignals | None = None
         self._shown, self._pacing = threading.Event(), threading.Event()
         self._page_seen = math.inf
@@ -296,13 +228,12 @@ class Live:
         if not self.goes_on or ending is None or record is None:
             return None
         with self._lock:  # a reader that connects now waits for the description of the next run
-            self._hello, self._handles, self._record, self._ending = None, {}, None, None
+            self._hello, self._leading, self._record, self._ending = None, None, None, None
         record.ring.close()
         speed, self.time = self.time.speed, SimulatedTime()
         self.time.set(speed=speed)
-        self._pulled.clear()
         self._shown.clear()
-        self._page_seen, self._taken, self.led, self.next_scene = math.inf, None, False, None
+        self._page_seen, self.next_scene = math.inf, None
         self._run, self.ready = self._run + 1, lambda: None
         ending.signal = None
         ending.resume()
@@ -318,22 +249,22 @@ class Live:
         self._record = LiveRecord(columns, capacity, ring)
         return self._record
 
-    def begin(
-        self, plan: Plan, cycle: Cycle, report: LoopReport, worlds: Mapping[str, Any], ending: EndSignals
-    ) -> None:
+    def begin(self, plan: Plan, cycle: Cycle, report: LoopReport, leading: Leading | None, ending: EndSignals) -> None:
         """Show the run from now on; with `required`, wait for a page. Raises UsageError when none comes."""
         record = self._record
         if record is None:
             raise UsageError("this view has no record; call `record` first")
         self.time.period_ns = plan.period_ns
         self._ending, self.time.leaving = ending, lambda: ending.signal is not None
-        if plan.simulated and self._handles_of is not None:
-            self._handles = self._handles_of(plan, worlds)
+        self._leading = leading
+        self._rests = not plan.simulated
+        if self._rests:
+            self._be_as_urgent()
         record.of_run, record.after = self._of_run(cycle, report), self._after(plan, cycle, report)
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
         words = {"states": [*STATES.values()], "flags": [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]}
         told = {"columns": columns, **words, "run": self._run, "required": self._required, "command": self.command}
-        told |= {"scenes": [*self.scenes] if self._handles else [], **self._describe(plan)}
+        told |= {"scenes": [*self.scenes] if self._leading else [], **self._describe(plan)}
         with self._lock:
             self._hello = {**told, **self._pace()}
             for reader in self._readers:
@@ -342,6 +273,18 @@ class Live:
             if not self._shown.wait(FIRST_PAGE):
                 raise UsageError(f"no page was opened within {FIRST_PAGE:.0f} s, and --view-required needs one")
             self._page_seen = monotonic()
+
+    def _be_as_urgent(self) -> None:
+        """Give the threads the real-time class of the loop, one priority below it.
+
+        A thread that computes holds the interpreter, also while it waits for a processor behind ordinary work.
+        """
+        policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else -1
+        if policy in REAL_TIME:
+            below = os.sched_param(max(1, os.sched_getparam(0).sched_priority - 1))
+            for thread in self._threads:
+                with contextlib.suppress(OSError):
+                    os.sched_setscheduler(thread.native_id or 0, policy, below)
 
     def end(self, told: Message) -> None:
         """Say how the run ended; pages keep it. Only the first word counts."""
@@ -377,23 +320,14 @@ class Live:
 
     def _after(self, plan: Plan, cycle: Cycle, report: LoopReport) -> Callable[[], None]:
         """Return what is done once a period: the hand of a simulation pulls, and a trip is told."""
-        axes, handles, pulled, period = cycle.axes, self._handles, self._pulled, plan.period
+        axes, leading, period = cycle.axes, self._leading, plan.period
 
         def after() -> None:
             if cycle.trip is not None and cycle.trip is not told[0]:
                 told[0] = trip = cycle.trip
                 self._tasks.put(lambda: self._tell({"trip": str(trip_error(trip, plan, report.enabled_at_ns))}))
-            if self._taken is not None:
-                name, self._taken = self._taken, None
-                for handle in handles.values():
-                    handle.take(name)
-            if pulled:
-                for name, target in [*pulled.items()]:
-                    if target is None:
-                        handles[name].let_go()
-                        pulled.pop(name, None)
-                    elif axes[name].state.begun:
-                        handles[name].pull(axes[name].state.position, target, period)
+            if leading is not None:
+                leading.act(axes, period)
 
         told: list[Any] = [None]
         return after
@@ -414,7 +348,10 @@ class Live:
 
     def _judge(self) -> None:
         while (task := self._tasks.get()) is not None:
+            began = monotonic()
             task()
+            if self._rests:
+                sleep(min(LONGEST_REST, REST * (monotonic() - began)))
 
     def _change(self, reader: _Reader, settings: Any) -> None:
         try:
@@ -479,7 +416,8 @@ class Live:
             if reader in self._readers:
                 self._readers.remove(reader)
             reader.socket.close()
-        self._pulled.update(dict.fromkeys(self._pulled))
+        if self._leading is not None:
+            self._leading.let_go()
 
     def _read(self, reader: _Reader) -> bool:
         """Take the commands that have come; False when the reader is gone or sends what is no command."""
@@ -518,12 +456,12 @@ class Live:
             self._tell({"refused": "too many changes wait to be checked; try again"}, reader)
         elif name == "change":
             self._tasks.put(lambda: self._change(reader, value))
-        elif self._handles:
-            self._simulate(reader, name, value)
+        elif self._leading is not None:
+            self._simulate(reader, self._leading, name, value)
         elif name == "scene":
             raise ValueError
 
-    def _simulate(self, reader: _Reader, name: str, value: Any) -> None:
+    def _simulate(self, reader: _Reader, leading: Leading, name: str, value: Any) -> None:
         """Carry out a command that exists in a simulation alone."""
         if name == "scene":
             if value not in self.scenes:
@@ -531,14 +469,13 @@ class Live:
             self._tasks.put(lambda: self._begin_scene(reader, value))
         elif name == "pull":
             axis, target = value
-            if axis not in self._handles or not (target is None or math.isfinite(target)):
+            if axis not in leading.handles or not (target is None or math.isfinite(target)):
                 raise ValueError
-            self._pulled[axis], self.led = target, True
+            leading.pull(axis, target)
         elif name == "hand":
             if value not in HANDS:
                 raise ValueError
-            self._pulled.clear()
-            self._taken, self.led = value, True
+            leading.take(value)
         elif name in ("speed", "paused", "step"):
             numbers: dict[str, Any] = {"speed": float, "paused": bool, "step": int}
             number = numbers[name](value)
@@ -557,37 +494,3 @@ class Live:
             self.lost = True
             self._ending.signal = self._ending.signal or getattr(signal, "SIGHUP", signal.SIGINT)
             self.time.changed.set()
-
-
-class LiveReader:
-    """The other end, in the process that shows pages: the ring, and the messages of the run."""
-
-    def __init__(self, path: Path) -> None:
-        """Connect to a run; raises OSError."""
-        self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.connect(str(path))
-        self._received = b""
-
-    def send(self, command: Message) -> None:
-        """Send a command; raises OSError when the run is gone."""
-        self.socket.sendall(json.dumps(command).encode() + b"\n")
-
-    def close(self) -> None:
-        """Leave the run."""
-        self.socket.close()
-
-    def messages(self) -> Iterator[tuple[dict[str, Any], int | None]]:
-        """Yield each message of the run, with the descriptor of the ring that came with it; ends with the run."""
-        fds: list[int] = []
-        while True:
-            try:
-                octets, found, _, _ = socket.recv_fds(self.socket, LONGEST_LINE, 4)
-            except OSError:
-                return
-            if not octets:
-                return
-            fds += found
-            *lines, self._received = (self._received + octets).split(b"\n")
-            for line in lines:
-                message = json.loads(line)
-                yield message, fds.pop(0) if "hello" in message and fds else None

@@ -10,11 +10,15 @@ slots, then reads the header again, and drops each row that the writer may have 
 numbers differ. So it never returns a torn row.
 """
 
+import json
 import mmap
 import os
+import socket
 import struct
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +30,8 @@ COUNT = struct.Struct("@Q")
 COUNT_AT = HEADER.size - COUNT.size
 SLOTS_AT = 64
 """Begin of the slots: a multiple of the size of a number."""
+LONGEST_LINE = 65_536
+"""Octets of a command after which its sender is left."""
 
 
 def _size(columns: int, capacity: int) -> int:
@@ -104,3 +110,37 @@ class RingReader:
         torn = np.flatnonzero(~whole)
         left = int(torn[-1]) + 1 if len(torn) else 0
         return first + left, slots[left:, 1:-1]
+
+
+class LiveReader:
+    """The other end, in the process that shows pages: the ring, and the messages of the run."""
+
+    def __init__(self, path: Path) -> None:
+        """Connect to a run; raises OSError."""
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(str(path))
+        self._received = b""
+
+    def send(self, command: Mapping[str, Any]) -> None:
+        """Send a command; raises OSError when the run is gone."""
+        self.socket.sendall(json.dumps(command).encode() + b"\n")
+
+    def close(self) -> None:
+        """Leave the run."""
+        self.socket.close()
+
+    def messages(self) -> Iterator[tuple[dict[str, Any], int | None]]:
+        """Yield each message of the run, with the descriptor of the ring that came with it; ends with the run."""
+        fds: list[int] = []
+        while True:
+            try:
+                octets, found, _, _ = socket.recv_fds(self.socket, LONGEST_LINE, 4)
+            except OSError:
+                return
+            if not octets:
+                return
+            fds += found
+            *lines, self._received = (self._received + octets).split(b"\n")
+            for line in lines:
+                message = json.loads(line)
+                yield message, fds.pop(0) if "hello" in message and fds else None

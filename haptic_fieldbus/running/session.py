@@ -33,6 +33,7 @@ from haptic_fieldbus.running.rows import Rows
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
+    from haptic_fieldbus.running.leading import Leading
     from haptic_fieldbus.running.live import Live
 
 LONGEST_RECORD = 300_000
@@ -78,6 +79,8 @@ class Session:
     """Module and function with which the result draws its picture."""
     live: "Live | None" = None
     """View of the run while it goes on."""
+    led: "Callable[[Mapping[str, Truth]], Leading] | None" = None
+    """Leads the handles of a simulation, whose worlds it gets; None: nobody does."""
     _warnings: list[str] = field(default_factory=list, init=False)
     """Warnings about drive watchdogs and motor directions."""
     _proofs: tuple[Proof, ...] = field(default=(), init=False)
@@ -86,6 +89,7 @@ class Session:
     report: LoopReport = field(default_factory=LoopReport, init=False)
     """Counts of the loop, once it runs."""
     cycle: Cycle | None = field(default=None, init=False)
+    _leading: "Leading | None" = field(default=None, init=False)
 
     def render(self, place: AbstractContextManager[Site]) -> Result:
         """Run the plan at `place` and return the result.
@@ -110,7 +114,7 @@ class Session:
         enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
         kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
         room = min(cycles, kept) + enabling + 1
-        record = Record(columns(plan), room) if self.live is None else self.live.record(plan, columns(plan), room)
+        record = self._record(room)
         try:
             self._keep_provenance()
             rows = Rows(record, self.record, simulated=plan.simulated, provenance=self.provenance)
@@ -126,8 +130,9 @@ class Session:
                 )  # fmt: skip
                 assessment = Assessment(run)
                 with _freed(bus, ending):
+                    self._leading = None if self.led is None else self.led(site.worlds)
                     if self.live is not None:
-                        self.live.begin(plan, cycle, report, site.worlds, ending)
+                        self.live.begin(plan, cycle, report, self._leading, ending)
                     due = self._confirmed(bus)
                     if caller is not None:
                         yield
@@ -180,6 +185,23 @@ class Session:
         warnings = (*told, *result.warnings)
         return self._told_with(replace(result, recording_fault=fault, stopped=stopped, warnings=warnings))
 
+    def _record(self, room: int) -> Record:
+        """Return the record, which shows its rows or lets the hand act after them."""
+        if self.live is not None:
+            return self.live.record(self.plan, columns(self.plan), room)
+        if self.led is None:
+            return Record(columns(self.plan), room)
+        from haptic_fieldbus.running.leading import LedRecord
+
+        record = LedRecord(columns(self.plan), room)
+        record.after = self._act
+        return record
+
+    def _act(self) -> None:
+        """Let the hand of a recorded run act."""
+        if self._leading is not None and self.cycle is not None:
+            self._leading.act(self.cycle.axes, self.plan.period)
+
     def _told_with(self, result: Result) -> Result:
         """Return a result with the facts known before; its warnings follow those of bus and watchdogs."""
         earlier = () if self._bus is None else self._bus.warnings
@@ -209,7 +231,7 @@ class Session:
         changes = [(each.time, each.change.settings) for each in report.changes]
         early = 0 < report.cycles < max(1, round(self.duration * self.plan.rate)) and cycle.trip is None
         periods = report.cycles if early and (stepped or report.interrupted) else None
-        led = self.live is not None and self.live.led
+        led = () if self._leading is None else self._leading.acted
         self.provenance = replace(provenance.ended(periods, changes, led=led), drives=drives)
         try:
             self._keep_provenance()

@@ -32,8 +32,7 @@ from fastapi import FastAPI
 from nicegui import ui
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from haptic_fieldbus.running.live import LiveReader
-from haptic_fieldbus.running.ring import RingReader
+from haptic_fieldbus.running.ring import LiveReader, RingReader
 from haptic_fieldbus.view.page import Controls, build
 
 Scope = MutableMapping[str, Any]

@@ -152,6 +152,25 @@ def test_a_scene_may_have_the_name_of_the_rig(tmp_path: Path) -> None:
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
+WRONG_LED = [(3, "handle", 0.1), (2, "handle", 0.2)], [(1, "foot", 0.1)], [(1, "", "kick")], [(1, "handle", "push")]
+
+
+@pytest.mark.parametrize("led", [*WRONG_LED, [(1, "handle", float("nan"))], [(1, "", None)], [(-1, "", "push")]])
+def test_a_hand_that_no_page_has_led_is_refused(led: list[Any]) -> None:
+    found = run("wall", duration=SHORT).provenance
+    assert found is not None
+    wrong = replace(found, conditions=replace(found.conditions, led=tuple(led)))
+    with pytest.raises(UsageError, match=r"conditions\.led: \[.*\]: expected a later period, and an axis and a place"):
+        repeat(wrong)
+
+
+def test_a_hand_that_was_led_for_longer_than_is_kept_is_told() -> None:
+    found = run("wall", duration=SHORT).provenance
+    assert found is not None
+    warnings = repeat(replace(found, conditions=replace(found.conditions, led=None))).warnings
+    assert warnings[0].startswith("the hand was led on a page for longer than is recorded: the repetition has the hand")
+
+
 def test_another_version_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     recorded(tmp_path / "a.csv")
     now = gathering.versions()

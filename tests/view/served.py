@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 GROWTH = 20_000_000
 """Largest growth of a server under attack [octets]."""
 ADDRESS = re.compile(r"http://\S+")
@@ -42,10 +48,13 @@ class Served:
 
 
 @contextmanager
-def serving(*arguments: str) -> Iterator[Served]:
-    """Run a command in the block, and end it after it."""
+def serving(*arguments: str, port: int | None = None) -> Iterator[Served]:
+    """Run a command in the block, and end it after it; `port` is that of its bus on UDP multicast."""
     words = [sys.executable, "-m", "haptic_fieldbus", *arguments]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    wire = {} if port is None else {"CAN_CONFIG": f'{{"port": {port}}}'}
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, **wire}
+    ) as process:
         try:
             assert process.stderr is not None
             told = ""
@@ -72,6 +81,27 @@ def children(pid: int) -> list[int]:
                 continue
             found += [int(entry)] if parent == pid else []
     return found
+
+
+def descendants(pid: int) -> list[int]:
+    """Return the processes that a process, and those that it has started, have started."""
+    found = children(pid)
+    return [*found, *(each for child in found for each in descendants(child))]
+
+
+@contextmanager
+def chromium() -> Iterator[webdriver.Chrome]:
+    """Start a headless browser for the block."""
+    options = Options()
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    options.binary_location = str(CHROMIUM)
+    found = webdriver.Chrome(options=options, service=Service(DRIVER))
+    try:
+        yield found
+    finally:
+        found.quit()
 
 
 def memory_of(pid: int) -> int:

@@ -142,7 +142,7 @@ def test_a_reader_that_floods_the_run_leaves_its_loop_as_punctual_as_without_it(
     late: dict[bool, list[float]] = {False: [], True: []}
     with Live(lambda _: {}) as live, threads_give_way():
         record = live.record(found, columns(found), BLOCKS * PERIODS)
-        live.begin(found, Cycle(found), LoopReport(), {}, EndSignals())
+        live.begin(found, Cycle(found), LoopReport(), None, EndSignals())
         words = [sys.executable, "-I", "-c", FLOOD, str(live.path)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as flood:
             assert flood.stdout is not None

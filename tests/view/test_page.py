@@ -3,7 +3,6 @@
 import csv
 import math
 import os
-import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -13,8 +12,6 @@ from typing import Any
 import pytest
 from selenium import webdriver
 from selenium.webdriver import ActionChains
-from selenium.webdriver.chrome.options import Options
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -22,9 +19,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from haptic_fieldbus.running.live import folder
 from tests.running.test_live import Watcher
-from tests.view.served import GROWTH, Served, children, memory_of, serving
+from tests.view.served import CHROMIUM, DRIVER, GROWTH, Served, children, chromium, descendants, memory_of, serving
 
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.thorough("starts a browser"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
@@ -36,17 +32,9 @@ PATIENCE = 120
 
 @pytest.fixture
 def browser() -> Iterator[webdriver.Chrome]:
-    options = Options()
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    options.binary_location = str(CHROMIUM)
-    found = webdriver.Chrome(options=options, service=Service(DRIVER))
-    try:
+    with chromium() as found:
         yield found
         assert [entry["message"] for entry in found.get_log("browser") if entry["level"] == "SEVERE"] == []
-    finally:
-        found.quit()
 
 
 def screen(browser: webdriver.Chrome, width: int, height: int) -> None:
@@ -243,11 +231,6 @@ def test_a_page_that_is_reloaded_again_and_again_leaves_run_and_server_as_they_a
     assert memory_of(server) - before < 45 * KEPT_PAGE
     until(browser, "haptic.state().steers")
     assert served.process.poll() is None
-
-
-def descendants(pid: int) -> list[int]:
-    found = children(pid)
-    return [*found, *(each for child in found for each in descendants(child))]
 
 
 KEPT_PAGE = 2_000_000

@@ -7,7 +7,6 @@ import can
 import pytest
 
 from haptic_fieldbus import run
-from haptic_fieldbus.cli.view import _handles
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.running.live import Live
 from haptic_fieldbus.view.description import describe
@@ -54,7 +53,7 @@ def test_no_command_of_a_page_enables_a_drive(tmp_path: Path, monkeypatch: pytes
             return False
 
         refused = pytest.raises(HapticFieldbusError, match="not enabled: a real drive needs a confirmation")
-        with Live(describe, handles=_handles) as live, refused:
+        with Live(describe) as live, refused:
             run("wall", rig, rate=50.0, settings={"wall.stiffness": "max/2"}, confirm=confirm, live=live)
         states.append(statusword(bus))
     assert len(states) == 2
