@@ -8,11 +8,9 @@ last whole chunk.
 """
 
 import json
-import os
 import re
 import struct
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import BufferedWriter, FileIO
 from pathlib import Path
 
@@ -21,7 +19,6 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.errors import UsageError, require
 from haptic_fieldbus.recordings.provenance import METADATA
-from haptic_fieldbus.recordings.tables import HEAD, ROWS
 
 TOPIC, PACKAGE, MESSAGE = "run", "haptic_fieldbus", "Period"
 DOUBLE, OPTIONAL, TEXT = 1, 1, 2
@@ -86,9 +83,9 @@ class McapFile:
         if provenance:
             self._writer.add_metadata(METADATA, {"json": provenance})
 
-    def take(self, rows: Sequence[Sequence[float]]) -> None:
-        """Append rows as a chunk; raises OSError when the disk refuses it."""
-        for row in rows:
+    def take(self, octets: bytes) -> None:
+        """Append rows, doubles of this machine, as a chunk; raises OSError when the disk refuses it."""
+        for row in np.frombuffer(octets).reshape(-1, len(self._tags)).tolist():
             self._values[1::2] = row
             t_ns = max(0, int(row[0]))
             self._writer.add_message(self._channel, t_ns, self._pack(*self._values), t_ns)
@@ -102,41 +99,6 @@ class McapFile:
             self._file.flush()
         finally:
             self._file.raw.close()
-
-
-# The process that writes the file while a run goes on: pieces of octets on standard input, each with its kind.
-
-
-def _pieces() -> Iterator[tuple[bytes, bytes]]:
-    """Yield kind and octets of each piece; one that is cut off at the end is left out."""
-    waiting = bytearray()
-    while octets := os.read(0, 1 << 20):
-        waiting += octets
-        while len(waiting) >= HEAD.size:
-            kind, size = HEAD.unpack_from(waiting)
-            if len(waiting) < HEAD.size + size:
-                break
-            yield kind, bytes(waiting[HEAD.size : HEAD.size + size])
-            del waiting[: HEAD.size + size]
-
-
-def main() -> None:
-    """Write the pieces that come on standard input; the first one says columns, units and provenance in JSON."""
-    try:
-        pieces = _pieces()
-        begin = json.loads(next(pieces, (b"", b"{}"))[1])
-        if not begin:
-            return
-        file = McapFile(Path(sys.argv[1]), begin["columns"], begin["units"], begin["provenance"])
-        last = ""
-        for kind, octets in pieces:
-            if kind == ROWS:
-                file.take(np.frombuffer(octets).reshape(-1, len(begin["columns"])).tolist())
-            else:
-                last = octets.decode()
-        file.close(last)
-    except (OSError, UsageError) as error:
-        sys.exit(getattr(error, "strerror", None) or str(error))
 
 
 def read_mcap(path: Path) -> tuple[list[str], dict[str, str], NDArray[np.float64], str, bool]:

@@ -164,7 +164,7 @@ class RecordedRun:
             text = "" if self.provenance is None else self.provenance.text()
             file = McapFile(path, list(self.columns), self.units, text)
             for first in range(0, len(table), 1000):
-                file.take(table[first : first + 1000].tolist())
+                file.take(table[first : first + 1000].tobytes())
             file.close(text)
         elif path.suffix == ".parquet":
             written = self.to_arrow()

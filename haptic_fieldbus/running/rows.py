@@ -8,14 +8,14 @@ import json
 import os
 import sys
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from haptic_fieldbus.buses.writing import LogFile, WritingProcess, pieces
-from haptic_fieldbus.errors import require
+from haptic_fieldbus.buses.writing import LogFile, WritingProcess
+from haptic_fieldbus.errors import UsageError, require
 from haptic_fieldbus.recordings.provenance import Provenance
-from haptic_fieldbus.recordings.tables import LAST, ROWS, column_units, heading, piece, row_line
+from haptic_fieldbus.recordings.tables import HEAD, LAST, ROWS, column_units, heading, piece, row_line
 
 if TYPE_CHECKING:  # imported for its type alone: the writing process does without numpy
     from haptic_fieldbus.assessing.loop_report import Record
@@ -25,89 +25,60 @@ ROW_SUFFIXES = (".csv", ".mcap")
 
 
 class RowFile(Protocol):
-    """A file that takes rows while the loop runs."""
+    """A file that takes rows while the loop runs, as doubles of this machine."""
 
-    def take(self, record: "Record") -> None:
-        """Take the rows pushed since the last call; raises OSError if it can take no more."""
+    def take(self, octets: bytes) -> None:
+        """Take whole rows; raises OSError if it can take no more."""
 
-    def close(self, provenance: str = "") -> None:
+    def close(self, provenance: str) -> None:
         """Finish the file with the last provenance; raises OSError when it is not complete."""
 
 
-class DirectRows:
-    """A file that this process writes."""
+class CsvFile:
+    """A file of lines, whose format holds neither units nor provenance."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self._file = LogFile(path)
+    def __init__(self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str) -> None:
+        self._file, self._width = LogFile(path), len(columns)
         self._file.add(heading(columns))
-        self._taken = 0
 
-    def take(self, record: "Record") -> None:
-        for row in record.since(self._taken).tolist():
-            self._file.add(row_line(row))
-        self._taken = record.pushed
+    def take(self, octets: bytes) -> None:
+        values = array("d", octets)
+        for first in range(0, len(values), self._width):
+            self._file.add(row_line(values[first : first + self._width]))
         self._file.flush()
 
-    def close(self, provenance: str = "") -> None:
+    def close(self, provenance: str) -> None:
         self._file.close()
 
 
-class ProcessRows:
+class ProcessFile:
     """A file that another process writes; `take` never waits for it."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        path.open("wb").close()  # what cannot be written is refused at once
-        self._process = WritingProcess("from haptic_fieldbus.running.rows import main; main()", str(path), *columns)
-        self._taken = 0
-
-    def take(self, record: "Record") -> None:
-        rows = record.since(self._taken)
-        self._taken = record.pushed
-        self._process.take(rows.tobytes())
-
-    def close(self, provenance: str = "") -> None:
-        self._process.close()
-
-
-class DirectMcap:
-    """An MCAP file that this process writes."""
-
     def __init__(self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str) -> None:
-        from haptic_fieldbus.recordings.mcap import McapFile
-
-        self._file = McapFile(path, columns, units, provenance)
-        self._taken = 0
-
-    def take(self, record: "Record") -> None:
-        rows = record.since(self._taken)
-        self._taken = record.pushed
-        self._file.take(rows.tolist())
-
-    def close(self, provenance: str = "") -> None:
-        self._file.close(provenance)
-
-
-class ProcessMcap:
-    """An MCAP file that another process writes; `take` never waits for it."""
-
-    def __init__(self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str) -> None:
-        require("mcap", "data")
+        if path.suffix == ".mcap":
+            require("mcap", "data")
         path.open("wb").close()  # what cannot be written is refused at once
-        self._process = WritingProcess("from haptic_fieldbus.recordings.mcap import main; main()", str(path))
+        self._process = WritingProcess("from haptic_fieldbus.running.rows import main; main()", str(path))
         begin = {"columns": list(columns), "units": dict(units), "provenance": provenance}
-        self._process.take(piece(ROWS, json.dumps(begin).encode()))
-        self._taken = 0
+        self.take(json.dumps(begin).encode())
 
-    def take(self, record: "Record") -> None:
-        rows = record.since(self._taken)
-        self._taken = record.pushed
-        self._process.take(piece(ROWS, rows.tobytes()))
+    def take(self, octets: bytes) -> None:
+        self._process.take(piece(ROWS, octets))
 
-    def close(self, provenance: str = "") -> None:
+    def close(self, provenance: str) -> None:
         try:
             self._process.take(piece(LAST, provenance.encode()))
         finally:
             self._process.close()
+
+
+def kind_of_file(path: Path) -> Callable[[Path, Sequence[str], Mapping[str, str], str], RowFile]:
+    """Return the class of a file that this process writes."""
+    if path.suffix != ".mcap":
+        return CsvFile
+    from haptic_fieldbus.recordings.mcap import McapFile
+
+    return McapFile
 
 
 class Rows:
@@ -118,22 +89,20 @@ class Rows:
     ) -> None:
         """Begin the file; raises OSError, or UsageError without the library of its format."""
         self.fault: OSError | None = None
-        self._record = record
+        self._record, self._taken = record, 0
         self._file: RowFile | None = None
         if path is not None and path.suffix in ROW_SUFFIXES:
             # Windows has no pipe that takes octets without waiting.
             direct = simulated or not hasattr(os, "fork")
-            if path.suffix == ".mcap":
-                units, text = column_units(record.columns, provenance), "" if provenance is None else provenance.text()
-                self._file = (DirectMcap if direct else ProcessMcap)(path, record.columns, units, text)
-            else:
-                self._file = (DirectRows if direct else ProcessRows)(path, record.columns)
+            units, text = column_units(record.columns, provenance), "" if provenance is None else provenance.text()
+            self._file = (kind_of_file(path) if direct else ProcessFile)(path, record.columns, units, text)
 
     def flush(self) -> None:
         """Pass on the new rows; a file that fails is abandoned, because the run must continue."""
         if self._file is not None and self.fault is None:
+            rows, self._taken = self._record.since(self._taken), self._record.pushed
             try:
-                self._file.take(self._record)
+                self._file.take(rows.tobytes())
             except OSError as error:
                 self.fault = error
 
@@ -147,21 +116,35 @@ class Rows:
                 self.fault = error  # of the disk itself, so it says more than that of the pipe
 
 
+# The process that writes a file while a run goes on: pieces of octets on standard input, each with its kind.
+
+
+def _pieces() -> Iterator[tuple[bytes, bytes]]:
+    """Yield kind and octets of each piece; one that is cut off at the end is left out."""
+    waiting = bytearray()
+    while octets := os.read(0, 1 << 20):
+        waiting += octets
+        while len(waiting) >= HEAD.size:
+            kind, size = HEAD.unpack_from(waiting)
+            if len(waiting) < HEAD.size + size:
+                break
+            yield kind, bytes(waiting[HEAD.size : HEAD.size + size])
+            del waiting[: HEAD.size + size]
+
+
 def main() -> None:
-    """Write the rows from standard input, doubles of this machine, to the file named by the first argument."""
-    path, *columns = sys.argv[1:]
+    """Write the pieces that come on standard input; the first one says columns, units and provenance in JSON."""
     try:
-        _write_all(LogFile(Path(path)), columns)
-    except OSError as error:
-        sys.exit(error.strerror or str(error))
-
-
-def _write_all(file: LogFile, columns: Sequence[str]) -> None:
-    """Write each row as soon as it arrives; raises OSError."""
-    file.add(heading(columns))
-    for octets in pieces(8 * len(columns)):
-        values = array("d", octets)
-        for first in range(0, len(values), len(columns)):
-            file.add(row_line(values[first : first + len(columns)]))
-        file.flush()
-    file.close()
+        pieces, path, last = _pieces(), Path(sys.argv[1]), ""
+        begin = json.loads(next(pieces, (b"", b"{}"))[1])
+        if not begin:
+            return
+        file = kind_of_file(path)(path, begin["columns"], begin["units"], begin["provenance"])
+        for kind, octets in pieces:
+            if kind == ROWS:
+                file.take(octets)
+            else:
+                last = octets.decode()
+        file.close(last)
+    except (OSError, UsageError) as error:
+        sys.exit(getattr(error, "strerror", None) or str(error))

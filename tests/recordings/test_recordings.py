@@ -138,18 +138,18 @@ def test_a_text_that_was_cut_off_is_read_up_to_its_last_whole_line(recorded: Pat
 def test_another_process_writes_the_same_file(recorded: Path, tmp_path: Path) -> None:
     """As on a real bus: rows go through a pipe."""
     from haptic_fieldbus.assessing.loop_report import Record
-    from haptic_fieldbus.running.rows import ProcessMcap
+    from haptic_fieldbus.running.rows import Rows
 
     found = read_recording(of(recorded, ".mcap"))
     assert found.provenance is not None
     record = Record(list(found.columns), len(found))
-    file = ProcessMcap(tmp_path / "b.mcap", record.columns, found.units, found.provenance.text())
+    file = Rows(record, tmp_path / "b.mcap", simulated=False, provenance=found.provenance)
     for row in found.table().tolist():
         record.push(row)
         if record.pushed % 100 == 0:
-            file.take(record)
-    file.take(record)
-    file.close(found.provenance.text())
+            file.flush()
+    file.close(found.provenance)
+    assert file.fault is None
     again = read_recording(tmp_path / "b.mcap")
     assert again.complete
     assert np.array_equal(again.table(), found.table())

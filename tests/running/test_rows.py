@@ -3,7 +3,6 @@
 import math
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,10 @@ import pytest
 
 from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.recordings.tables import row_line
-from haptic_fieldbus.running.rows import DirectRows, ProcessRows, RowFile, Rows
+from haptic_fieldbus.running.rows import ProcessFile, Rows
 
 COLUMNS = ("t_ns", "handle.position")
-KINDS = pytest.mark.parametrize("kind", [DirectRows, ProcessRows])
+KINDS = pytest.mark.parametrize("simulated", [True, False])
 FULL = Path("/dev/full")
 """A device that refuses every write, as a full disk does (full(4))."""
 
@@ -27,12 +26,12 @@ def filled(rows: int, capacity: int = 1000) -> Record:
 
 
 @KINDS
-def test_rows_are_written_with_their_names_and_every_digit(kind: Callable[..., RowFile], tmp_path: Path) -> None:
+def test_rows_are_written_with_their_names_and_every_digit(simulated: bool, tmp_path: Path) -> None:
     path, record = tmp_path / "run.csv", filled(5)
-    file = kind(path, COLUMNS)
-    file.take(record)
+    file = Rows(record, path, simulated=simulated)
+    file.flush()
     record.push((7.0, -0.1))
-    file.take(record)
+    file.flush()
     file.close()
     assert path.read_text().splitlines()[0] == "t_ns,handle.position"
     assert path.read_text().splitlines()[-1] == "7,-0.1"
@@ -40,21 +39,21 @@ def test_rows_are_written_with_their_names_and_every_digit(kind: Callable[..., R
 
 
 @KINDS
-def test_a_ring_may_go_round_while_its_rows_are_taken(kind: Callable[..., RowFile], tmp_path: Path) -> None:
+def test_a_ring_may_go_round_while_its_rows_are_taken(simulated: bool, tmp_path: Path) -> None:
     path, record = tmp_path / "run.csv", Record(COLUMNS, 16)
-    file = kind(path, COLUMNS)
+    file = Rows(record, path, simulated=simulated)
     for k in range(100):
         record.push((k, k))
         if k % 10 == 9:
-            file.take(record)
+            file.flush()
     file.close()
     assert np.loadtxt(path, delimiter=",", skiprows=1)[:, 0].tolist() == list(range(100))
 
 
 @KINDS
-def test_a_file_that_cannot_be_made_is_refused_at_once(kind: Callable[..., RowFile], tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_made_is_refused_at_once(simulated: bool, tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No such file"):
-        kind(tmp_path / "nowhere" / "run.csv", COLUMNS)
+        Rows(filled(0), tmp_path / "nowhere" / "run.csv", simulated=simulated)
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
@@ -104,7 +103,7 @@ def test_a_file_that_grows_no_more_ends_with_a_whole_row(simulated: bool, tmp_pa
 def test_a_writing_process_that_is_killed_does_not_stop_the_run(tmp_path: Path) -> None:
     record = filled(10)
     rows = Rows(record, tmp_path / "run.csv", simulated=False)
-    assert isinstance(rows._file, ProcessRows)
+    assert isinstance(rows._file, ProcessFile)
     writing = rows._file._process._process
     os.kill(writing.pid, signal.SIGKILL)
     writing.wait()
@@ -121,7 +120,7 @@ def test_a_writing_process_that_hangs_makes_nobody_wait(tmp_path: Path, monkeypa
     monkeypatch.setattr("haptic_fieldbus.buses.writing.PIPE", 100_000)
     record = filled(0, 20_000)
     rows = Rows(record, tmp_path / "run.csv", simulated=False)
-    assert isinstance(rows._file, ProcessRows)
+    assert isinstance(rows._file, ProcessFile)
     process = rows._file._process._process
     os.kill(process.pid, signal.SIGSTOP)
     try:
