@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set, Sized
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -190,11 +190,7 @@ def _is_alive(process: str) -> bool:
     return True
 
 
-def _write_json(content: Mapping[str, Any], path: Path) -> None:
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
+def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file under another name, flush it to the disk and rename it.
 
     Makes its folder if there is none. Raises UsageError where nothing can be written, such as on a full disk.
@@ -248,7 +244,7 @@ class SweepFolder:
                 "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
                 "names": list(points.values), "units": dict(units), "inputs": json.loads(text),
             }  # fmt: skip
-            _write_whole(manifest, partial(_write_json, content))
+            _write_whole(manifest, lambda new: new.write_bytes(json.dumps(content, indent=1).encode() + b"\n"))
         for left in path.glob("*.new"):  # of a sweep that was killed while it wrote, not of one that still writes
             if not _is_alive(left.suffixes[-2].lstrip(".")):
                 left.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from inspect import getsource
 from pathlib import Path
@@ -278,7 +278,7 @@ def _executor(asked: SweepRequest, count: int) -> AbstractContextManager[Executo
     """Return the executor that was asked for; else so many processes."""
     if asked.scheduler is not None:
         return _cluster(asked.scheduler)
-    return _workers(count) if asked.executor is None else _lent(asked.executor)
+    return _workers(count) if asked.executor is None else nullcontext(asked.executor)
 
 
 def _check_sendable(job: SweepJob) -> None:
@@ -312,12 +312,6 @@ def _cluster(address: str) -> Iterator[Executor]:
             raise HapticFieldbusError(
                 f"scheduler {address}: the cluster lost its work ({error}); ask again with the same folder to go on"
             ) from error
-
-
-@contextmanager
-def _lent(executor: Executor) -> Iterator[Executor]:
-    """Yield an executor of somebody else, who ends it."""
-    yield executor
 
 
 def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest) -> tuple[SweepJob, dict[str, Any]]:

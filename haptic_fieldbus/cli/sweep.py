@@ -145,8 +145,10 @@ def _grid_values(text: str) -> list[float | str]:
     if ":" not in text:
         return [_plain_value(part.strip()) for part in text.split(",")]
     low, high, number, *how = text.split(":")
+    from haptic_fieldbus.api.sweep_folder import LONGEST_LIST
+
     count = int(number)
-    if how not in ([], ["log"]) or not 0 < count <= MOST_VALUES:
+    if how not in ([], ["log"]) or not 0 < count <= LONGEST_LIST:
         raise ValueError
     from numpy import geomspace, linspace
 
@@ -154,10 +156,6 @@ def _grid_values(text: str) -> list[float | str]:
         raise ValueError
     values: list[float | str] = (geomspace if how else linspace)(float(low), float(high), count).tolist()
     return values
-
-
-MOST_VALUES = 10_000_000
-"""Largest number of values of one parameter."""
 
 
 def _plain_value(text: str) -> float | str:
