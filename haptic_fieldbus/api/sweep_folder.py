@@ -237,7 +237,7 @@ class SweepFolder:
                 raise UsageError(
                     f"{path}: holds a sweep with other inputs ({', '.join(other)}); expected another folder"
                 )
-        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        elif path.exists() and (not path.is_dir() or {*path.iterdir()} - {*path.glob(f"{MANIFEST}.*.new")}):
             raise UsageError(f"{path}: exists and is no folder of a sweep; expected a new or an empty folder")
         else:
             content = {

@@ -440,6 +440,15 @@ def test_a_killed_sweep_goes_on_and_leaves_no_process(chunks: int, tmp_path: Pat
     assert equal(found, sweep("wall", points, chunk=400))
 
 
+def test_a_sweep_that_was_killed_while_it_wrote_its_manifest_goes_on(tmp_path: Path) -> None:
+    left = subprocess.Popen([sys.executable, "-c", ""])
+    left.wait()
+    half = tmp_path / f"manifest.json.{left.pid}.new"
+    half.write_text('{"schema": 1, "dig')
+    found = sweep("wall", {"wall.stiffness": [300.0, 400.0]}, out=tmp_path, workers=1)
+    assert (found.computed, half.exists()) == (2, False)
+
+
 def test_the_manifest_says_what_the_rows_are_of(tmp_path: Path) -> None:
     found = sweep("wall", {"wall.stiffness": (300.0, 400.0)}, sample=3, seed=7, out=tmp_path / "out", workers=1)
     manifest = json.loads((found.path / "manifest.json").read_text())
