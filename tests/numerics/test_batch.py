@@ -183,3 +183,20 @@ def test_more_loops_than_a_block_are_the_same_loops() -> None:
 def test_loops_that_cannot_be_are_refused_with_the_limit(wrong: dict[str, Any], sentence: str) -> None:
     with pytest.raises(UsageError, match=sentence):
         loops(**{"mass": 1.0, "damping": 1.0, "period": PERIOD, **wrong})
+
+
+@pytest.mark.parametrize("lag", [0.0, 2e-4])
+def test_a_loop_among_others_of_all_kinds_is_that_loop_alone(lag: float) -> None:
+    """A factor that is common to a block, an encoder that some have, a stop and a push: no neighbour changes a bit."""
+    common: dict[str, Any] = {"mass": 0.6, "damping": 1.5, "period": PERIOD, "delay": 0.3e-3, "velocity": 0.2}
+    many = loops(
+        **common, stiffness=[200.0, 400.0, 600.0, 800.0], virtual_damping=[0.0, 1.0, 2.0, 3.0],
+        push=[0.0, 0.5, 1.0, 0.0],
+        resolution=[0.0, 1e-5, 0.0, 1e-4], unilateral=[False, True, True, False], saturation=[math.inf, 3.0, 2.0, 9.0],
+        lag=lag, coulomb=0.0 if lag else 0.1,
+    )  # fmt: skip
+    together, digits = run(many, STEPS), 0.0 if lag else 1e-6  # numpy rounds logarithms by their place in an array
+    for row in range(len(many)):
+        alone = run(many.part(np.array([row])), STEPS)
+        assert alone.position[0] == pytest.approx(together.position[row], rel=digits, abs=digits)
+        assert alone.growth[0] == pytest.approx(together.growth[row], rel=digits, abs=digits)
