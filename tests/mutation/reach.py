@@ -23,10 +23,11 @@ from tests.mutation.mutants import Mutant
 PROJECT = Path(__file__).resolve().parents[2]
 FOLDER, NAME = "MUTATION_REACH", "MUTATION_TEST"
 """Environment of the traced run: where to write, and which test runs at the moment."""
+# Without `sigterm`: its handler would stay in place of ours, which take a signal from the default handlers alone, and
+# a test that sends SIGTERM would end its worker.
 SETTINGS = """[run]
 data_file = {folder}/lines
 parallel = true
-sigterm = true
 include = {include}
 context = ${{MUTATION_TEST-}}
 """
