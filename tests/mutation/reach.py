@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -17,6 +18,7 @@ from time import perf_counter
 import grimp
 import pytest
 from coverage import Coverage, CoverageData
+from coverage.exceptions import DataError
 
 from tests.mutation.mutants import Mutant
 
@@ -116,9 +118,10 @@ def traced(tree: Path, folder: Path, lane: str, rooms: tuple[str, ...], environm
         subprocess.run(command, cwd=tree, env=environment | {FOLDER: str(kept)}, check=False)
         together = CoverageData(str(kept / "building"))
         for path in kept.glob("lines.*"):
-            part = CoverageData(str(path))
-            part.read()
-            together.update(part)
+            with suppress(DataError):  # of a process that a test killed while it wrote
+                part = CoverageData(str(path))
+                part.read()
+                together.update(part)
         together.close()
         (kept / "building").rename(kept / "all")
     lines = CoverageData(str(kept / "all"))
