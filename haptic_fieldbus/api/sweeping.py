@@ -42,6 +42,7 @@ from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.request import LARGEST_SEED, LONGEST, Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.recordings.provenance import digest
+from haptic_fieldbus.running.ending import SIGNALS, EndSignals, ended_by_signals
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
@@ -62,12 +63,13 @@ CONNECTING = 10.0
 AHEAD = 32
 """Chunks that an executor of somebody else holds at once."""
 LOOK_EVERY = 0.5
-"""Time between two looks of a process for the one that began it [s]."""
+"""Time between two looks for a signal, and of a process for the one that began it [s]."""
 
 
 def _begin_worker(parent: int) -> None:
     """Leave Ctrl-C to the process that began this one, and end when that is gone: nobody else would end it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_DFL if each == signal.SIGTERM else signal.SIG_IGN)
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -78,19 +80,26 @@ def _begin_worker(parent: int) -> None:
 
 
 class _Here(Executor):
-    """Does the work at once in this process."""
+    """Does the work at once in this process; a signal ends it."""
+
+    def __init__(self, ending: EndSignals) -> None:
+        self._ending = ending
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         found: Future[Any] = Future()
-        found.set_result(fn(*args, **kwargs))
+        try:
+            self._ending.resume()
+            found.set_result(fn(*args, **kwargs))
+        finally:
+            self._ending.hold()
         return found
 
 
 @contextmanager
-def _workers(count: int) -> Iterator[Executor]:
+def _workers(count: int, ending: EndSignals) -> Iterator[Executor]:
     """Yield an executor of so many processes, none of which outlives the block."""
     if count == 1:
-        yield _Here()
+        yield _Here(ending)
         return
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
@@ -107,9 +116,13 @@ def _workers(count: int) -> Iterator[Executor]:
 
 
 def _computed(
-    executor: Executor, ahead: int, job: SweepJob, folder: SweepFolder, chunks: Iterable[int]
+    executor: Executor, ahead: int, job: SweepJob, folder: SweepFolder, chunks: Iterable[int], ending: EndSignals
 ) -> Iterator[tuple[int, Columns, Rows]]:
-    """Yield the rows of chunks as they are done, with at most `ahead` of them under way."""
+    """Yield the rows of chunks as they are done, with at most `ahead` of them under way.
+
+    Raises KeyboardInterrupt after a signal. It is looked for here, because an exception that a signal raises is lost
+    where Python takes none: in a `__del__`, a callback of a weak reference, or a hook of `fork`.
+    """
     under_way: dict[Future[Rows], tuple[int, Columns]] = {}
     rest = iter(chunks)
     try:
@@ -121,10 +134,13 @@ def _computed(
                     break
             if not under_way:
                 return
-            for done in wait(under_way, return_when=FIRST_COMPLETED).done:
+            for done in wait(under_way, LOOK_EVERY, FIRST_COMPLETED).done:
                 chunk, columns = under_way.pop(done)
                 yield chunk, columns, done.result()
+            if ending.signal is not None:
+                raise KeyboardInterrupt
     except BrokenProcessPool as error:
+        ending.resume()  # whoever ended all processes of a group has ended the sweep
         raise HapticFieldbusError(
             f"a process of the sweep was ended from outside, perhaps for lack of memory; ask again with {folder.path} "
             "to go on"
@@ -209,14 +225,14 @@ def sweep(
 
     `points` maps parameters to their values, of which every product is a point; with `sample` to (least, largest)
     or (least, largest, "log"), of which a Latin hypercube of so many points is drawn by `seed`; or it is a list of
-    points. Parameters are element.parameter, rig.axis.key, rate, method and estimator, and for the engine `full`
-    hand, seed, duration and fade_in. The engine `verdict` judges the loop; `loop` simulates `steps` periods after a
-    flick in sustained contact; `full` runs it in simulation, with `force` above its limit too, and `measure` maps
-    the result of a run to figures. Rows go to the folder `out`, by chunks of `chunk` points; the same call goes on
-    with a folder that is not complete. The work is done by `workers` processes (one a processor), by any
-    `executor`, or by the Dask cluster whose `scheduler` has this address. Refusals and trips are rows. Raises
-    TypeError, DocumentError or UsageError for what no point could have, and UsageError for a folder with other
-    inputs.
+    points. Parameters are element.parameter, rig.axis.key, rate, method and estimator, and for the engine `full` hand,
+    seed, duration and fade_in. The engine `verdict` judges the loop; `loop` simulates `steps` periods after a flick in
+    sustained contact; `full` runs it in simulation, with `force` above its limit too, and `measure` maps the result of
+    a run to figures. Rows go to the folder `out`, by chunks of `chunk` points; the same call goes on with a folder that
+    is not complete. The work is done by `workers` processes (one a processor), by any `executor`, or by the Dask
+    cluster whose `scheduler` has this address. Refusals and trips are rows. Raises TypeError, DocumentError or
+    UsageError for what no point could have, UsageError for a folder with other inputs, and KeyboardInterrupt after
+    Ctrl-C, SIGTERM or SIGHUP.
     """
     asked = SweepRequest(
         engine=engine, out=out, sample=sample, measure=measure, steps=steps, chunk=chunk, workers=workers,
@@ -265,20 +281,23 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     tell(done, points.count)
     count = min(asked.workers or os.cpu_count() or 1, max(len(missing), 1))
     own = asked.executor is None and asked.scheduler is None
-    with _executor(asked, count) as executor:
-        ahead = AHEAD if not own else 2 * count if count > 1 else 1
-        for each, columns, rows in _computed(executor, ahead, job, folder, missing):
-            folder.write(each, columns, rows)
-            done += len(next(iter(columns.values())))
-            tell(done, points.count)
+    with ended_by_signals() as ending:
+        ending.hold()
+        with _executor(asked, count, ending) as executor:
+            ahead = AHEAD if not own else 2 * count if count > 1 else 1
+            for each, columns, rows in _computed(executor, ahead, job, folder, missing, ending):
+                folder.write(each, columns, rows)
+                done += len(next(iter(columns.values())))
+                tell(done, points.count)
+        ending.resume()
     return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, steps, units)
 
 
-def _executor(asked: SweepRequest, count: int) -> AbstractContextManager[Executor]:
+def _executor(asked: SweepRequest, count: int, ending: EndSignals) -> AbstractContextManager[Executor]:
     """Return the executor that was asked for; else so many processes."""
     if asked.scheduler is not None:
         return _cluster(asked.scheduler)
-    return _workers(count) if asked.executor is None else nullcontext(asked.executor)
+    return _workers(count, ending) if asked.executor is None else nullcontext(asked.executor)
 
 
 def _check_sendable(job: SweepJob) -> None:

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import product
@@ -31,6 +31,13 @@ from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 
 WALLS = {"wall.stiffness": [50.0, 600.0, 2500.0, 60000.0], "wall.damping": [0.0, 3.0, 40.0]}
+
+
+@pytest.fixture
+def usual_handler() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def rows(found: Sweep) -> list[dict[str, Any]]:
@@ -438,6 +445,48 @@ def test_a_killed_sweep_goes_on_and_leaves_no_process(chunks: int, tmp_path: Pat
     found = sweep("wall", points, out=out, chunk=400, workers=2)
     assert found.computed <= 40_000 - 400 * left
     assert equal(found, sweep("wall", points, chunk=400))
+
+
+class Lost:
+    """Sends Ctrl-C where Python takes no exception: a KeyboardInterrupt there is printed and forgotten."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+def sent_in_progress() -> dict[str, Any]:
+    told: list[int] = []
+
+    def progress(done: int, total: int) -> None:
+        told.append(done)
+        if len(told) == 2:
+            Lost()
+
+    return {"progress": progress}
+
+
+def sent_in_a_chunk() -> dict[str, Any]:
+    def measure(result: Result) -> dict[str, Any]:
+        Lost()
+        return {}
+
+    return {"measure": measure}
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(
+    ("engine", "workers", "sent"),
+    [("verdict", 1, sent_in_progress), ("verdict", 2, sent_in_progress), ("full", 1, sent_in_a_chunk)],
+)
+def test_a_signal_whose_exception_is_lost_ends_a_sweep(
+    engine: str, workers: int, sent: Callable[[], dict[str, Any]], tmp_path: Path, usual_handler: None
+) -> None:
+    points = {"wall.stiffness": np.linspace(100.0, 900.0, 12)}
+    with pytest.raises(KeyboardInterrupt):
+        sweep("wall", points, out=tmp_path, chunk=1, engine=engine, workers=workers, duration=0.01, **sent())
+    assert 0 < len([*tmp_path.glob("*.parquet")]) < 12 or engine == "full"
+    assert not Sweep.read(tmp_path).complete
+    assert multiprocessing.active_children() == []
 
 
 def test_a_sweep_that_was_killed_while_it_wrote_its_manifest_goes_on(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from signal import SIGINT, SIGTERM
+from signal import SIGHUP, SIGINT, SIGTERM
 
 import pytest
 
@@ -92,7 +92,7 @@ def test_pictures_of_a_sweep_have_their_texts_in_place(points: object, column: s
 
 
 @pytest.mark.thorough("waits for processes that are ended")
-@pytest.mark.parametrize(("ending", "status"), [(SIGINT, 130), (SIGTERM, 143)])
+@pytest.mark.parametrize(("ending", "status"), [(SIGINT, 130), (SIGTERM, 143), (SIGHUP, 129)])
 def test_a_sweep_that_is_stopped_goes_on(ending: int, status: int, tmp_path: Path) -> None:
     words = ["sweep", "sprung_mass", "--grid", "sprung_mass.mass=0.1:3:4000", "--out", str(tmp_path / "rows")]
     process = subprocess.Popen(
