@@ -3,7 +3,7 @@
 The drives are opened, asked, proved, enabled and stopped as by `run`, and only inside the `with` block. However the
 block is left, torque is zero before the next statement. In virtual time the caller may stop between two periods for as
 long as it likes. On a real bus it has the rest of the period; a caller that takes longer makes the loop late, and a
-late loop skips periods and trips as any other.
+late loop skips periods and trips as any other. The error and the warnings of the result say how long it took.
 """
 
 import math

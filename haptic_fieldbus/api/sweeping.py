@@ -80,15 +80,16 @@ def _begin_worker(parent: int) -> None:
 
 
 class _Here(Executor):
-    """Does the work at once in this process; a signal ends it."""
+    """Does the work at once in this process; a signal interrupts it, except a run, which sees the note by itself."""
 
-    def __init__(self, ending: EndSignals) -> None:
-        self._ending = ending
+    def __init__(self, ending: EndSignals, engine: str) -> None:
+        self._ending, self._runs = ending, engine == "full"
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         found: Future[Any] = Future()
         try:
-            self._ending.resume()
+            if not self._runs:
+                self._ending.resume()
             found.set_result(fn(*args, **kwargs))
         finally:
             self._ending.hold()
@@ -96,11 +97,8 @@ class _Here(Executor):
 
 
 @contextmanager
-def _workers(count: int, ending: EndSignals) -> Iterator[Executor]:
+def _workers(count: int) -> Iterator[Executor]:
     """Yield an executor of so many processes, none of which outlives the block."""
-    if count == 1:
-        yield _Here(ending)
-        return
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker, initargs=(os.getpid(),))
@@ -116,8 +114,9 @@ def _workers(count: int, ending: EndSignals) -> Iterator[Executor]:
 
 
 def _computed(
-    executor: Executor, ahead: int, job: SweepJob, folder: SweepFolder, chunks: Iterable[int], ending: EndSignals
-) -> Iterator[tuple[int, Columns, Rows]]:
+    executor: Executor, job: SweepJob, folder: SweepFolder, chunks: Iterable[int], ahead: int, ending: EndSignals, *,
+    lent: bool,
+) -> Iterator[tuple[int, Columns, Rows]]:  # fmt: skip
     """Yield the rows of chunks as they are done, with at most `ahead` of them under way.
 
     Raises KeyboardInterrupt after a signal. It is looked for here, because an exception that a signal raises is lost
@@ -146,8 +145,9 @@ def _computed(
             "to go on"
         ) from error
     finally:
-        for each in under_way:
-            each.cancel()
+        if lent:  # own processes are ended, and a pool that loses them must not meet a cancelled future (CPython 3.11)
+            for each in under_way:
+                each.cancel()
 
 
 LEAST_STEPS, MOST_STEPS = 8, 10**8
@@ -280,12 +280,12 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     done = points.count - left
     tell(done, points.count)
     count = min(asked.workers or os.cpu_count() or 1, max(len(missing), 1))
-    own = asked.executor is None and asked.scheduler is None
+    lent = asked.executor is not None or asked.scheduler is not None
     with ended_by_signals() as ending:
         ending.hold()
+        ahead = AHEAD if lent else 2 * count if count > 1 else 1
         with _executor(asked, count, ending) as executor:
-            ahead = AHEAD if not own else 2 * count if count > 1 else 1
-            for each, columns, rows in _computed(executor, ahead, job, folder, missing, ending):
+            for each, columns, rows in _computed(executor, job, folder, missing, ahead, ending, lent=lent):
                 folder.write(each, columns, rows)
                 done += len(next(iter(columns.values())))
                 tell(done, points.count)
@@ -297,7 +297,9 @@ def _executor(asked: SweepRequest, count: int, ending: EndSignals) -> AbstractCo
     """Return the executor that was asked for; else so many processes."""
     if asked.scheduler is not None:
         return _cluster(asked.scheduler)
-    return _workers(count, ending) if asked.executor is None else nullcontext(asked.executor)
+    if asked.executor is None and count > 1:
+        return _workers(count)
+    return nullcontext(asked.executor or _Here(ending, asked.engine))
 
 
 def _check_sendable(job: SweepJob) -> None:

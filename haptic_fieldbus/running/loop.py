@@ -20,7 +20,7 @@ from haptic_fieldbus.cycle.safety import LINK_TRIPS
 from haptic_fieldbus.cycle.trips import TRIP_ERRORS, explained, failed_in, moment, trip_error
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusError, BusTimeoutError
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
@@ -82,6 +82,15 @@ class Caller:
     """True when the caller wants no further period."""
     late_ns: int = 0
     """Lateness of the present period [ns]."""
+    longest_ns: int = 0
+    """Longest time that it took between two periods [ns]."""
+
+    def slow_on(self, plan: Plan) -> list[str]:
+        """Return the sentence about a caller that took longer than a period of a real bus; none for another."""
+        if plan.simulated or self.longest_ns <= plan.period_ns:
+            return []
+        longest, period = (rounded(1e-6 * each) for each in (self.longest_ns, plan.period_ns))
+        return [f"the block of the session took up to {longest} ms between two periods of {period} ms"]
 
 
 Steps = Generator[None, None, T]
@@ -177,6 +186,8 @@ def loop_steps(
         tripped.__cause__ = cycle.failure or failure
         failure = tripped
     if failure is not None:
+        for note in [] if caller is None else caller.slow_on(plan):
+            failure.add_note(note)
         if not report.released:
             failure.add_note(UNCONFIRMED)
         raise failure
@@ -239,11 +250,13 @@ def _run(
                 changes.make(latch_ns + period_ns - enabled_ns, latch_ns, period_ns)
             if caller is not None:
                 caller.late_ns = late_ns
+                began_ns = time.perf_counter_ns()
                 try:
                     ending.resume()  # a signal raises in the code of the caller
                     yield
                 finally:
                     ending.hold()
+                    caller.longest_ns = max(caller.longest_ns, time.perf_counter_ns() - began_ns)
                 if caller.stopping:
                     return
         else:

@@ -217,10 +217,12 @@ class Session:
 
     @contextmanager
     def _accounted(self, report: LoopReport, cycle: Cycle, caller: Caller | None) -> Iterator[None]:
-        """Complete the provenance after the block, however it ends, before any result is made of it."""
+        """Complete provenance and warnings after the block, however it ends, before any result is made of them."""
         try:
             yield
         finally:
+            if caller is not None:
+                self._warnings += caller.slow_on(self.plan)
             if self.provenance is not None:
                 self._complete(self.provenance, report, cycle, stepped=caller is not None)
 
