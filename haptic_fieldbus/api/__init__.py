@@ -13,7 +13,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from haptic_fieldbus.api.arguments import check_arguments
+from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.api.open_loop import response as response
 from haptic_fieldbus.api.stability_limits import Device, judge_scene
 from haptic_fieldbus.assessing.result import Result, known_before
@@ -114,12 +114,7 @@ def plan(
     `scene` is a name of the library, a file or a Scene; `rig` is a file or a Rig, or None for the shipped bench; `rate`
     is in Hz. Raises DocumentError, UsageError or PlanError.
     """
-    task = Task(
-        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
-        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
-    )  # fmt: skip
-    check_arguments("plan", task)
-    return plan_task(task)
+    return plan_task(asked_of("plan", locals(), Task))
 
 
 def stability(
@@ -149,13 +144,7 @@ def stability(
     counterpart) is given, a device with exactly these values and ideal torque replaces the bench. The mass is then
     required; omitted values are 0. Raises the same errors as `plan`.
     """
-    task = Task(
-        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
-        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
-    )  # fmt: skip
-    device = Device(mass=mass, damping=damping, coulomb=coulomb, resolution=resolution, delay=delay)
-    check_arguments("stability", task, device)
-    return judge_scene(task, device).stability
+    return judge_scene(*asked_of("stability", locals(), Task, Device)).stability
 
 
 def run(
@@ -198,17 +187,7 @@ def run(
     holds the results known at the error. Ctrl-C, SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the
     result names the signal.
     """
-    task = Task(
-        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
-        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
-    )  # fmt: skip
-    trial = Trial(
-        duration=duration, hand=name_of(hand), fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
-        changes=changes, prove=prove, confirm=confirm, instruct=instruct, progress=progress, announce=announce,
-        anonymous=anonymous, live=live,
-    )  # fmt: skip
-    check_arguments("run", task, trial)
-    return run_task(task, trial)
+    return run_task(*asked_of("run", locals(), Task, Trial))
 
 
 @own_faults()

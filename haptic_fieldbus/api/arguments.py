@@ -11,7 +11,7 @@ from numbers import Integral, Rational, Real
 from pathlib import Path
 from typing import Any, cast
 
-from haptic_fieldbus.documents.own_parts import OwnName
+from haptic_fieldbus.documents.own_parts import OwnName, name_of
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.errors import wrong_kind
 from haptic_fieldbus.scenes.scene import Scene
@@ -103,6 +103,21 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     "progress": ("a function, True or False", lambda value: isinstance(value, bool) or callable(value)),
 }
 """Expected kind of each argument by its name: in words, and as a test. None is accepted where it is the default."""
+
+
+OF_PYTHON = ("method", "estimator", "hand")
+"""Arguments that may be objects of Python; they travel with their names."""
+
+
+def asked_of(function: str, arguments: Mapping[str, Any], *kinds: type[Any]) -> Any:
+    """Return a value of each kind with the arguments that are its fields; one value alone, several as a tuple.
+
+    Raises one TypeError for all arguments of the wrong kind.
+    """
+    given = {name: name_of(value) if name in OF_PYTHON else value for name, value in arguments.items()}
+    asked = [kind(**{each.name: given[each.name] for each in fields(kind) if each.name in given}) for kind in kinds]
+    check_arguments(function, *asked)
+    return asked[0] if len(asked) == 1 else tuple(asked)
 
 
 def check_arguments(function: str, *asked: Any) -> None:

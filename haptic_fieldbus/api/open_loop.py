@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.api.arguments import check_arguments
+from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.defaults import (
     DEFAULT_AMPLITUDE,
@@ -23,7 +23,6 @@ from haptic_fieldbus.defaults import (
     DEFAULT_MOTION_DURATION,
     DEFAULT_RATE,
 )
-from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
@@ -185,10 +184,7 @@ def response(
     position; `amplitude` multiplies the positions. `rate` is in Hz, `duration` in s; a file has a duration of its own.
     Raises DocumentError or UsageError.
     """
-    task = Task(scene, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator))
-    motion = OpenLoop(input=input, amplitude=amplitude, duration=duration)
-    check_arguments("response", task, motion)
-    return open_loop(task, motion)
+    return open_loop(*asked_of("response", locals(), Task, OpenLoop))
 
 
 @own_faults()

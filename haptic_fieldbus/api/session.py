@@ -17,10 +17,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from haptic_fieldbus.api import Trial, prepare_run
-from haptic_fieldbus.api.arguments import check_arguments
+from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
-from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
 from haptic_fieldbus.errors import UsageError, wrong_kind
@@ -345,17 +344,8 @@ def session(
     if effort is not None:
         scene = effort_scene(effort, needs, rig, profiles, stiffness, damping)
         share = HOLDING_SHARE if stiffness is None and damping is None else math.inf
-    chosen: Any = scene
-    task = Task(
-        chosen, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
-        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
-    )  # fmt: skip
-    trial = Trial(
-        duration=duration, hand=name_of(hand), fade_in=fade_in, seed=seed, faults=faults, record=record, force=force,
-        changes=changes, prove=prove, confirm=confirm or (_told if yes else None), instruct=instruct,
-        anonymous=anonymous,
-    )  # fmt: skip
-    check_arguments("session", task, trial)
+    confirm = confirm or (_told if yes else None)
+    task, trial = asked_of("session", locals(), Task, Trial)
     return LiveSession(task, trial, share)
 
 

@@ -8,7 +8,7 @@ any moment goes on with the chunks that are missing when it is asked for again; 
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -125,17 +125,14 @@ class SweepPoints:
         return {name: _type_of(values) for name, values in self.values.items()}
 
 
-def _type_of(values: Iterable[Value]) -> str:
-    kinds = {type(value) for value in values}
-    names = {frozenset({bool}): "bool", frozenset({int}): "int64", frozenset({float}): "float64"}
-    return names.get(frozenset(kinds)) or ("float64" if kinds == {int, float} else "string")
-
-
-def _type_of_figures(kinds: Set[type]) -> str:
-    """Return the type of a column of figures; one without any fits each type that another chunk has there."""
-    if not kinds:
-        return "null"
-    return "float64" if kinds <= {int, float} else "bool" if kinds == {bool} else "string"
+def _type_of(values: Iterable[Value | None]) -> str:
+    """Return the type of a column; one without any value fits each type that another chunk has there."""
+    kinds: set[type] = {type(value) for value in values} - {type(None)}
+    if not kinds or kinds == {bool}:
+        return "bool_" if kinds else "null"
+    if not kinds <= {int, float}:
+        return "string"
+    return "int64" if kinds == {int} else "float64"
 
 
 def _values(name: str, given: Any) -> tuple[Value, ...]:
@@ -281,10 +278,9 @@ class SweepFolder:
         arrays, types = {}, {**self.points.types, **TYPES}
         for name, values in {**columns, **rows}.items():
             plain = [each.item() if hasattr(each, "item") else each for each in values]
-            known = {type(each) for each in plain} - {type(None)}
-            wanted = types.get(name) or _type_of_figures(known)
+            wanted = types.get(name) or _type_of(plain)
             texts = plain if wanted != "string" else [each if each is None else str(each) for each in plain]
-            arrays[name] = pyarrow.array(texts, type=getattr(pyarrow, wanted if wanted != "bool" else "bool_")())
+            arrays[name] = pyarrow.array(texts, type=getattr(pyarrow, wanted)())
         table = pyarrow.table(arrays).replace_schema_metadata({METADATA: self.digest})
         _write_whole(self.file(chunk), lambda new: parquet.write_table(table, new))
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
 from haptic_fieldbus.api import Trial, progress_line
-from haptic_fieldbus.api.arguments import check_arguments
+from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
 from haptic_fieldbus.api.sweep_engines import ENGINES, Measure, SweepJob, check_names, evaluate, units_of_parameters
 from haptic_fieldbus.api.sweep_folder import Columns, Given, Rows, Sweep, SweepFolder, SweepPoints
@@ -35,7 +35,6 @@ from haptic_fieldbus.defaults import (
     DEFAULT_SEED,
     DEFAULT_STEPS,
 )
-from haptic_fieldbus.documents.own_parts import name_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, require
 from haptic_fieldbus.numerals import exactly
@@ -170,8 +169,7 @@ class SweepRequest:
     progress: Callable[[int, int], None] | bool | None = None
 
     def check(self) -> None:
-        """Raise TypeError or UsageError for what cannot be."""
-        check_arguments("sweep", self)
+        """Raise UsageError for what cannot be."""
         require("pyarrow", "data")
         faults = [
             f"{name} {value}: expected a whole number from 1 up"
@@ -234,16 +232,7 @@ def sweep(
     UsageError for what no point could have, UsageError for a folder with other inputs, and KeyboardInterrupt after
     Ctrl-C, SIGTERM or SIGHUP.
     """
-    asked = SweepRequest(
-        engine=engine, out=out, sample=sample, measure=measure, steps=steps, chunk=chunk, workers=workers,
-        executor=executor, scheduler=scheduler, progress=progress,
-    )  # fmt: skip
-    task = Task(
-        scene, rig, rate=rate, settings=settings, method=name_of(method), estimator=name_of(estimator),
-        drive=drive, bus=bus, node=node, axes=axes, zero=zero, profiles=profiles,
-    )  # fmt: skip
-    trial = Trial(duration=duration, hand=name_of(hand), fade_in=fade_in, seed=seed, force=force)
-    check_arguments("sweep", task, trial)
+    task, trial, asked = asked_of("sweep", locals(), Task, Trial, SweepRequest)
     asked.check()
     return sweep_task(task, trial, SweepPoints.of(points, sample, seed), asked)
 

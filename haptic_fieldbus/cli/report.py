@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptic_fieldbus.cli.options import JsonOption, option
-from haptic_fieldbus.cli.screen import console, plain, print_json, show
+from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_REPORT
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.running.ending import ended_by_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from haptic_fieldbus.assessing.result import Result
 
@@ -42,7 +41,11 @@ def report(
 
     # The page shows the command with which it can be made again.
     words = ["haptic-fieldbus report", f"--out {out}", "--quick" * quick, f"--only {only}" * (only is not None)]
-    with _progress() as progress:
+    with moving_bar("{task.percentage:>3.0f} %", "{task.description}") as update:
+
+        def progress(label: str, share: float) -> None:
+            update(completed=share, total=1.0, description=label[:LABEL_WIDTH])
+
         made = make_report(
             out,
             Tools(_interruptible(api.run), api.plan),
@@ -87,18 +90,3 @@ def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":
         return result
 
     return call
-
-
-@contextmanager
-def _progress() -> "Iterator[Callable[[str, float], None] | None]":
-    """Yield a function that moves a progress bar to a label and a share from 0 to 1; None outside a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (BarColumn(bar_width=30), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
-               TextColumn("{task.description}"))  # fmt: skip
-    with Progress(*columns, console=console(sys.stderr), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda label, share: bar.update(task, completed=share, description=label[:LABEL_WIDTH])

@@ -6,7 +6,9 @@ Colours and the bar appear on a terminal only. Long lines are wrapped to its wid
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import Enum
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
@@ -115,6 +117,19 @@ class ProgressBar:
         """Remove the bar from the terminal."""
         if self._progress is not None:
             self._progress.stop()
+
+
+@contextmanager
+def moving_bar(*columns: str) -> Iterator[Callable[..., None]]:
+    """Yield a function that updates a bar with these columns and the time left; it does nothing outside a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda **changed: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    shown = (BarColumn(bar_width=30), *map(TextColumn, columns), TimeRemainingColumn())
+    with Progress(*shown, console=console(sys.stderr), transient=True) as bar:
+        yield partial(bar.update, bar.add_task("", total=None))
 
 
 def plain(value: object) -> "Json":

@@ -1,14 +1,13 @@
 """Command `sweep`: many points of a scene, judged or run, into a folder."""
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from haptic_fieldbus.cli.options import OUTPUT, RENDERING, SceneOptions, check_plot, draw, option, options_of
-from haptic_fieldbus.cli.screen import console, plain, print_json, show
+from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import percent, rounded
@@ -74,16 +73,8 @@ def sweep(options: SweepOptions) -> None:
     from haptic_fieldbus.api.sweeping import SweepRequest, sweep_task
 
     task, trial = options.task(), options.given(Trial)
-    with _progress() as progress:
-        asked = SweepRequest(
-            engine=options.engine,
-            steps=options.steps,
-            out=options.out,
-            sample=options.sample,
-            workers=options.workers,
-            scheduler=options.scheduler,
-            progress=progress,
-        )
+    with moving_bar("{task.completed} of {task.total} points") as update:
+        asked = replace(options.given(SweepRequest), progress=lambda done, total: update(completed=done, total=total))
         asked.check()
         found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)
     if options.plot is not None:
@@ -123,7 +114,7 @@ def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
             faults.append(f"--grid {name}: given twice")
         else:
             try:
-                points[name] = _range(given) if sample is not None else _grid_values(given)
+                points[name] = _values(given, drawn=sample is not None)
             except ValueError:
                 faults.append(f'--grid "{text}": expected {expected}')
     if not texts:
@@ -133,28 +124,27 @@ def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
     return points
 
 
-def _range(text: str) -> tuple[float | str, ...]:
-    low, high, *how = text.split(":")
+def _values(text: str, *, drawn: bool) -> list[float | str]:
+    """Return the values of LO:HI:N or LO:HI:N:log, or those between commas; raises ValueError.
+
+    Of values that are `drawn`, LO:HI or LO:HI:log, it is the range.
+    """
+    if ":" not in text and not drawn:
+        return [_plain_value(part.strip()) for part in text.split(",")]
+    low, high, *words = text.split(":")
+    number, *how = ("0", *words) if drawn else words
+    count, ends = int(number), (float(low), float(high))
     if how not in ([], ["log"]):
         raise ValueError
-    return (float(low), float(high), *how)
-
-
-def _grid_values(text: str) -> list[float | str]:
-    """Return the values of LO:HI:N or LO:HI:N:log, or those between commas; raises ValueError."""
-    if ":" not in text:
-        return [_plain_value(part.strip()) for part in text.split(",")]
-    low, high, number, *how = text.split(":")
-    from haptic_fieldbus.api.sweep_folder import LONGEST_LIST
-
-    count = int(number)
-    if how not in ([], ["log"]) or not 0 < count <= LONGEST_LIST:
-        raise ValueError
+    if drawn:
+        return [*ends, *how]
     from numpy import geomspace, linspace
 
-    if how and not (float(low) > 0.0 and float(high) > 0.0):
+    from haptic_fieldbus.api.sweep_folder import LONGEST_LIST
+
+    if not 0 < count <= LONGEST_LIST or (how and not all(each > 0.0 for each in ends)):
         raise ValueError
-    values: list[float | str] = (geomspace if how else linspace)(float(low), float(high), count).tolist()
+    values: list[float | str] = (geomspace if how else linspace)(*ends, count).tolist()
     return values
 
 
@@ -164,17 +154,3 @@ def _plain_value(text: str) -> float | str:
         with suppress(ValueError):
             return kind(text)
     return text
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None] | None]:
-    """Yield a function that moves a progress bar with the time left; None outside a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (BarColumn(bar_width=30), TextColumn("{task.completed} of {task.total} points"), TimeRemainingColumn())
-    with Progress(*columns, console=console(sys.stderr), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

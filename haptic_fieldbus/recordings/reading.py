@@ -92,15 +92,9 @@ def _found(path: Path) -> Any:
             raise UsageError(f"{path}: shows no run that could be repeated; made {made}")
         return table
     check_regular(path)
-    if path.suffix == ".mcap":
-        text = read_mcap(path)[3]
+    if path.suffix in HOLDERS:
+        text = HOLDERS[path.suffix](path)[3]
         return json.loads(text) if text else None
-    if path.suffix == ".parquet":
-        require("pyarrow", "data")
-        from pyarrow import parquet
-
-        kept = (parquet.read_schema(path).metadata or {}).get(METADATA.encode())
-        return json.loads(kept) if kept else None
     beside = side_file(path)
     return json.loads(read_octets(beside, PROVENANCE_SIZE).decode()) if beside.is_file() else None
 
@@ -184,7 +178,7 @@ def read_recording(path: str | Path) -> RecordedRun:
     if not isinstance(path, str | Path):
         raise wrong_kind("path", "that of a recording", path)
     path = Path(path)
-    readers = {".csv": _csv, ".mcap": _mcap, ".parquet": _parquet, ".log": _candump, ".blf": _blf}
+    readers = {".csv": _csv, ".mcap": _held, ".parquet": _held, ".log": _candump, ".blf": _blf}
     if path.suffix not in readers:
         raise UsageError(f"{path}: expected a recording, one of {', '.join(readers)}")
     try:
@@ -218,21 +212,27 @@ def _csv(path: Path) -> RecordedRun:
     return _of(path, columns, _beside(path), len(whole) > 0 and octets.endswith(b"\n"))
 
 
-def _mcap(path: Path) -> RecordedRun:
-    names, units, table, text, complete = read_mcap(path)
+def _held(path: Path) -> RecordedRun:
+    """Return the rows of a file that holds its provenance."""
+    columns, units, table, text, complete = HOLDERS[path.suffix](path)
     provenance = checked(json.loads(text), path) if text else None
-    return RecordedRun(path, {name: table[:, place] for place, name in enumerate(names)}, units, provenance, complete)
+    return RecordedRun(path, dict(zip(columns, table.T, strict=True)), units, provenance, complete)
 
 
-def _parquet(path: Path) -> RecordedRun:
+def _parquet(path: Path) -> tuple[list[str], dict[str, str], NDArray[np.float64], str, bool]:
+    """Return what `read_mcap` returns."""
     require("pyarrow", "data")
     from pyarrow import parquet
 
     table = parquet.read_table(path)
-    text = (table.schema.metadata or {}).get(METADATA.encode())
     units = {each.name: each.metadata[UNIT].decode() for each in table.schema if UNIT in (each.metadata or {})}
-    columns = {name: table[name].to_numpy() for name in table.column_names}
-    return RecordedRun(path, columns, units, checked(json.loads(text), path) if text else None, complete=True)
+    text = (table.schema.metadata or {}).get(METADATA.encode(), b"").decode()
+    rows = np.array([each.to_numpy() for each in table.columns], float).T.reshape(-1, table.num_columns)
+    return table.column_names, units, rows, text, True
+
+
+HOLDERS = {".mcap": read_mcap, ".parquet": _parquet}
+"""By suffix: function that returns columns, units, rows, provenance, and whether the file has its end."""
 
 
 def _candump(path: Path) -> RecordedRun:
