@@ -234,6 +234,7 @@ def sweep(
     """
     task, trial, asked = asked_of("sweep", locals(), Task, Trial, SweepRequest)
     asked.check()
+    trial = replace(trial, progress=None)  # it is told of points, not of the periods of each run
     return sweep_task(task, trial, SweepPoints.of(points, sample, seed), asked)
 
 
