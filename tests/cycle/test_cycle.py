@@ -365,6 +365,7 @@ def test_samples_whose_time_goes_back_are_given_up() -> None:
     assert sent(cycle(image(t_ns=t_ns - 1_000_000))) == (0x00, 0)
     assert cycle.trip is not None
     assert cycle.trip.kind is TripKind.CLOCK
+    assert cycle.trip.value == pytest.approx(-1e-3)
 
 
 def test_an_element_that_raises_takes_the_torque_away_and_is_named() -> None:

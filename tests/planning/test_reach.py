@@ -63,6 +63,12 @@ def test_the_shipped_bench_and_a_setting_are_told_so_too() -> None:
     assert plan("wall", settings={"wall.position": "20 mm"}).scene.elements[0].position == 0.02  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(("place", "hint"), [(0.5, ""), (1.5, '; 1.5 mm is written "1.5 mm"')])
+def test_a_place_of_a_metre_or_more_was_perhaps_meant_in_millimetres(place: float, hint: str) -> None:
+    with pytest.raises(SceneError, match=rf"wall\.position: {place} m; {RANGE}{hint}$"):
+        plan("wall", settings={"wall.position": place})
+
+
 def test_the_range_of_a_rig_is_told_with_its_file_and_all_places_at_once() -> None:
     left = Wall("handle", 600.0, position=-0.07, side="negative", name="b")
     scene = scene_of(Wall("handle", 600.0, position=0.06, name="a"), left)

@@ -4,12 +4,16 @@ import re
 import signal
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyTripError, UnprovedGuardError
+from haptic_fieldbus.planning.guards import SetGuard
 from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.running import guard_proof
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, DriveFault, SdoRefusal
 from tests.builders import canopen, shipped
@@ -389,3 +393,29 @@ def _faulting(folder: Path) -> Path:
     path = folder / "faulting.toml"
     path.write_text(text.replace("object = 0x6007, value = 2", "object = 0x6007, value = 1"), encoding="utf-8")
     return path
+
+
+class Asked:
+    """A clock, and a bus whose drive answers 3 ms after a question that its state was asked with."""
+
+    def __init__(self) -> None:
+        self.time_ns = 0
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def ask(self, axis: str) -> int:
+        self.time_ns += 3_000_000
+        return 0x0237  # operation enabled
+
+
+@pytest.mark.parametrize(("questions", "lasted"), [(1, 0.003), (6, 0.018), (12, 0.02)])
+def test_the_time_of_questions_counts_for_the_drive_up_to_20_ms(questions: int, lasted: float) -> None:
+    guard = SetGuard(seconds=0.1, late=0.002, period=0.001)
+    axis: Any = SimpleNamespace(name="handle", power=plan("wall").axes[0].power)
+    looked, asked = guard_proof._Looked(axis, plan("wall").image.axes[0], guard), Asked()
+    for _ in range(questions):
+        looked.ask(asked, asked)  # type: ignore[arg-type]
+    proof = looked.proof(0)
+    assert proof.allowed - guard.allowed == pytest.approx(lasted)
+    assert proof.between - guard.between == pytest.approx(lasted)

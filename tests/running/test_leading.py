@@ -75,6 +75,16 @@ def test_a_handle_whose_place_is_not_known_is_not_pulled_yet() -> None:
     assert handle.done == [("pull", 0.5, 0.1, PERIOD)]
 
 
+@pytest.mark.parametrize(("seconds", "kept"), [(60, True), (300, False)])
+def test_a_minute_of_dragging_is_kept_and_five_are_not(seconds: int, kept: bool) -> None:
+    """One place per period of 1 ms."""
+    found, handles = Leading({"a": Handle()}), axes()
+    for period in range(1000 * seconds):
+        found.pull("a", 0.001 * (period % 2))
+        found.act(handles, PERIOD)
+    assert (found.acted is not None) is kept
+
+
 def test_a_hand_that_is_led_without_end_acts_on_and_is_kept_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(leading, "MOST_LED", 3)
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,12 @@ import pytest
 
 from haptic_fieldbus import repeat, run
 from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.leading import MOST_STEPS, SimulatedTime
-from haptic_fieldbus.running.live import Live, _Reader, folder, sockets
+from haptic_fieldbus.running.live import RUN_COLUMNS, Live, _Reader, folder, sockets
 from haptic_fieldbus.running.ring import LiveReader, RingReader
 
 LONG = 600.0
@@ -416,3 +418,27 @@ def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, monkeypatch: 
     folder().chmod(0o755)
     with pytest.raises(UsageError, match="not a folder of this user alone"):
         folder()
+
+
+def test_times_of_the_loop_are_told_in_microseconds() -> None:
+    state = SimpleNamespace(power=PowerState.OPERATION_ENABLED)
+    tally = SimpleNamespace(largest=0.25)
+    cycle: Any = SimpleNamespace(
+        ledgers=[SimpleNamespace(tally=tally)], axes={"handle": SimpleNamespace(state=state)}, t_ns=3_500_000_000,
+        enabled=True,
+    )  # fmt: skip
+    samples = SimpleNamespace(last=(0, 0, 1_500, 2_500))
+    report: Any = SimpleNamespace(enabled_at_ns=1_000_000_000, samples=samples, missed=7)
+    with Live(described) as live:
+        told = dict(zip(RUN_COLUMNS, live._of_run(cycle, report)(), strict=False))
+    assert told["t"] == pytest.approx(2.5)
+    assert (told["lateness_us"], told["compute_us"]) == pytest.approx((2.5, 1.5))
+
+
+def test_a_run_that_requires_a_page_waits_two_minutes_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    waited: list[float] = []
+    with Live(described, required=True) as live:
+        monkeypatch.setattr(live._shown, "wait", lambda seconds: waited.append(seconds))
+        with pytest.raises(UsageError, match=r"no page was opened within 120 s"):
+            run("wall", duration=1.0, live=live)
+    assert waited == [120.0]

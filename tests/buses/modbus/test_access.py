@@ -5,16 +5,18 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.access import ACCESS, adapter_checks
+from haptic_fieldbus.buses.modbus.access import ACCESS, adapter_checks, opened
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.drive.rig import RigAxis, default_axis
-from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.errors import BusError, BusTimeoutError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.signals import Signal, Workspace
-from tests.buses.modbus.benches import NAME, section_of
+from tests.buses.modbus.benches import NAME, PROFILE, section_of
 from tests.buses.modbus.servers import ERROR, FAULT, STATUS, Drive, Server, rtu_server, tcp_server
 
 Lines = Callable[..., AbstractContextManager[Server]]
@@ -125,6 +127,32 @@ def test_a_line_is_checked_by_its_round_trip(line: str) -> None:
         silent = {check.name: check for check in ACCESS.checks(section_of(server.name), AXES, 50.0)}
         assert silent["round_trip"].ok is False
         assert "unit id" in silent["round_trip"].advice
+
+
+@pytest.mark.parametrize(
+    ("given", "silence"),
+    [
+        ({"baud": 9600, "parity": "even", "stop_bits": 1}, 3.5 * 11 / 9600),
+        ({"baud": 115200, "parity": "even", "stop_bits": 1}, 1.75e-3),
+        ({"silence": 0.004}, 0.004),
+    ],
+    ids=["3.5 characters", "1.75 ms above 19200 bit/s", "as the rig says"],
+)
+def test_frames_are_as_far_apart_as_the_standard_says_or_the_rig(given: dict[str, Any], silence: float) -> None:
+    """Modbus over Serial Line V1.02, 2.5.1.1: 3.5 characters of 11 bits, and a fixed time above 19200 bit/s."""
+    with rtu_server(Drive()) as server, opened(section_of(server.name, **given), [PROFILE]) as requester:
+        assert requester.silence_ns == pytest.approx(1e9 * silence, rel=1e-3)
+
+
+def test_a_unit_that_is_silent_is_asked_three_times() -> None:
+    with tcp_server(Drive(), mischief=lambda frame, asked: iter(())) as server:
+        with opened(section_of(server.name), [PROFILE]) as requester:
+            unit = UnitClient(requester, 1, "unit 1", PROFILE.line)
+            with pytest.raises(
+                BusTimeoutError, match=r"unit 1 does not answer on .*: 3 requests to read .*, 0\.02 s each"
+            ):
+                unit.read(PROFILE.power.error, 0.02)
+        assert len(server.frames) == 3
 
 
 def test_a_line_that_cannot_be_opened_is_a_check_that_fails() -> None:

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from threading import Event
+from typing import Any
 
 import pytest
 
 from haptic_fieldbus.buses.modbus import transport
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.running.loop import UNCONFIRMED, run_loop
@@ -158,6 +160,25 @@ def test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets
     assert off(server.drive)
     assert server.drive.written.count((TARGET, 0)) - before == 2  # each feeds the watchdog
     assert "unit 1 (axis handle) did not confirm that its motor is off" in bench.bus.warnings
+
+
+def test_a_silent_line_holds_up_the_other_lines_of_a_rig_for_two_milliseconds_at_a_time(
+    opened: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, server = pushing(opened, "tcp")
+    server.mischief = silent
+    waits: list[int] = []
+    answer = Requester.answer
+
+    def noted(self: Requester, deadline_ns: int) -> Any:
+        waits.append(deadline_ns - self.clock.now_ns())
+        return answer(self, deadline_ns)
+
+    monkeypatch.setattr(Requester, "answer", noted)
+    bench.bus.release()
+    while not bench.bus.settle():
+        pass
+    assert 1_000_000 < max(waits) <= 2_000_000
 
 
 @pytest.mark.parametrize("quickack", [True, False], ids=["at once", "after 40 ms"])
