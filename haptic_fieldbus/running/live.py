@@ -24,6 +24,7 @@ import math
 import os
 import re
 import selectors
+import shlex
 import signal
 import socket
 import stat
@@ -163,6 +164,8 @@ class Live:
         self._describe, self._required = describe, required
         self.command: list[str] = []
         """Command line of the run, for a page to copy."""
+        self.of_file: Mapping[str, float] = {}
+        """Values of the parameters in the file of the scene, where the run begins with others."""
         self.ready: Callable[[], None] = lambda: None
         """Called before a bus is opened: waits for the server."""
         self.scenes: Sequence[str] = ()
@@ -233,7 +236,7 @@ class Live:
         speed, self.time = self.time.speed, SimulatedTime()
         self.time.set(speed=speed)
         self._shown.clear()
-        self._page_seen, self.next_scene = math.inf, None
+        self._page_seen, self.next_scene, self.of_file = math.inf, None, {}
         self._run, self.ready = self._run + 1, lambda: None
         ending.signal = None
         ending.resume()
@@ -263,7 +266,8 @@ class Live:
         record.of_run, record.after = self._of_run(cycle, report), self._after(plan, cycle, report)
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
         words = {"states": [*STATES.values()], "flags": [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]}
-        told = {"columns": columns, **words, "run": self._run, "required": self._required, "command": self.command}
+        told = {"columns": columns, **words, "run": self._run, "required": self._required, "first": self.of_file}
+        told |= {"command": shlex.join(self.command)}
         told |= {"scenes": [*self.scenes] if self._leading else [], **self._describe(plan)}
         with self._lock:
             self._hello = {**told, **self._pace()}

@@ -8,20 +8,17 @@ from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.explain import limit_text
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.recordings.tables import UNITS
 from haptic_fieldbus.report.texts import bench_text, scene_text
 from haptic_fieldbus.scenes.element import AnyElement, abilities
 from haptic_fieldbus.scenes.registry import parameters, place_names, quantities
-from haptic_fieldbus.scenes.scene import axes_of
+from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import Signal, Workspace
 
 Json = dict[str, Any]
 LAW_POINTS = 401
 """Places at which the force of the scene is told."""
-UNITS = {
-    "age_ns": "ns",
-    "position": "m", "velocity": "m/s", "force": "N", "command": "N", "position counts": "counts",
-}  # fmt: skip
-ROTARY = {"m": "rad", "m/s": "rad/s", "N": "N·m"}
+OF_AXIS = {"age_ns": "ns", "position counts": "counts"}
 OF_RUN = {"t": "s", "lateness_us": "µs", "compute_us": "µs", "energy": "J", "t_ns": "ns"}
 SPAN = {Workspace.LINEAR: 0.06, Workspace.ROTARY: math.pi}
 """Half of the travel that is shown where neither the rig nor the scene limits it [m or rad]."""
@@ -47,8 +44,11 @@ def describe(plan: Plan) -> Json:
         "energy_limit": _finite(min(axis.limits.energy for axis in plan.axes)),
         "limits": [*_limit_lines(plan)],
         "axes": [_axis(plan, axis) for axis in plan.axes],
-        "parameters": [each for element in plan.scene.elements for each in _parameters(plan, element, limits)],
-        "units": {**OF_RUN, **{name: unit for axis in plan.axes for name, unit in _units(axis)}},
+        "parameters": [_parameter(plan, *named, limits.get(named[0])) for named in values_of(plan.scene).items()],
+        "units": {
+            **OF_RUN,
+            **{f"{axis.name}.{name}": unit for axis in plan.axes for name, unit in _units(axis).items()},
+        },
     }
 
 
@@ -93,6 +93,7 @@ def _axis(plan: Plan, axis: AxisPlan) -> Json:
         "travel": [low, high],
         "effort": axis.limits.effort,
         "law": _law(axis, low, high),
+        "whole": len(_static(axis)) == len(axis.elements) and not axis.couplings,
         "surfaces": [each for element in axis.elements for each in _surfaces(element)],
         "partner": next((name for each in axis.couplings for name in each.axes if name != axis.name), None),
     }
@@ -111,14 +112,18 @@ def _travel(axis: AxisPlan) -> tuple[float, float]:
 
 
 def _law(axis: AxisPlan, low: float, high: float) -> list[float | None]:
-    """Return the force on a handle at rest at places from `low` to `high`; only elements without memory count."""
-    laws = [each for each in axis.elements if hasattr(type(each), "force") and _is_static(each)]
+    """Return the force on a handle at rest at places from `low` to `high`; none where no element is without memory."""
+    laws = _static(axis)
+    if not laws:
+        return [None] * LAW_POINTS
     step = (high - low) / (LAW_POINTS - 1)
     return [_finite(sum(_at_rest(each, low + step * number) for each in laws)) for number in range(LAW_POINTS)]
 
 
-def _is_static(element: AnyElement) -> bool:
-    return bool(element.needs) and {*element.needs} <= {Signal.POSITION, Signal.VELOCITY}
+def _static(axis: AxisPlan) -> list[AnyElement]:
+    """Return the elements whose force follows from the motion alone."""
+    motion = {Signal.POSITION, Signal.VELOCITY}
+    return [each for each in axis.elements if hasattr(type(each), "force") and each.needs and {*each.needs} <= motion]
 
 
 def _at_rest(element: Any, position: float) -> float:
@@ -134,21 +139,27 @@ def _surfaces(element: AnyElement) -> Iterator[Json]:
             yield {"at": getattr(element, name), "side": side, "name": element.name}
 
 
-def _parameters(plan: Plan, element: AnyElement, limits: dict[str, float]) -> Iterator[Json]:
-    """Yield each parameter of an element that has a quantity or a choice."""
-    workspace = plan.axis(axes_of(element)[0]).workspace
-    units = {name: quantity.unit(workspace) for name, quantity in quantities(type(element)).items()}
-    for name in parameters(type(element)):
-        value = getattr(element, name)
-        if isinstance(value, bool | str):
-            continue
-        if isinstance(value, int | float) and math.isfinite(value):
-            limit = limits.get(f"{element.name}.{name}")
-            low, high = _scale(plan, element, name, float(value), limit, FROM_ZERO.get(units.get(name, ""), 1.0))
-            yield {
-                "name": f"{element.name}.{name}", "value": value, "limit": limit,
-                "unit": units.get(name, ""), "low": low, "high": high, "whole": isinstance(value, int),
-            }  # fmt: skip
+def values_of(scene: Scene) -> dict[str, float]:
+    """Return the values of all parameters of a scene that are finite numbers, by `element.parameter`."""
+    all_values = {
+        f"{element.name}.{name}": getattr(element, name)
+        for element in scene.elements for name in parameters(type(element))
+    }  # fmt: skip
+    return {
+        name: value for name, value in all_values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    }  # fmt: skip
+
+
+def _parameter(plan: Plan, name: str, value: float, limit: float | None) -> Json:
+    """Return value, unit and scale of a parameter."""
+    element = next(each for each in plan.scene.elements if each.name == name.partition(".")[0])
+    parameter, workspace = name.partition(".")[2], plan.axis(axes_of(element)[0]).workspace
+    quantity = quantities(type(element)).get(parameter)
+    unit = quantity.unit(workspace) if quantity else ""
+    low, high = _scale(plan, element, parameter, float(value), limit, FROM_ZERO.get(unit, 1.0))
+    told = {"name": name, "value": value, "limit": limit, "unit": unit}
+    return {**told, "low": low, "high": high, "whole": isinstance(value, int)}
 
 
 def _scale(
@@ -162,10 +173,8 @@ def _scale(
     return min(0.0, BEYOND_VALUE * value), max(high, value) or usual
 
 
-def _units(axis: AxisPlan) -> Iterator[tuple[str, str]]:
-    rotary = axis.workspace is Workspace.ROTARY
-    for name, unit in UNITS.items():
-        yield f"{axis.name}.{name}", ROTARY.get(unit, unit) if rotary else unit
+def _units(axis: AxisPlan) -> dict[str, str]:
+    return OF_AXIS | UNITS["rotary" if axis.workspace is Workspace.ROTARY else "linear"]
 
 
 def _finite(value: float) -> float | None:
@@ -178,7 +187,8 @@ def base_command(arguments: list[str]) -> list[str]:
     That of `demo` is that of the same run.
     """
     if arguments[:1] == ["demo"]:
-        return ["run", arguments[arguments.index("--scene") + 1] if "--scene" in arguments else "wall"]
+        scene = arguments[arguments.index("--scene") + 1] if "--scene" in arguments else "wall"
+        return ["run", scene, "--hand", "none"]
     kept: list[str] = []
     words = iter(arguments)
     for word in words:

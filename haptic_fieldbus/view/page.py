@@ -6,7 +6,6 @@ who steers. Answers come back here: `Controls.show` sets the values that are in 
 
 import asyncio
 import json
-from collections.abc import Callable
 from html import escape
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,16 +13,16 @@ from typing import Any, Protocol
 from nicegui import app, ui
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
-from haptic_fieldbus.running.live import HANDS
 
 ASSETS = Path(__file__).parent / "assets"
 STEPS = 400
 """Steps of a slider over its scale."""
-SPEEDS = {1.0: "real time", 0.25: "1/4", 0.1: "1/10", 0.02: "1/50"}
+SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
+SPANS = {"2 s": 2, "5 s": 5, "10 s": 10}
 STARTING = 60.0
 """Time for which a page waits for the run to begin [s]."""
-HANDS_SHOWN = {"none": "none (drag the handle)", "push": "push", "tap": "tap", "release": "push, then release"}
-NO_TRIGGER = "held at a trip"
+HANDS_SHOWN = {"push": "push", "tap": "tap", "push, then release": "release", "none (drag the handle)": "none"}
+NO_TRIGGER = "hold at a trip"
 FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
@@ -37,13 +36,12 @@ class Source(Protocol):
     known: asyncio.Event
 
 
-def build(hub_of: Callable[[], Source]) -> None:
-    """Register the page; `hub_of` returns what is between it and the run."""
+def build(hub: Source) -> None:
+    """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 
     @ui.page("/", response_timeout=STARTING)
     async def page() -> None:
-        hub = hub_of()
         await asyncio.wait_for(hub.known.wait(), STARTING - 1.0)
         client = ui.context.client
         controls = Controls(hub.hello, hub.first)
@@ -102,16 +100,14 @@ class Controls:
             with ui.element("div").classes("charts"):
                 with ui.element("div").classes("tools"):
                     _button("pause", "Hold the charts; the run goes on (key H)", "haptic.hold()", "hold")
-                    _button("table_view", "Save the window as CSV", "haptic.saveCsv()")
-                    _button("image", "Save the window as PNG", "haptic.savePng()")
-                    column = ui.select([NO_TRIGGER, *hello["columns"]], value=NO_TRIGGER)
-                    column.props('dense borderless options-dense aria-label="Column that holds the charts"')
-                    column.on("update:model-value", js_handler="(option) => haptic.arm({column: option.label})")
+                    _button(None, "Save the window as CSV", "haptic.saveCsv()", text="CSV")
+                    _button(None, "Save the window as PNG", "haptic.savePng()", text="PNG")
+                    columns = {NO_TRIGGER: None, **{name: name for name in hello["columns"]}}
+                    _choice(columns, NO_TRIGGER, "Column that holds the charts", "haptic.arm({column: value})")
                     level = ui.number(placeholder="level").props('dense borderless step=any aria-label="Level"')
                     level.on("update:model-value", js_handler=_JS_LEVEL)
                     ui.html('<span id="cursor"></span>', sanitize=False)
-                    span = ui.select({2: "2 s", 5: "5 s", 10: "10 s"}, value=5).props("dense borderless")
-                    span.props('aria-label="Time that is shown"').on("update:model-value", js_handler=_JS_SPAN)
+                    _choice(SPANS, "5 s", "Time that is shown", "haptic.span(value)")
                 for name, title in CHARTS:
                     with ui.element("div").classes("chart"):
                         _canvas("chart", name, title)
@@ -125,8 +121,9 @@ class Controls:
         with ui.element("div").classes("card parameters"):
             ui.html("<h2>Parameters</h2><p id='role' role='status'></p>", sanitize=False)
             self._limits = ui.html(_limits(hello), sanitize=False)
-            for each in hello["parameters"]:
-                self._parameter(each)
+            with ui.element("div").classes("list"):
+                for each in hello["parameters"]:
+                    self._parameter(each)
             ui.html('<p id="answer" role="status" aria-live="polite"></p>', sanitize=False)
             with ui.element("div").classes("buttons"):
                 self._steered += [_button("undo", "Back to the values of the file", "haptic.reset()", text="reset")]
@@ -145,6 +142,7 @@ class Controls:
             slider.props(f'dense aria-label="{name}" data-name="{name}"')
             scale = ui.html(_scale(told), sanitize=False).classes("scale")
         asked = json.dumps(name)
+        slider.on("update:model-value", js_handler=f"(value) => haptic.meant({asked}, value)")
         slider.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         number.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         self._sliders[name] = slider, number, scale
@@ -158,17 +156,16 @@ class Controls:
                     _button("pause", "Pause or go on (key P)", "haptic.pause()", "pause", text="pause"),
                     _button("skip_next", "One period forward (key N)", "haptic.step()", text="step"),
                 ]
-            speed = ui.select(SPEEDS, value=hello["speed"] if hello["speed"] in SPEEDS else 1.0, label="Speed")
-            speed.on("update:model-value", js_handler=_JS_SPEED)
-            hand = ui.select({name: HANDS_SHOWN[name] for name in HANDS}, value="none", label="Hand")
-            hand.on("update:model-value", js_handler=_JS_HAND)
-            chosen = [speed, hand]
-            if hello["scenes"]:
-                scenes = [*dict.fromkeys([hello["scene"], *hello["scenes"]])]
-                chosen += [ui.select(scenes, value=hello["scene"], label="Scene; ends this run and begins anew")]
-                chosen[-1].on("update:model-value", js_handler="(option) => haptic.scene(option.label)")
+            pace = next((name for name, speed in SPEEDS.items() if speed == hello["speed"]), "real time")
+            chosen = [
+                _choice(SPEEDS, pace, "Speed", "haptic.send({speed: value})"),
+                _choice(HANDS_SHOWN, "none (drag the handle)", "Hand", "haptic.send({hand: value})"),
+            ]
+            if scenes := {name: name for name in [hello["scene"], *hello["scenes"]] if hello["scenes"]}:
+                label = "Scene; ends this run and begins anew"
+                chosen += [_choice(scenes, hello["scene"], label, "haptic.scene(value)")]
             for each in chosen:
-                each.props("dense outlined options-dense")
+                each.props(f'outlined :borderless=false label="{each.props["aria-label"]}"')
             self._steered += chosen
 
     # What comes back.
@@ -190,19 +187,17 @@ class Controls:
             each.set_enabled(steers)
 
 
-_JS_SPAN = "(option) => haptic.span(Number(option.label.split(' ')[0]))"
 _JS_LEVEL = "(value) => haptic.arm({level: value === '' || value === null ? NaN : Number(value)})"
-_JS_SPEED = (
-    "(option) => haptic.send({speed: " + json.dumps({each: key for key, each in SPEEDS.items()}) + "[option.label]})"
-)
-_JS_HAND = (
-    "(option) => haptic.send({hand: "
-    + json.dumps({each: key for key, each in HANDS_SHOWN.items()})
-    + "[option.label]})"
-)
 
 
-def _button(icon: str, label: str, script: str, name: str = "", *, text: str = "") -> ui.button:
+def _choice(options: dict[str, Any], value: str | None, label: str, script: str) -> ui.select:
+    """Return a list that runs a script with the `value` of the option that is chosen."""
+    choice = ui.select([*options], value=value).props(f'dense options-dense borderless aria-label="{label}"')
+    handler = f"(option) => {{ const value = {json.dumps(options)}[option.label]; {script}; }}"
+    return choice.on("update:model-value", js_handler=handler)
+
+
+def _button(icon: str | None, label: str, script: str, name: str = "", *, text: str = "") -> ui.button:
     """Return a small button that runs a script; the label is its tooltip and its name for a screen reader."""
     button = ui.button(text, icon=icon, color=None).props(f'flat dense no-caps aria-label="{label}" title="{label}"')
     if name:

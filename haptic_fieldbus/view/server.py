@@ -12,7 +12,6 @@ cookie.
 import asyncio
 import contextlib
 import hmac
-import http.cookies
 import json
 import os
 import secrets
@@ -24,12 +23,14 @@ from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs
 
 import numpy as np
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptic_fieldbus.running.ring import LiveReader, RingReader
@@ -45,6 +46,7 @@ MOST_ROWS = 4000
 """Rows in one picture; of more, every second, third … is sent."""
 OLDEST = 12.0
 """Longest time before the present of which rows are sent to a new page [s]."""
+USUAL_PORT = 8765
 WAITING = 64
 """Messages that wait for a page; of more, the oldest are dropped."""
 STEERING_TIME = 5.0
@@ -71,64 +73,42 @@ class Entrance:
         if scope["type"] not in ("http", "websocket"):
             await self._application(scope, receive, send)
             return
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        refused = self._refused(scope, given)
+        given = HTTPConnection(scope).query_params.get("token", "")
+        refused = self._refused(HTTPConnection(scope), given)
         if refused:
-            await _refuse(scope, send, refused)
+            await PlainTextResponse(f"refused: {refused}\n", 403)(scope, receive, send)
             return
 
-        async def with_cookie(message: MutableMapping[str, Any]) -> None:
+        async def with_headers(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
-                headers = [*message.get("headers", []), *_HEADERS]
+                headers = MutableHeaders(scope=message)
+                headers.update(_HEADERS)
                 if given:
-                    value = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-                    headers.append((b"set-cookie", value.encode()))
-                message = {**message, "headers": headers}
+                    headers.append("set-cookie", f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict")
             await send(message)
 
-        await self._application(scope, receive, with_cookie)
+        await self._application(scope, receive, with_headers)
 
-    def _refused(self, scope: Scope, given: str) -> str:
+    def _refused(self, asked: HTTPConnection, given: str) -> str:
         """Return why a request is refused; empty for one that is not."""
-        headers: dict[str, list[str]] = {}
-        for name, value in scope["headers"]:
-            headers.setdefault(name.decode("latin-1").lower(), []).append(value.decode("latin-1"))
-        hosts, origins = headers.get("host", []), headers.get("origin", [])
+        hosts, origins = asked.headers.getlist("host"), asked.headers.getlist("origin")
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return "unknown host"
-        needs_origin = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        needs_origin = asked.scope["type"] == "websocket" or asked.scope["method"] not in ("GET", "HEAD")
         if len(origins) > 1 or (origins and origins[0].lower() not in self._origins) or (needs_origin and not origins):
             return "another origin"
-        kept = given or self._of_cookie(headers.get("cookie", []))
+        kept = given or asked.cookies.get(self._cookie, "")
         return "" if hmac.compare_digest(kept.encode(), self._token.encode()) else "no valid token in the address"
 
-    def _of_cookie(self, cookies: list[str]) -> str:
-        for text in cookies:
-            with contextlib.suppress(http.cookies.CookieError):
-                found = http.cookies.SimpleCookie(text).get(self._cookie)
-                if found is not None:
-                    return found.value
-        return ""
 
-
-_HEADERS = (
-    (b"x-frame-options", b"DENY"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-content-type-options", b"nosniff"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-    (b"content-security-policy", b"frame-ancestors 'none'; object-src 'none'; base-uri 'none'; form-action 'none'"),
-)
+_HEADERS = {
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "cross-origin-resource-policy": "same-origin",
+    "content-security-policy": "frame-ancestors 'none'; object-src 'none'; base-uri 'none'; form-action 'none'",
+}
 """No other page may frame ours, and the token leaves in no Referer."""
-
-
-async def _refuse(scope: Scope, send: Send, reason: str) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 4403, "reason": reason})
-        return
-    body = f"refused: {reason}\n".encode()
-    headers = [(b"content-type", b"text/plain"), (b"content-length", str(len(body)).encode())]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
 
 
 @dataclass(eq=False)
@@ -164,7 +144,7 @@ class Hub:
         self.run = LiveReader(path)
         self.hello: dict[str, Any] = {}
         self.first: dict[str, float] = {}
-        """Values of the parameters when the run began."""
+        """Values of the parameters in the file of the scene."""
         self.controls: dict[str, Controls] = {}
         self.known = asyncio.Event()
         self.over = asyncio.Event()
@@ -198,7 +178,7 @@ class Hub:
             self._ring = RingReader(fd)
             os.close(fd)
             self.hello = message["hello"]
-            self.first = {each["name"]: each["value"] for each in self.hello["parameters"]}
+            self.first = {each["name"]: each["value"] for each in self.hello["parameters"]} | self.hello["first"]
             for page in self._pages:
                 page.next_row = -1
             self.known.set()
@@ -212,9 +192,8 @@ class Hub:
 
     def tell(self, message: dict[str, Any], page: Page | None = None) -> None:
         """Queue a message for one page, or for all."""
-        text = json.dumps(message)
         for each in self._pages if page is None else [page]:
-            each.waiting.append(text)
+            each.waiting.append(json.dumps(message))
             each.wake.set()
 
     def _send(self, command: dict[str, Any]) -> None:
@@ -317,19 +296,12 @@ def _now() -> float:
 def listening(host: str, port: int | None) -> socket.socket:
     """Return a socket that listens; without a port at the usual one, or at any where that is taken. Raises OSError."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for wanted in (port,) if port is not None else (8765, 0):
-        found = socket.socket(family)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            found.bind((host, wanted))
-        except OSError:
-            found.close()
-            if wanted == 0 or port is not None:
-                raise
-        else:
-            found.listen(64)
-            return found
-    raise OSError("no port is free")
+    try:
+        return socket.create_server((host, USUAL_PORT if port is None else port), family=family, backlog=64)
+    except OSError:
+        if port is not None:
+            raise
+        return socket.create_server((host, 0), family=family, backlog=64)
 
 
 def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: Callable[[str], None]) -> None:
@@ -340,13 +312,9 @@ def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: 
     shown = f"[{host}]" if ":" in host else host
     hosts = {f"{name}:{number}" for name in ({*LOOPBACK} if host in LOOPBACK else {shown.lower(), *LOOPBACK})}
     application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    hub: list[Hub] = []
-
-    async def stream(websocket: WebSocket) -> None:
-        await hub[0].serve(websocket)
-
-    application.add_api_websocket_route("/stream", stream)
-    build(lambda: hub[0])
+    hub = Hub(path)
+    application.add_api_websocket_route("/stream", hub.serve)
+    build(hub)
     ui.run_with(application, title="haptic_fieldbus", dark=None, reconnect_timeout=300.0, show_welcome_message=False,
                 tailwind=False, message_history_length=100)  # fmt: skip
     guarded = Entrance(application, hosts, token, f"haptic_fieldbus_{number}")
@@ -357,15 +325,14 @@ def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: 
 
     async def main() -> None:
         server = uvicorn.Server(config)
-        hub.append(Hub(path))
-        hub[0].follow()
+        hub.follow()
 
         async def end() -> None:
-            await hub[0].over.wait()
+            await hub.over.wait()
             await asyncio.sleep(FAREWELL)
             server.should_exit = True
 
-        ending, vouching = asyncio.create_task(end()), asyncio.create_task(hub[0].vouch())
+        ending, vouching = asyncio.create_task(end()), asyncio.create_task(hub.vouch())
         serving = asyncio.create_task(server.serve(sockets=[door]))
         while not server.started and not serving.done():
             await asyncio.sleep(0.01)

@@ -5,9 +5,8 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from selenium import webdriver
@@ -19,53 +18,14 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from haptic_fieldbus.running.live import folder
 from tests.running.test_live import Watcher
-from tests.view.served import CHROMIUM, DRIVER, GROWTH, Served, children, chromium, descendants, memory_of, serving
+from tests.view.browsing import PATIENCE, STANDING, WRITTEN, Page, opened, screen, typed, until
+from tests.view.served import CHROMIUM, DRIVER, GROWTH, children, descendants, memory_of, serving
 
 pytestmark = [
     pytest.mark.thorough("starts a browser"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
     pytest.mark.xdist_group("browser"),
 ]
-PATIENCE = 120
-"""Time in which anything that is waited for happens on a loaded machine [s]."""
-
-
-@pytest.fixture
-def browser() -> Iterator[webdriver.Chrome]:
-    with chromium() as found:
-        yield found
-        assert [entry["message"] for entry in found.get_log("browser") if entry["level"] == "SEVERE"] == []
-
-
-def screen(browser: webdriver.Chrome, width: int, height: int) -> None:
-    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-
-
-def until(browser: webdriver.Chrome, script: str) -> Any:
-    """Wait until an expression of the page is true, and return it."""
-
-    def holds(_: webdriver.Chrome) -> Any:
-        return browser.execute_script(f"try {{ return {script}; }} catch (error) {{ return null; }}")
-
-    return WebDriverWait(browser, PATIENCE, 0.1).until(holds)
-
-
-def opened(browser: webdriver.Chrome, served: Served) -> None:
-    browser.get(served.address)
-    until(browser, "haptic.rows().length > 100 && haptic.drawn[haptic.state().hello.axes[0].name].t_ns > 0")
-
-
-@pytest.fixture
-def page(browser: webdriver.Chrome, tmp_path: Path) -> Iterator[tuple[webdriver.Chrome, Served, Path]]:
-    record = tmp_path / "run.csv"
-    with serving("run", "wall", "--view", "--view-port", "0", "--hand", "none", "--record", str(record)) as served:
-        screen(browser, 1280, 800)
-        opened(browser, served)
-        yield browser, served, record
-
-
-Page = tuple[webdriver.Chrome, Served, Path]
 
 
 def recorded(path: Path) -> dict[int, dict[str, float]]:
@@ -96,12 +56,6 @@ def test_the_handle_is_drawn_where_the_simulation_has_it(page: Page) -> None:
         place = rows[each["t_ns"]]["handle.position"]
         assert each["position"] == place
         assert each["x"] == pytest.approx(30 + (place + 0.1) / 0.2 * (width - 60))
-
-
-def typed(browser: webdriver.Chrome, name: str, value: str) -> None:
-    field = browser.find_element(By.CSS_SELECTOR, f"input[aria-label='{name}']")
-    field.send_keys(Keys.CONTROL, "a")
-    field.send_keys(value, Keys.TAB)
 
 
 def slider(browser: webdriver.Chrome, name: str) -> WebElement:
@@ -150,25 +104,6 @@ def test_the_hand_by_mouse_and_by_keys_moves_the_handle_into_the_wall(page: Page
     until(browser, "haptic.drawn.handle.asked < -1")
     canvas.send_keys(Keys.ENTER)
     until(browser, "haptic.drawn.handle.asked > -1")
-
-
-STANDING = """
-const done = arguments[0];
-const asked = () => new Promise((answered) => {
-  document.getElementById("answer").textContent = "";
-  haptic.send({ change: { "no.parameter": 1 } });
-  const there = () => document.getElementById("answer").textContent;
-  const look = () => (there() ? requestAnimationFrame(answered) : setTimeout(look, 5));
-  look();
-});
-(async () => {
-  let before = -1;
-  while (before !== haptic.state().next) { before = haptic.state().next; await asked(); await asked(); }
-  done(haptic.state().next);
-})();
-"""
-"""Number of the next row of a run that stands still. Answers of the run come in order with the rows, so two of them
-without a row between show that none is on its way."""
 
 
 def test_the_simulation_pauses_goes_one_period_forward_and_slower(page: Page) -> None:
@@ -408,22 +343,6 @@ def test_charts_show_chosen_columns_hold_measure_save_and_are_remembered(page: P
     rows, found = recorded(record), recorded(saved)
     assert [*found] == [int(each) for each in window]
     assert all(found[at][name] == rows[at][name] for at in found for name in rows[at])
-
-
-WRITTEN = """
-const pen = CanvasRenderingContext2D.prototype, write = pen.fillText, clear = pen.fillRect;
-window.written = new Map();
-pen.fillRect = function (x, y, wide, high) {
-  if (x === 0 && y === 0 && wide === this.canvas.clientWidth) window.written.set(this.canvas, []);
-  clear.call(this, x, y, wide, high);
-};
-pen.fillText = function (text, x, y) {
-  const wide = this.measureText(text).width, left = { right: x - wide, center: x - wide / 2 }[this.textAlign] ?? x;
-  if (window.written.has(this.canvas)) window.written.get(this.canvas).push([text, left, left + wide, y]);
-  write.call(this, text, x, y);
-};
-"""
-"""Notes each word on a canvas since it was last cleared, with its left and right end and its base line."""
 
 
 def lying_on_another(browser: webdriver.Chrome) -> list[tuple[str, str]]:

@@ -7,11 +7,13 @@ window.haptic = (() => {
   const SILENT = 500; // ms without a row after which the page says that it is not alive
   const RETRY = 250; // ms
   const MM = 1000, DEGREES = 180 / Math.PI;
+  const ARROWS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
   let hello = null, first = {}, steers = false, socket = null, ended = null, paused = false;
   let rows = [], places = {}; // rows as Float64Array, oldest first; places of the columns by name
   let next = -1, lastRow = 0, frames = [], held = null, shown = 5, changed = true, speed = 1;
   let accepted = null; // the change that is accepted and has not begun
   let mouse = null, marks = [], dragged = null;
+  let stopping = false; // STOP was pressed, and is sent again when a lost connection is back
   const trigger = { column: null, level: NaN, before: NaN, at: null }; // holds the charts when a column crosses a level
   const limits = {}; // scales of charts, which grow at once and shrink slowly
   const drawn = {}; // what was drawn last, for tests and the curious
@@ -55,6 +57,7 @@ window.haptic = (() => {
       title.textContent = title.title = hello.scene_text;
     }
     if (message.pace) pace(message.pace);
+    if (message.hello && stopping) stop();
     if ("steers" in message) role(message.steers);
     if (message.changed) {
       const text = Object.entries(message.changed).map(([name, value]) => `${name} = ${short(value)}`).join(", ");
@@ -102,19 +105,23 @@ window.haptic = (() => {
     const open = socket && socket.readyState === WebSocket.OPEN;
     const silent = performance.now() - lastRow > SILENT && !paused && rows.length;
     const lost = !ended && (!open || silent);
-    document.body.classList.toggle("lost", Boolean(lost || ended));
+    document.body.classList.toggle("lost", Boolean(lost));
+    document.body.classList.toggle("over", Boolean(ended));
     $("lost").hidden = !lost && !ended;
     if (ended) $("lost").textContent = `The run has ended${ended.text && $("trip").hidden ? ": " + ended.text : "."}`;
     else if (lost) $("lost").textContent = open ? "No data for half a second. What is shown is old."
-      : "Connection lost. What is shown is old; the run may go on. Stop it at its terminal with Ctrl-C.";
+      : `Connection lost. What is shown is old; the run may go on. Stop it at its terminal with Ctrl-C.${stopping ? " STOP is sent again when the connection is back." : ""}`;
   }
 
   // Words.
 
   const short = (value) => Number(value.toPrecision(4)).toString();
   function answer(kind, text) { const place = $("answer"); if (place) { place.className = kind; place.textContent = text; } }
-  function trip(text) { $("trip").hidden = false; $("trip").textContent = text; if (!held) hold(); }
-  function finish(told) { ended = told; alive(); $("stop").disabled = true; }
+  function trip(text) { $("trip").hidden = false; $("trip").textContent = text; }
+  function finish(told) { // the last rows of a trip come after its words, so the charts are held at the end of the run
+    ended = told; alive(); $("stop").disabled = true;
+    if (!$("trip").hidden && !held) { hold(); held = rows; }
+  }
   function pace(told) { paused = told.paused; speed = told.speed; lastRow = performance.now(); document.body.classList.toggle("paused", Boolean(paused)); }
   function role(mine) {
     steers = mine;
@@ -151,12 +158,13 @@ window.haptic = (() => {
     answer("", `${name} = ${asked} is being checked …`);
     send({ change: { [name]: asked } });
   }
+  function meant(name, to) { answer("", `${name} = ${short(to)}; it is checked at release`); }
   function reset() {
     const other = hello.parameters.filter((each) => each.value !== first[each.name]);
     if (other.length) send({ change: Object.fromEntries(other.map((each) => [each.name, first[each.name]])) });
     else answer("", "These are the values of the file.");
   }
-  function stop() { send({ stop: 1 }); }
+  function stop() { stopping = true; send({ stop: 1 }); }
   function scene(name) { answer("", `${name} is being checked …`); send({ scene: name }); }
   function pause() { send({ paused: !paused }); }
   function step() { send({ paused: true, step: 1 }); }
@@ -166,10 +174,11 @@ window.haptic = (() => {
   function restyle() { readColours(); changed = true; }
   function columns(chart, names) { charts[chart] = names; store("columns", charts); changed = true; }
   function copy() {
-    if (hello.command && hello.command.includes("--from")) { answer("", "A repeated run takes no other values on its command line."); return; }
+    if (hello.command.includes(" --from")) { answer("", "A repeated run takes no other values on its command line."); return; }
     const set = hello.parameters.filter((each) => each.value !== first[each.name]).map((each) => `--set ${each.name}=${each.value}`);
-    const line = [...(hello.command || ["haptic-fieldbus", "run", hello.scene]), ...set].join(" ");
-    navigator.clipboard.writeText(line).then(() => answer("made", `copied: ${line}`), () => answer("", line));
+    const line = [hello.command, ...set].join(" ");
+    const copied = navigator.clipboard ? navigator.clipboard.writeText(line) : Promise.reject(); // not there on another computer, without TLS
+    copied.then(() => answer("made", `copied: ${line}`), () => answer("", line));
   }
 
   const charts = { position: [], force: [], error: [] };
@@ -263,12 +272,12 @@ window.haptic = (() => {
 
   function handle(canvas, axis) {
     const [pen, width, height] = begin(canvas), row = last();
-    words(pen, axis.name + (axis.partner ? ` – coupled to ${axis.partner}` : ""), 12, 18, colours.ink);
+    const [shownUnit, factor] = axis.rotary ? ["°", DEGREES] : ["mm", MM];
+    words(pen, `${axis.name} [${shownUnit}]` + (axis.partner ? ` – coupled to ${axis.partner}` : ""), 12, 18, colours.ink);
     words(pen, axis.drive, width - 12, 18, colours.faint, "right");
     const position = row ? value(row, axis.name + ".position") : 0;
     const asked = row ? value(row, axis.name + ".force") : 0, given = row ? value(row, axis.name + ".command") : 0;
     (axis.rotary ? dial : track)(pen, width, height, axis, position, asked, given);
-    const [shownUnit, factor] = axis.rotary ? ["°", DEGREES] : ["mm", MM];
     words(pen, `${(position * factor).toFixed(2)} ${shownUnit}`, 12, height - 10, colours.ink);
     const said = [`asked ${asked.toFixed(axis.rotary ? 4 : 2)}`, `given ${given.toFixed(axis.rotary ? 4 : 2)} ${axis.effort_unit}`];
     if (axis.rotary && width < 560) said.forEach((text, number) => words(pen, text, width - 12, height - 26 + 16 * number, colours.ink, "right"));
@@ -340,7 +349,7 @@ window.haptic = (() => {
     for (const each of axis.surfaces) if (Math.abs(each.at - position) <= Math.PI) line(pen, [at(each.at, radius + 3), at(each.at, radius + 22)], colours.ink, 2.5);
     for (let degrees = -180; degrees < 180; degrees += 30) {
       line(pen, [at(degrees / DEGREES, radius + 3), at(degrees / DEGREES, radius + (degrees % 90 ? 6 : 10))], colours.grey, 1);
-      if (degrees % 90 === 0) words(pen, `${degrees}°`, ...at(degrees / DEGREES, radius + 27).map((each, which) => each + 4 * which), colours.faint, "center");
+      if (degrees % 90 === 0) words(pen, `${degrees}°`, ...at(degrees / DEGREES, radius + (degrees % 180 ? 38 : 27)).map((each, which) => each + 4 * which), colours.faint, "center");
     }
     pen.beginPath(); pen.arc(cx, cy, radius, 0, 2 * Math.PI); pen.fillStyle = colours.card; pen.strokeStyle = colours.ink; pen.lineWidth = 3; pen.fill(); pen.stroke();
     line(pen, [at(position, radius * 0.35), at(position, radius * 0.92)], colours.ink, 6);
@@ -359,7 +368,8 @@ window.haptic = (() => {
     const now = all.length ? time(row) : 0, trail = [];
     for (let at = all.length - 1; at >= 0 && time(all[at]) > now - 1.5; at -= 2)
       trail.push([value(all[at], axis.name + ".position") * factor, value(all[at], axis.name + ".command")]);
-    const known = axis.law.filter((each) => each !== null && Math.abs(each) <= 1.15 * axis.effort), forces = trail.map((each) => each[1]).filter(Number.isFinite);
+    const forces = trail.map((each) => each[1]).filter(Number.isFinite), felt = Math.max(0.3 * axis.effort, 1.5 * Math.max(...forces.map(Math.abs), 0));
+    const known = axis.law.filter((each) => each !== null && Math.abs(each) <= felt); // of a law that goes far beyond what is felt, that part
     const [bottom, top] = scale("law " + axis.name, Math.min(0, ...known, ...forces), Math.max(0, ...known, ...forces), 0.02 * axis.effort);
     const left = 48, right = width - 14, base = height - 34, ceiling = 30;
     const x = (place) => left + ((place - low) / (high - low)) * (right - left), y = (force) => base - ((force - bottom) / (top - bottom)) * (base - ceiling);
@@ -374,11 +384,11 @@ window.haptic = (() => {
     line(pen, trail.map(([place, force]) => [x(place), y(force)]), colours.green, 1.6);
     if (trail.length) { pen.beginPath(); pen.arc(x(trail[0][0]), y(trail[0][1]), 6, 0, 2 * Math.PI); pen.fillStyle = colours.green; pen.fill(); pen.strokeStyle = colours.card; pen.lineWidth = 2; pen.stroke(); }
     pen.restore();
-    key(pen, [["law", colours.orange], ["given", colours.green]], right, 18, 12 + pen.measureText(fits).width + 10);
+    key(pen, [...(axis.law[0] === null ? [] : [[axis.whole ? "law" : "static law", colours.orange]]), ["given", colours.green]], right, 18, 12 + pen.measureText(fits).width + 10);
   }
 
-  function frame(pen, across, up, x, y, [left, right, ceiling, base], offset = 0) {
-    for (const place of across) { line(pen, [[x(place), ceiling], [x(place), base]], colours.line, 1); words(pen, short(Number((place - offset).toFixed(9))), x(place), base + 15, colours.faint, "center"); }
+  function frame(pen, across, up, x, y, [left, right, ceiling, base], offset = 0, of = "") {
+    for (const place of across) { line(pen, [[x(place), ceiling], [x(place), base]], colours.line, 1); words(pen, short(Number((place - offset).toFixed(9))) + of, x(place), base + 15, colours.faint, "center"); }
     for (const each of up) { line(pen, [[left, y(each)], [right, y(each)]], each === 0 ? colours.grey : colours.line, 1); words(pen, short(each), left - 6, y(each) + 4, colours.faint, "right"); }
   }
   function key(pen, entries, right, y, left) { // names of lines, from the right; of those without room a number
@@ -400,7 +410,7 @@ window.haptic = (() => {
       const [label, factor] = scaled(axis.name + ".position");
       found.position.push([named(axis, "position"), label, (row) => value(row, axis.name + ".position") * factor]);
       found.force.push([named(axis, "asked"), axis.effort_unit, (row) => value(row, axis.name + ".force")], [named(axis, "given"), axis.effort_unit, (row) => value(row, axis.name + ".command")]);
-      found.error.push([named(axis, "error"), axis.effort_unit, error(axis.name)]);
+      found.error.push([named(axis, "given − asked"), axis.effort_unit, error(axis.name)]);
     }
     const chosen = charts[name].map((column) => { const [label, factor] = scaled(column); return [column, label, (row) => value(row, column) * factor]; });
     const all = chosen.length ? chosen : found[name], order = name === "force" && !chosen.length ? [1, 2, 3, 4, 5, 0] : [0, 1, 2, 3, 4, 5];
@@ -419,7 +429,7 @@ window.haptic = (() => {
     const [bottom, top] = scale(name, Number.isFinite(least) ? least : 0, Number.isFinite(most) ? most : 1, leastOf(each[0][1]));
     const y = (of) => base - ((of - bottom) / (top - bottom)) * (base - ceiling);
     const began = all.length && Number.isFinite(value(last(), "t")) ? end - value(last(), "t") : end;
-    frame(pen, ticks(end - shown - began, end - began, width / 90).map((at) => at + began), ticks(bottom, top, (base - ceiling) / 26), x, y, [left, right, ceiling, base], began);
+    frame(pen, ticks(end - shown - began, end - began, width / 90).map((at) => at + began), ticks(bottom, top, (base - ceiling) / 26), x, y, [left, right, ceiling, base], began, " s");
     pen.save(); pen.beginPath(); pen.rect(left, ceiling - 2, right - left, base - ceiling + 4); pen.clip();
     points.forEach((found, number) => line(pen, found.map(([at, of]) => [x(at), y(of)]), each[number][2]));
     pen.restore();
@@ -504,7 +514,16 @@ window.haptic = (() => {
     if (kind === "chart") {
       canvas.onpointermove = (event) => { mouse = canvas.timeAt(event.offsetX); changed = true; };
       canvas.onpointerleave = () => { mouse = null; changed = true; };
-      canvas.onclick = (event) => { if (!held) hold(); marks = [...marks, canvas.timeAt(event.offsetX)].slice(-2); changed = true; };
+      canvas.onclick = (event) => mark(canvas.timeAt(event.offsetX));
+      canvas.onkeydown = (event) => { // the arrows lead a pointer over the held charts, and Enter sets a cursor
+        const way = ARROWS[event.key];
+        if (event.key === "Enter" && mouse !== null) mark(mouse);
+        if (!way) return;
+        event.preventDefault();
+        if (!held) hold();
+        mouse = (mouse === null ? time(last()) - shown / 2 : mouse) + (way * shown) / 100;
+        changed = true;
+      };
     }
     if (kind !== "handle" || !hello.simulated) return;
     canvas.style.cursor = "grab";
@@ -517,7 +536,7 @@ window.haptic = (() => {
     canvas.onpointermove = (event) => { if (dragged && dragged.axis === axis.name) lead(event); };
     canvas.onpointerup = canvas.onpointercancel = () => pull(axis.name, null);
     canvas.onkeydown = (event) => { // the arrows lead the hand too, and Enter lets go
-      const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+      const way = ARROWS[event.key];
       if (event.key === "Enter") pull(axis.name, null);
       if (!way || !steers) return;
       event.preventDefault();
@@ -525,6 +544,7 @@ window.haptic = (() => {
       pull(axis.name, from + way * 0.02 * (axis.travel[1] - axis.travel[0]));
     };
   }
+  function mark(at) { if (!held) hold(); marks = [...marks, at].slice(-2); changed = true; }
   function pull(axis, target) {
     dragged = target === null ? null : { axis, target };
     send({ pull: [axis, target] });
@@ -547,6 +567,6 @@ window.haptic = (() => {
     requestAnimationFrame(draw);
   }
   start();
-  return { send, change, scene, arm, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
+  return { send, change, meant, scene, arm, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
     rows: () => rows, pictures: () => pictures, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello }) };
 })();
