@@ -1,4 +1,4 @@
-"""What a test does to a page in a browser, and what it waits for there."""
+"""Acts at a page in a browser, and waits for its answers."""
 
 from pathlib import Path
 from typing import Any
