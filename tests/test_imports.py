@@ -162,7 +162,7 @@ FENCED = {
     ),
     "vcan": ("", "cli.app"),
     "view": (
-        "margins.group numerals planning.axis_plan planning.explain planning.plan report.texts running.live"
+        "margins.group numerals planning.axis_plan planning.explain planning.plan recordings.tables report.texts"
         " running.ring scenes.registry scenes.scene signals",
         "cli.view",
     ),

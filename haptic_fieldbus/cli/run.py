@@ -75,13 +75,13 @@ def run_and_tell(
         _run_and_tell(options, task, trial, repeats)
         return
     from haptic_fieldbus.scenes.catalogue import load_scene
-    from haptic_fieldbus.view.description import values_of
 
+    scene = load_scene(str(options.scene)) if repeats is None else None
     duration = VIEWED_DURATION if options.duration is None and repeats is None else trial.duration
-    with viewed(options.view_host or LOOPBACK, options.view_port, options.view_required, browser=browser) as live:
+    with viewed(
+        options.view_host or LOOPBACK, options.view_port, options.view_required, scene, browser=browser
+    ) as live:
         trial = replace(trial, live=live, duration=duration)
-        if repeats is None:
-            live.of_file = values_of(load_scene(str(options.scene)))
         # A file or an object is that of one run, and so are faults and scheduled changes.
         if not (repeats or options.record or options.plot or options.as_json or options.change or options.faults):
             _offer_scenes(live, task, trial)

@@ -18,6 +18,7 @@ from haptic_fieldbus.errors import BusError, UsageError
 
 if TYPE_CHECKING:
     from haptic_fieldbus.running.live import Live
+    from haptic_fieldbus.scenes.scene import Scene
 
 LOOPBACK = "127.0.0.1"
 STARTING = 60.0
@@ -39,17 +40,20 @@ def check_view(host: str) -> None:
 
 
 @contextmanager
-def viewed(host: str, port: int | None, required: bool, *, browser: bool = False) -> Iterator["Live"]:
+def viewed(
+    host: str, port: int | None, required: bool, scene: "Scene | None", *, browser: bool = False
+) -> Iterator["Live"]:
     """Serve a page for the run in the block by a process of its own; its address goes to standard error.
 
-    Raises UsageError when the server does not start.
+    `scene` is that of the file, to whose values the page returns. Raises UsageError when the server does not start.
     """
     check_view(host)
     from haptic_fieldbus.running.live import Live
-    from haptic_fieldbus.view.description import base_command, describe
+    from haptic_fieldbus.view.description import base_command, describe, values_of
 
     with Live(describe, required=required) as live:
         live.command = ["haptic-fieldbus", *base_command(sys.argv[1:])]
+        live.of_file = {} if scene is None else values_of(scene)
         child = _started(live.path, host, port)
         # The server is waited for when the run is about to begin: it starts while the scene is compiled.
         live.ready = lambda: _announce(_address(child), host, browser)

@@ -31,7 +31,7 @@ QUIET, KILLED = "no page", "server killed"
 NODE = 5
 SEGMENT = 2.0
 """Time of one turn without a page, and with a page in one state [s]."""
-SETTLING = 1.0
+SETTLING = 0.5
 """Time between two turns, in which a page comes or goes [s]."""
 RELOADS = 50
 """Reloads of a page in all turns together."""
@@ -223,6 +223,12 @@ STATES: dict[str, Callable[[Bench, Turn], None]] = {
 TURNS = {QUIET: Bench.quiet, **STATES, KILLED: Bench.server_killed}
 
 
+def _round() -> Iterator[str]:
+    """Yield each state once, with a turn without a page before every second one."""
+    for number, state in enumerate(STATES):
+        yield from (QUIET, state) if number % 2 == 0 else (state,)
+
+
 @contextmanager
 def running(place: Path) -> Iterator[Served]:
     """Run a drive and a loop with a page for the block; the rig is written, and its watchdog proved, by the first."""
@@ -246,7 +252,7 @@ def measured(browser: webdriver.Chrome, rounds: int, place: Path) -> dict[str, T
     A run that ends early, as it may on a computer that is late itself, is begun anew; what it said is kept.
     """
     seen, slept = {name: Turns() for name in TURNS}, place / "timer"
-    turns = [name for _ in range(rounds) for state in STATES for name in (QUIET, state)] + [KILLED]
+    turns = [name for _ in range(rounds) for name in _round()] + [KILLED]
     with subprocess.Popen([sys.executable, "-c", TIMER, str(slept)]) as timer:
         try:
             while turns:

@@ -14,8 +14,14 @@ pytestmark = [
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
     pytest.mark.xdist_group("browser"),
 ]
-RATIO, SLACK = 2.0, 1e-3
-"""Bound of a lateness beside that without a page, or of a bare timer where that is larger: multiple, and time [s]."""
+RATIO = 1.5
+"""Bound of a lateness as a multiple of that without a page, or of the bare timer beside it where that is larger."""
+SLACK = {0.5: 5e-5, 0.999: 5e-4}
+"""Time beside that multiple [s], by the share of the periods that are no later.
+
+The median may differ by a few changes of threads (20 µs each). The other one rests on the four latest of 4000 periods,
+and a loop that begins half a period of 1 ms later still ends its step in its period.
+"""
 ALIKE = 0.2
 """Largest relative difference of the force on a handle that a hand pushes."""
 
@@ -28,9 +34,9 @@ def test_no_page_makes_the_loop_late_or_takes_its_force(tmp_path: Path) -> None:
     for name in (*STATES, KILLED):
         found = seen[name]
         assert len(found.lateness) > 500 * SEGMENT, name  # the loop went on
-        for share in (0.5, 0.999):
+        for share, slack in SLACK.items():
             usual = max(quiet.late(share), found.computer(share))
-            assert found.late(share) <= RATIO * usual + SLACK, (name, share, found.late(share), usual)
+            assert found.late(share) <= RATIO * usual + slack, (name, share, found.late(share), usual)
         pushed, without = (float(np.median(each.force)) for each in (found, quiet))
         assert pushed == pytest.approx(without, rel=ALIKE), name
     assert without > 1.0
