@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.buses.modbus import transport
-from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.buses.modbus.requester import Requester
+from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.running.loop import UNCONFIRMED, run_loop
