@@ -93,7 +93,7 @@ class Drive:
         """At the next latch."""
         before, self.acting = self.acting, self.heard
         if self.way == "demand":
-            return before if self.waits else self.acting
+            return (before if self.waits else self.acting) + self.noise(self.number)
         late = 1.0 / self.rate if self.waits else 0.0004
         self.torque = before + (self.torque - before) * math.exp(-late / LAG)
         self.torque = self.acting + (self.torque - self.acting) * math.exp(-(1.0 / self.rate - late) / LAG)
@@ -155,6 +155,12 @@ def test_a_drive_that_hears_never_trips(way: SlowDown, rate: float, name: str) -
 def test_a_drive_that_takes_over_at_a_sync_never_trips(way: SlowDown, name: str) -> None:
     for plan in (profile_of(way, SLOW), profile_of(way)):  # also one that does so although its profile says otherwise
         assert trip_of(plan_with(MOTIONS[name], 1000.0, plan), Drive(way, 1000.0, waits=True), 3.0) is None
+
+
+@pytest.mark.parametrize(("beside", "trips"), [(1, False), (-1, False), (2, True), (-2, True)])
+def test_a_demand_that_is_two_steps_beside_the_target_is_another_one(beside: int, trips: bool) -> None:
+    drive = Drive("demand", 1000.0, noise=lambda number: beside)
+    assert bool(trip_of(plan_with(constant, 1000.0, profile_of("demand")), drive, 2.0)) is trips
 
 
 def swinging_a_little(number: int) -> int:

@@ -2,6 +2,7 @@
 
 import errno
 from collections.abc import Callable
+from itertools import pairwise
 
 import can
 import pytest
@@ -150,6 +151,17 @@ def test_a_vanished_drive_keeps_no_other_from_being_confirmed_and_disarmed_at_on
     asked = [t_ns for t_ns, can_id, _ in bench.sent() if can_id == 0x602]
     assert (max(asked) - bench.stopped_ns) / MS < 5.0
     assert (bench.states[1], bench.drives[1].value(*GUARD)) == (DISABLED, 0)
+
+
+def test_a_silent_drive_is_asked_again_when_15_ms_are_over_and_not_before() -> None:
+    """From the request on that follows its way to pre-operational, where it serves requests whatever was done."""
+    bench = TwoDrives()
+    bench.drives[0].silent = True
+    bench.bus.stop()
+    _, *asked = [t_ns / MS for t_ns, can_id, _ in bench.sent() if can_id == 0x601]
+    apart = [later - earlier for earlier, later in pairwise(asked)]
+    assert len(apart) > 2
+    assert 15.0 <= min(apart) <= max(apart) < 20.0
 
 
 class FullDisk:
