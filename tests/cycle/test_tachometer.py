@@ -68,6 +68,7 @@ def test_a_damper_gets_the_velocity_that_was_read() -> None:
     cycle = Cycle(plan_with(scene))
     position = fed(cycle, [0] * 502 + [240] * 10)[-1]
     assert cycle.row[cycle.columns.index("handle.velocity")] == pytest.approx(240 * STEP)
+    assert cycle.row[cycle.columns.index("handle.gain")] == 1.0, "no gap"
     assert cycle.row[cycle.columns.index("handle.force")] == pytest.approx(-600.0 * position - 5.0 * 240 * STEP)
     assert sent(cycle(image(240, 512)))[1] < 0
 

@@ -1,6 +1,7 @@
 """Opening a bus: what is written, in which order, and what is refused."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 
@@ -275,6 +276,17 @@ def test_an_unknown_unit_of_rated_torque_is_refused() -> None:
     torque = replace(PROFILE.torque, rated=MappedObject(0x6076, DataType.UINT32, unit="ozf·in"))
     with pytest.raises(BusConfigurationError, match=r"'ozf·in'.*is not one of µN·m"):
         Bench(plan_of(profile=replace(PROFILE, torque=torque))).open()
+
+
+@pytest.mark.parametrize(("micro", "fits"), [(394_000, True), (406_000, True), (385_000, False), (415_000, False)])
+def test_a_rated_torque_that_is_3_percent_beside_the_rig_is_refused(micro: int, fits: bool) -> None:
+    """One that is 1.5 % beside is the drive's rounding."""
+    bench = Bench()
+    bench.drive.objects[0x6076, 0] = micro.to_bytes(4, "little")
+    with (
+        nullcontext() if fits else pytest.raises(BusConfigurationError, match=r"rated torque is 0\.\d+ N·m .*0\.4 N·m")
+    ):
+        bench.open()
 
 
 def test_a_value_shorter_than_its_type_is_refused() -> None:
