@@ -60,6 +60,13 @@ def test_an_answer_too_soon_to_be_one_is_an_older_one(ahead_ns: int) -> None:
     assert drive.period([(ahead_ns, 1), (150_000, 0)]) == (LinkFlag(0), drive.number)
 
 
+@pytest.mark.parametrize("after_ns", [30_000, 300_000])
+def test_the_only_answer_at_a_third_or_three_times_the_usual_time_is_not_taken(after_ns: int) -> None:
+    drive = Timed()
+    drive.period([])
+    assert drive.period([(after_ns, 1)])[0] is LinkFlag.STALE
+
+
 def test_an_answer_that_was_lost_costs_one_sample() -> None:
     drive = Timed()
     assert drive.period([])[0] is LinkFlag.STALE

@@ -121,6 +121,7 @@ def test_a_line_is_checked_by_its_round_trip(line: str) -> None:
         checks = {check.name: check for check in ACCESS.checks(section_of(server.name), AXES, 50.0)}
         assert checks["adapter"].ok is True
         assert "unit 1" in checks["round_trip"].measured
+        assert len(server.frames) >= 200, "as many as the percentiles of the round trip and of its jitter rest on"
         assert checks["round_trip"].ok is True
         assert checks["other_masters"].ok is (True if line == "rtu" else None)
         server.drives.clear()
