@@ -181,6 +181,26 @@ def test_a_silent_line_holds_up_the_other_lines_of_a_rig_for_two_milliseconds_at
     assert 1_000_000 < max(waits) <= 2_000_000
 
 
+@pytest.mark.thorough("listens to the serial line first")
+def test_on_a_slow_line_an_answer_has_the_time_that_its_octets_take(
+    opened: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eight octets of a request and seven of its answer, of 11 bits each."""
+    server = opened.enter_context(rtu_server(Drive()))
+    bench = opened.enter_context(Bench(plan_of(server.name, rate=5.0, section={"baud": 4800}))).open().enable()
+    server.mischief = silent
+    waits: list[int] = []
+    answer = Requester.answer
+
+    def noted(self: Requester, deadline_ns: int) -> Any:
+        waits.append(deadline_ns - self.clock.now_ns())
+        return answer(self, deadline_ns)
+
+    monkeypatch.setattr(Requester, "answer", noted)
+    assert bench.bus.stop() is False
+    assert max(waits) >= 1e9 * 15 * 11 / 4800
+
+
 @pytest.mark.parametrize("quickack", [True, False], ids=["at once", "after 40 ms"])
 @pytest.mark.parametrize("way", Transaction)
 def test_a_server_with_nagles_algorithm_confirms_that_it_is_off(
