@@ -152,7 +152,7 @@ def test_a_unit_that_is_silent_is_asked_three_times() -> None:
             with pytest.raises(
                 BusTimeoutError, match=r"unit 1 does not answer on .*: 3 requests to read .*, 0\.02 s each"
             ):
-                unit.read(PROFILE.power.error, 0.02)
+                unit.read(PROFILE.power.status, 0.02)
         assert len(server.frames) == 3
 
 
