@@ -142,3 +142,17 @@ def test_what_a_doubt_did_is_told() -> None:
         if "against" in warning
     ]
     assert "the handle moved against the torque 1 times, as after a blow; the force was then limited to 2.51 N" in told
+
+
+@pytest.mark.parametrize(("block", "watched"), [(0.009, True), (0.0101, False)])
+def test_an_encoder_is_too_coarse_from_the_block_on_in_which_three_counts_are_5_percent_of_rated(
+    block: float, watched: bool
+) -> None:
+    """3 m r / T² = 0.05 F, and the longest block T is 10 ms."""
+    assert AXIS.plant is not None
+    coarse = replace(AXIS, plant=replace(AXIS.plant, resolution=0.05 * RATED * block**2 / (3.0 * MASS)))
+
+    def render() -> None:
+        """Send nothing."""
+
+    assert (bind_sign_watch(coarse, AxisState(permitted_ns=0), PERIOD, list, render) is not render) is watched

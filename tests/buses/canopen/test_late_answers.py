@@ -16,11 +16,11 @@ USUAL = 20
 class Timed:
     """A drive whose counts are the number of the SYNC that it answers."""
 
-    def __init__(self) -> None:
+    def __init__(self, usual: int = USUAL) -> None:
         self.bench = Bench().open()
         self.bench.drive.mute_tpdos = True
         self.number = 0
-        for _ in range(USUAL):
+        for _ in range(usual):
             self.period([(100_000, 0)])
 
     def period(self, answers: list[tuple[int, int]]) -> tuple[LinkFlag, int]:
@@ -65,6 +65,14 @@ def test_the_only_answer_at_a_third_or_three_times_the_usual_time_is_not_taken(a
     drive = Timed()
     drive.period([])
     assert drive.period([(after_ns, 1)])[0] is LinkFlag.STALE
+
+
+@pytest.mark.parametrize(("number", "double"), [(2, False), (10, True)])
+def test_a_sample_that_nobody_asked_for_is_that_of_the_start_or_of_a_second_node(number: int, double: bool) -> None:
+    """As it becomes operational, a drive may send one, before it has answered three times."""
+    drive, answer = Timed(usual=0), (100_000, 0)
+    flags = [drive.period([answer] * (2 if place == number else 1))[0] for place in range(1, 20)]
+    assert any(LinkFlag.DUPLICATE in each for each in flags) is double
 
 
 def test_an_answer_that_was_lost_costs_one_sample() -> None:

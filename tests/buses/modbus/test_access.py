@@ -154,6 +154,12 @@ def test_a_unit_that_is_silent_is_asked_three_times() -> None:
             ):
                 unit.read(PROFILE.power.status, 0.02)
         assert len(server.frames) == 3
+        with opened(section_of(server.name), [PROFILE]) as requester:
+            unit = UnitClient(requester, 1, "unit 1", PROFILE.line)
+            begun_ns = requester.clock.now_ns()
+            with pytest.raises(BusTimeoutError, match=r"1 requests to read .*, 0\.3 s each"):
+                unit.read(PROFILE.power.status, tries=1)
+            assert requester.clock.now_ns() - begun_ns >= 300_000_000
 
 
 def test_a_line_that_cannot_be_opened_is_a_check_that_fails() -> None:
