@@ -155,4 +155,4 @@ def test_an_encoder_is_too_coarse_from_the_block_on_in_which_three_counts_are_5_
     def render() -> None:
         """Send nothing."""
 
-    assert (bind_sign_watch(coarse, AxisState(permitted_ns=0), PERIOD, list, render) is not render) is watched
+    assert (bind_sign_watch(coarse, AxisState(permitted_ns=0), PERIOD, render, render) is not render) is watched
