@@ -235,6 +235,17 @@ def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:
     assert bench.drive.value(0x6041) == 0x40
 
 
+def test_a_run_of_days_keeps_the_times_of_its_last_minutes_in_16_megabytes() -> None:
+    bench = _bench_in_contact()
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    bench.can.later(FAULT_AT * PERIOD_NS, interrupt)
+    samples = _run(bench, cycles=10**9).samples
+    assert 480_000 <= samples.capacity <= 16_000_000 / 8 / len(samples.columns), "eight minutes at 1 kHz"
+
+
 def test_a_mistake_in_the_scene_stops_torque_free_too() -> None:
     bench = _bench_in_contact()
     cycle = Cycle(bench.plan)

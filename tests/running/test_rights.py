@@ -46,6 +46,15 @@ def test_what_is_granted_is_there_and_is_put_back() -> None:
         assert within[name] == before[name]
 
 
+def test_the_timer_slack_is_one_nanosecond_without_a_real_time_class_too() -> None:
+    """0 would mean the default of 50 µs (PR_SET_TIMERSLACK(2const))."""
+    before = STATE["timer_slack"]()
+    with rights._timer_slack() as right:
+        assert right.granted
+        assert int(str(STATE["timer_slack"]())) == 1
+    assert STATE["timer_slack"]() == before
+
+
 def test_an_error_inside_puts_everything_back_too() -> None:
     before = {name: told() for name, told in STATE.items()}
     with pytest.raises(KeyboardInterrupt), real_time():

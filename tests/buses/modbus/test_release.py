@@ -181,6 +181,16 @@ def test_a_silent_line_holds_up_the_other_lines_of_a_rig_for_two_milliseconds_at
     assert 1_000_000 < max(waits) <= 2_000_000
 
 
+def test_a_silent_drive_without_a_watchdog_is_tried_to_be_freed_for_a_second(opened: ExitStack) -> None:
+    server = opened.enter_context(tcp_server(Drive()))
+    plan = plan_of(server.name, replace(PROFILE, watchdog=None), emergency_stop="power")
+    bench = opened.enter_context(Bench(plan)).open().enable()
+    server.mischief = silent
+    with Machine() as machine:
+        assert bench.bus.stop() is False
+    assert 1.0 <= machine.seconds < 1.5 + machine.withheld
+
+
 @pytest.mark.thorough("listens to the serial line first")
 def test_on_a_slow_line_an_answer_has_the_time_that_its_octets_take(
     opened: ExitStack, monkeypatch: pytest.MonkeyPatch
