@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from haptic_fieldbus.running.loop import GIVE_WAY, no_garbage_collection, threads_give_way
+from haptic_fieldbus.running.loop import no_garbage_collection, threads_give_way
 
 
 def test_no_garbage_is_collected_while_the_loop_runs_nor_before() -> None:
@@ -30,7 +30,7 @@ def test_no_garbage_is_collected_while_the_loop_runs_nor_before() -> None:
 def test_threads_give_way_while_the_loop_runs_and_no_longer() -> None:
     before = sys.getswitchinterval()
     with threads_give_way():
-        assert sys.getswitchinterval() == pytest.approx(GIVE_WAY)
+        assert 1e-5 <= sys.getswitchinterval() <= 0.02 * 1e-3 + 1e-12, "2 % of a period at 1 kHz; less costs switches"
     assert sys.getswitchinterval() == before
 
 
