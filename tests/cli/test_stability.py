@@ -87,6 +87,7 @@ def test_a_device_without_stiffness_to_vary_is_told_so(tmp_path: Path, command: 
         (("--mass", "0.5", "--delay", "-1"), "delay -1: expected a number from 0 up"),
         (("--set", "wall.stiffness=nan"), "wall.stiffness"),
         (("--rate", "0"), "rate 0: expected a rate above 0"),
+        (("--rate", "150000"), "to 100000 Hz"),
         (("--plot", "x.doc"), "suffix"),
     ],
 )

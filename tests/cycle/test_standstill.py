@@ -294,3 +294,12 @@ def test_limits_of_the_rig_stay_in_force() -> None:
     """An axis that may give no more than 5 % of rated torque has no question."""
     plan = plan_of(WALL, rig=rig_of(WALL, limits=Limits(effort=2.5)))
     assert encoder_probe(plan.axes[0], plan.period) is None
+
+
+@pytest.mark.parametrize(("share", "ends"), [(0.6, False), (0.3, True)])
+def test_a_pair_is_given_up_when_the_force_falls_below_half_of_what_begins_one(share: float, ends: bool) -> None:
+    leaned = Leaned()
+    leaned.until(lambda size: size > leaned.full)
+    leaned.counts = counts_of(share * leaned.probe.least)
+    alone = round(600.0 * leaned.counts * COUNT / UNIT)
+    assert (abs(leaned.periods(1)[0] - alone) <= 1) is ends

@@ -280,6 +280,13 @@ def test_simulated_time_stands_still_goes_on_by_whole_periods_and_waits_for_no_p
     assert time.now_ns() == 10**15
 
 
+@pytest.mark.parametrize(("asked", "given"), [(5.0, 5.0), (10.0, 10.0), (100.0, 10.0), (0.0, 0.001), (-1.0, 0.001)])
+def test_simulated_time_is_at_most_ten_times_and_at_least_a_thousandth_of_real_time(asked: float, given: float) -> None:
+    time = SimulatedTime()
+    time.set(speed=asked)
+    assert time.speed == given
+
+
 def test_steps_of_a_paused_simulation_are_bounded_and_end_with_the_pause() -> None:
     time = SimulatedTime()
     for _ in range(3):

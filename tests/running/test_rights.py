@@ -40,6 +40,7 @@ def test_what_is_granted_is_there_and_is_put_back() -> None:
     assert int(str(within["timer_slack"])) <= TIMER_SLACK_NS  # 0 at SCHED_FIFO, where there is none
     if "scheduling" in granted:
         assert within["scheduling"] == (os.SCHED_FIFO, PRIORITY)
+        assert 40 <= PRIORITY < 50, "above other real-time work, below the interrupt threads of Linux"
     if "memory" in granted:
         assert within["memory"] != "0 kB"
     for name in set(STATE) - granted:

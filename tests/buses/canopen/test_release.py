@@ -160,6 +160,7 @@ def test_a_silent_drive_is_asked_again_when_15_ms_are_over_and_not_before() -> N
     bench.bus.stop()
     _, *asked = [t_ns / MS for t_ns, can_id, _ in bench.sent() if can_id == 0x601]
     apart = [later - earlier for earlier, later in pairwise(asked)]
+    assert asked[0] - bench.stopped_ns / MS == pytest.approx(4.0, abs=0.5), "two looks"
     assert len(apart) > 2
     assert 15.0 <= min(apart) <= max(apart) < 20.0
 

@@ -1,10 +1,13 @@
-"""Positions of two registers that a drive may tear: what is doubted, and what is motion."""
+"""Times of a request on its line; positions of two registers that a drive may tear: what is doubted, what is motion."""
 
+from dataclasses import replace
 from struct import pack
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.link import WideValue
+from haptic_fieldbus.buses.modbus.link import WideValue, times_of, traffic_of
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest
+from tests.buses.modbus.benches import PROFILE, plan_of
 
 PERIOD_NS = 7_000_000
 
@@ -58,3 +61,18 @@ def test_32_bits_run_over_without_a_word() -> None:
     value, near = WideValue(low_first=False, start=0), 2**31 - 10
     assert not torn(value, near, 0)
     assert not torn(value, near - 2**32 + 20, 1)
+
+
+@pytest.mark.parametrize("silence", [2e-3, 5e-3])
+def test_the_times_of_a_request_are_those_of_its_characters(silence: float) -> None:
+    """19,200 bit/s and 11 bits a character, as Modbus over Serial Line V1.02, 2.5.1, has them."""
+    character = 11 / 19_200
+    line = {"baud": 19_200, "parity": "even", "stop_bits": 1, "silence": silence}
+    traffic = traffic_of(plan_of("sim-modbus-rtu", section=line, rate=20.0))
+    request = next(each for each in traffic.of("handle").reading if each.read is not None)
+    assert request.read is not None
+    profile = replace(PROFILE, line=replace(PROFILE.line, answer_time=0.003))
+    times = times_of(traffic, profile, RegisterRequest(3, request.read))
+    assert times.executed_ns == pytest.approx(1e9 * (8 * character + silence + 0.003), rel=1e-6)
+    assert times.answer_ns == pytest.approx(1e9 * (5 + 2 * request.read.count) * character, rel=1e-6)
+    assert times.whole_ns == pytest.approx(times.executed_ns + times.answer_ns + 1e9 * silence, rel=1e-6)
