@@ -471,6 +471,16 @@ def test_after_a_gap_the_speed_is_that_over_the_whole_time(flags: int) -> None:
     assert cycle.trip.kind is TripKind.SPEED
 
 
+@pytest.mark.parametrize(("way", "trips"), [(0.0029, False), (0.0031, True)])
+def test_a_sample_of_unknown_instant_has_moved_for_its_age_too(way: float, trips: bool) -> None:
+    """1 ms since the last one, and 2 ms by which the answer came later than a period after its SYNC, at 1 m/s."""
+    plan = jumping(scene_of(Constant("handle", 3.0)), limits=replace(ANY_MOTION, speed=1.0))
+    cycle, clock = enabled_cycle(plan), Ticks()
+    cycle(image(0, t_ns=clock.next()))
+    cycle(image(int(way / COUNT), t_ns=clock.next(), age=3_000_000))
+    assert (cycle.trip is not None) is trips
+
+
 def test_a_jump_that_no_motion_can_make_trips() -> None:
     """9 mm; (50.3 N of the motor + 500 N of a hand) over 0.632 kg make 0.87 mm in a period."""
     plan = plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(speed=10.0))
