@@ -7,6 +7,7 @@ from itertools import pairwise
 import can
 import pytest
 
+from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.image import AXIS_HEADER
@@ -148,6 +149,14 @@ class TestRequests:
         ours = [t_ns for t_ns, can_id, _ in bench.can.sent[before:] if can_id in (REQUEST, MASTER_HEARTBEAT)]
         assert max(later - earlier for earlier, later in pairwise(ours)) <= guard_ns // 5 + 3 * bench.plan.period_ns
         assert len(ours) <= 1 + 180 // 10
+
+    def test_a_period_that_is_cut_short_after_a_late_one_proves_our_life_too(self) -> None:
+        plan = plan_of(rate=20.0)
+        traffic = can_traffic(plan)
+        assert traffic.heartbeat_every == 1
+        proofs = ProofsOfLife(traffic, (), plan.period_ns)
+        instants = [round(at * plan.period_ns) for at in (0.0, 1.0, 2.6, 3.0, 4.0)]
+        assert [bool(proofs.due(t_ns)) for t_ns in instants] == [True] * 5
 
     def test_requests_to_several_drives_are_spread_over_the_periods(self) -> None:
         bench = guarded(scene=THREE).open()
