@@ -287,6 +287,16 @@ def test_simulated_time_is_at_most_ten_times_and_at_least_a_thousandth_of_real_t
     assert time.speed == given
 
 
+def test_a_paused_simulation_looks_four_times_a_second_whether_the_run_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    time, waited = SimulatedTime(), list[float]()
+    time.set(paused=True)
+    time.leaving = lambda: len(waited) == 3
+    monkeypatch.setattr(time.changed, "wait", waited.append)
+    time.sleep_until(10**9)
+    assert len(waited) == 3
+    assert max(waited) <= 0.25
+
+
 def test_steps_of_a_paused_simulation_are_bounded_and_end_with_the_pause() -> None:
     time = SimulatedTime()
     for _ in range(3):

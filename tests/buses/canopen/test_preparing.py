@@ -163,6 +163,7 @@ class TestCommissioning:
             ((8192, 2), None),
             ((0, 1), None),
             ((16384, 0), None),
+            ((12289, 3), None),  # a third of a count is the rounding of the rig
             ((16384, 1), "16384 counts per revolution (608Fh), the rig 4096"),
             (
                 (16384, 1),
