@@ -142,6 +142,15 @@ def test_a_change_is_made_and_an_unstable_one_is_refused_with_its_limit() -> Non
     assert [change.settings for change in result.changes] == [{"wall.stiffness": 900.0}]
 
 
+def test_a_command_of_50_kilobytes_is_one_command() -> None:
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.socket.sendall(b'{"change": {"wall.stiffness": 900.0}' + b" " * 50_000 + b"}\n")
+        assert watcher.until("changed") == {"wall.stiffness": 900.0}
+
+    run_watched(watch)
+
+
 def test_stop_ends_the_run_as_ctrl_c_does() -> None:
     result = run_watched(enabled)
     assert result.stopped is not None
