@@ -3,6 +3,7 @@
 Modules of the package are imported inside the commands, so that each command loads only the modules that it needs.
 """
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -12,6 +13,9 @@ from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 
 SIGNALLED, INTERRUPTED = 128, 130
 """Exit statuses: base to which the number of a signal is added, and the status after Ctrl-C."""
+NEW_OBJECTS = 100_000
+"""New objects that wait for a garbage collection: what a start imports stays, and looking for garbage in it takes a
+tenth of the start."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -21,9 +25,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     # Before numpy is imported, which reads it once: matrices are tiny, and a pool of threads only disturbs the loop.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    thresholds = gc.get_threshold()
+    gc.set_threshold(NEW_OBJECTS)
     with ended_by_signals() as ending, free_output(lambda: ending.leaving):
         ending.last = arguments is None
         status = _status(arguments, ending)
+    gc.set_threshold(*thresholds)
     # CPython remembers a KeyboardInterrupt that left any `exec` of a text, such as that of a dataclass in an import. It
     # would end by SIGINT although the interrupt was caught; the next text makes it forget.
     exec("")

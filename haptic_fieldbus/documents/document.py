@@ -14,7 +14,8 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from enum import Enum
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from types import UnionType
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
 from haptic_fieldbus.documents.expected import Expectation, KeyPath, Schema, child
 from haptic_fieldbus.documents.names import suggestion
@@ -252,7 +253,15 @@ def schema_of(schema: type, *, loaded: Sequence[str] = ()) -> Schema:
 
 def knows(schema: Hashable, path: KeyPath) -> bool:
     """Return whether a file of this schema may have the key."""
-    return bool(_expectation(schema).nodes(path, {}))
+    return _has_fields(schema, path) or bool(_expectation(schema).nodes(path, {}))
+
+
+def _has_fields(kind: object, path: KeyPath) -> bool:
+    """Return whether dataclasses alone have the key; a JSON Schema, which knows all kinds of tables, takes longer."""
+    if isinstance(kind, UnionType):
+        return any(_has_fields(option, path) for option in get_args(kind))
+    below = {each.name: each.type for each in fields(kind)} if is_dataclass(kind) else {}
+    return not path or (path[0] in below and _has_fields(below[str(path[0])], path[1:]))
 
 
 def key_text(path: KeyPath) -> str:

@@ -167,7 +167,7 @@ class AxisElements:
         row = next(place for place, each in enumerate(varying) if each is element)
         changed = [doubled if each is element else self._at_places(each) for each in varying]
         other = terrain(changed, self.travel, self.effort)
-        slopes = np.unique(nominal.places.most_stiffness[row])
+        slopes = set(nominal.places.most_stiffness[row].tolist())  # np.unique would import numpy.ma
         if len(slopes) > MOST_PIECES and not np.array_equal(nominal.position, other.position):
             return None
         again = survey([doubled], [(place, place) for place in nominal.position.tolist()])

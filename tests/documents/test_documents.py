@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.documents import Document, file_of, is_path, nearest, read_document, schema_of, suggestion
-from haptic_fieldbus.documents.document import key_text
+from haptic_fieldbus.documents.document import key_text, knows
+from haptic_fieldbus.documents.expected import Expectation
 from haptic_fieldbus.documents.positions import Positions
 from haptic_fieldbus.errors import DocumentError, SceneError, UsageError, VcanError, require
 
@@ -315,3 +316,24 @@ def test_a_package_that_is_missing_is_named_with_its_extra() -> None:
 
 def test_a_command_that_could_not_run_beside_vcan_has_an_exit_status() -> None:
     assert (VcanError("no guest kernel").status, VcanError("interrupted", 130).status) == (125, 130)
+
+
+@pytest.mark.parametrize(
+    ("path", "there"),
+    [
+        (("count",), True),
+        (("inner", "ratio"), True),
+        (("inner", "count"), False),
+        (("named", "ratio"), True),  # any name is a key of this table
+        (("named", "any", "ratio"), True),
+        (("named", "any", "count"), False),
+        (("many", "ratio"), False),
+        (("amount", "ge"), False),
+        (("share", "le"), False),
+        (("none",), False),
+        ((0,), False),
+    ],
+)
+def test_a_schema_has_a_key_by_its_dataclasses_as_by_its_json_schema(path: tuple[str | int, ...], there: bool) -> None:
+    assert knows(Sample, path) is there
+    assert bool(Expectation(schema_of(Sample)).nodes(path, {})) is there
