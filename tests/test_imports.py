@@ -70,7 +70,7 @@ DOES_WITHOUT = {
         "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
         "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units running.rights sim.host_request sim.faults",
-        "cli.app": "vcan.runner",
+        "cli.vcan": "vcan.runner",
         "running.ending": "assessing.result",
     },
     "import haptic_fieldbus.pytest_plugin": {
@@ -160,7 +160,7 @@ FENCED = {
         " running.loop sim.hand sim.mechanics",
         "cli.report",
     ),
-    "vcan": ("", "cli.app"),
+    "vcan": ("", "cli.vcan"),
     "view": (
         "margins.group numerals planning.axis_plan planning.explain planning.plan recordings.tables report.texts"
         " running.ring scenes.registry scenes.scene signals",

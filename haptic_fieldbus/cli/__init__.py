@@ -54,14 +54,14 @@ def _status(arguments: Sequence[str] | None, ending: EndSignals) -> int:
 def _ended(arguments: Sequence[str] | None, ending: EndSignals) -> int:
     """Run a command until it and its output have ended, and return its exit status."""
     # Imported here, so that a signal meets our handlers while the command is loaded.
-    from haptic_fieldbus.cli.app import app
+    from haptic_fieldbus.cli.app import application
     from haptic_fieldbus.cli.failures import TYPER_ERROR, print_object, tell
     from haptic_fieldbus.errors import HapticFieldbusError
 
     given = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in (given[: given.index("--")] if "--" in given else given)
     try:
-        app(args=arguments, prog_name="haptic-fieldbus")
+        application(given)(args=arguments, prog_name="haptic-fieldbus")
         status = 0
     except HapticFieldbusError as error:
         if as_json and error.result is None:  # else `run` has printed the object of its result

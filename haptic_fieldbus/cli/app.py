@@ -1,80 +1,101 @@
-"""Typer application: all commands and groups of commands."""
+"""Typer application: all commands and groups of commands.
 
-import sys
-from collections.abc import Callable
-from math import inf
-from pathlib import Path
+Only the modules of the commands that are invoked are imported. For the others the lines of `--help` stand here.
+"""
+
+from collections.abc import Collection
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
-from haptic_fieldbus.cli import profiles, scenes
-from haptic_fieldbus.cli.bench import doctor, scan, watch
-from haptic_fieldbus.cli.failures import tell
-from haptic_fieldbus.cli.identify import identify
-from haptic_fieldbus.cli.options import option, seconds
-from haptic_fieldbus.cli.planning import estimate, plan, response, stability
-from haptic_fieldbus.cli.rehearse import rehearse
-from haptic_fieldbus.cli.replay import replay
-from haptic_fieldbus.cli.report import bench, report
-from haptic_fieldbus.cli.run import demo, run
-from haptic_fieldbus.cli.screen import show
-from haptic_fieldbus.cli.simulate import simulate
-from haptic_fieldbus.cli.sweep import sweep
-from haptic_fieldbus.cli.view import view
-from haptic_fieldbus.defaults import DEFAULT_VCAN
-from haptic_fieldbus.errors import UsageError, VcanError
-
-# Command `vcan`: run a command where a real SocketCAN bus is, in the host's kernel or in a guest's.
-
-
-def vcan(
-    command: Annotated[list[str], typer.Argument(metavar="-- COMMAND …", help="The command and its arguments.")],
-    interface: Annotated[
-        list[str] | None, option("NAME", "Virtual CAN interface, may be repeated.", default=DEFAULT_VCAN)
-    ] = None,
-    out: Annotated[
-        list[Path] | None, option("DIR", "Folder that the command may write to in a guest kernel; may be repeated.")
-    ] = None,
-    time_limit: Annotated[
-        float,
-        option(
-            "S",
-            "Time limit of the command in s; then it is ended with exit status 124. \\[default: none]",
-            parser=seconds,
-        ),
-    ] = inf,
-    guest: Annotated[bool, option(None, "Always use a guest kernel.", None, "--guest")] = False,
-) -> None:
-    """Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on them.
-
-    The exit status is that of the command.
-    The interfaces are those of this machine, if it has them or this user may create them.
-    Otherwise a guest kernel (User-Mode Linux) provides them. It needs no rights and sees the same files.
-    In a guest kernel the command can write to the folders of --out only.
-    """
-    from haptic_fieldbus.vcan.runner import GuestTask, run
-
-    if not time_limit > 0.0:
-        raise UsageError(f"--time-limit {time_limit:g}: expected more than 0 s")
-    errand = GuestTask(command, interface or [DEFAULT_VCAN], out or (), time_limit, guest)
-    try:
-        status = run(errand, lambda text: show([("vcan", text)], sys.stderr))
-    except VcanError as error:
-        tell(error)
-        status = error.status
-    raise typer.Exit(status)
-
-
-app = typer.Typer(
-    name="haptic-fieldbus",
-    help="Turn servo drives into haptic interfaces: virtual walls, springs and masses that a hand can feel.",
-    epilog="Try: haptic-fieldbus run wall",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,  # an unexpected error keeps Python's own traceback
-    context_settings={"help_option_names": ["-h", "--help"]},
+START, BENCH_PANEL, STUDY, FILES = (
+    "Start: feel a scene",
+    "Bench: drives and buses",
+    "Study: a scene without a drive",
+    "Files: scenes and drive profiles",
 )
+# `--help` lists the panels and their commands in this order.
+COMMANDS: dict[str, dict[str, str]] = {
+    START: {
+        "haptic_fieldbus.cli.run:run": "Render SCENE on a drive, simulated or real, and print the result. `plan` only"
+        " shows what would run.",
+        "haptic_fieldbus.cli.run:demo": "Touch a wall on a simulated drive with the mouse, on a page in the browser."
+        " To practise a start: `rehearse`.",
+        "haptic_fieldbus.cli.view:view": "Show a run that was begun with --view as a page in the browser. To watch"
+        " drives without torque: `watch`.",
+        "haptic_fieldbus.cli.rehearse:rehearse": "Practise the first start of a real drive on a simulated one in real"
+        " time. With your drive: `run --rig`.",
+        "haptic_fieldbus.cli.planning:plan": "Print what `run SCENE` would do in each period, with delay, limits and"
+        " deadlines. Nothing moves.",
+    },
+    BENCH_PANEL: {
+        "haptic_fieldbus.cli.bench:doctor": "Check adapter, bus and computer, with a remedy for each fault. To find"
+        " the drives use `scan`.",
+        "haptic_fieldbus.cli.bench:scan": "List the nodes of a bus with their profiles, by reading alone. For live"
+        " values use `watch`.",
+        "haptic_fieldbus.cli.bench:watch": "Show position, speed and state of drives without torque, until Ctrl-C. To"
+        " render use `run`.",
+        "haptic_fieldbus.cli.identify:identify": "Measure inertia, friction, damping and delay of a bench with its own"
+        " drive, and write them into the rig file.",
+        "haptic_fieldbus.cli.simulate:simulate": "Host simulated drives for other programs, in real time, until"
+        " Ctrl-C. `run --bus sim` needs none.",
+        "haptic_fieldbus.cli.vcan:vcan": "Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on"
+        " them.",
+    },
+    STUDY: {
+        "haptic_fieldbus.cli.planning:stability": "Compute the stability limits of SCENE. Nothing moves. `report`"
+        " tests the methods behind it.",
+        "haptic_fieldbus.cli.sweep:sweep": "Judge or run SCENE at many points and keep a row for each. For one point"
+        " use `stability` or `run`.",
+        "haptic_fieldbus.cli.planning:response": "Compute the force of SCENE for a given motion, without a drive. For"
+        " the closed loop use `run`.",
+        "haptic_fieldbus.cli.planning:estimate": "Apply a velocity estimator to a signal in FILE. To use one in a"
+        " loop: `run --estimator`.",
+        "haptic_fieldbus.cli.replay:replay": "Summarise a recording; draw, convert, compare or repair it. To simulate"
+        " its run again: `run --from`.",
+        "haptic_fieldbus.cli.report:report": "Measure error, stability and computing time of all methods. For the"
+        " limits of one scene use `stability`.",
+        "haptic_fieldbus.cli.report:bench": "Measure how fast this computer runs the loop and its parts, each beside a"
+        " reference of the same run.",
+    },
+}
+GROUPS: dict[str, str] = {
+    "scenes": "List, show and check scenes: what the hand feels.",
+    "profiles": "List, show, check and draft drive profiles: what a drive model offers.",
+}
+NAMES = frozenset(home.partition(":")[2] for panel in COMMANDS.values() for home in panel) | GROUPS.keys()
+"""Names of all commands and groups."""
+
+
+def application(words: Collection[str] = NAMES) -> typer.Typer:
+    """Return the application, complete in the commands whose names are among the words of a command line."""
+    app = typer.Typer(
+        name="haptic-fieldbus",
+        help="Turn servo drives into haptic interfaces: virtual walls, springs and masses that a hand can feel.",
+        epilog="Try: haptic-fieldbus run wall",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,  # an unexpected error keeps Python's own traceback
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_root)
+    for panel, commands in COMMANDS.items():
+        for home, line in commands.items():
+            module, _, name = home.partition(":")
+            if name in words:
+                settings = {"allow_interspersed_args": False} if name == "vcan" else None
+                app.command(context_settings=settings, rich_help_panel=panel)(getattr(import_module(module), name))
+            else:
+                app.command(name, help=line, rich_help_panel=panel)(_not_invoked)
+    for name, line in GROUPS.items():
+        group = import_module(f"haptic_fieldbus.cli.{name}").app if name in words else typer.Typer(help=line)
+        app.add_typer(group, name=name, rich_help_panel=FILES)
+    return app
+
+
+def _not_invoked() -> None:
+    """Stand for a command that a command line does not name."""
 
 
 def _version(asked: bool) -> None:
@@ -86,31 +107,10 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def root(
+def _root(
     version: Annotated[
         bool,
         typer.Option("--version", callback=_version, is_eager=True, metavar="", help="Print the version and exit."),
     ] = False,
 ) -> None:
     """Accept the options of the program itself."""
-
-
-START, BENCH_PANEL, STUDY, FILES = (
-    "Start: feel a scene",
-    "Bench: drives and buses",
-    "Study: a scene without a drive",
-    "Files: scenes and drive profiles",
-)
-# `--help` lists the panels and their commands in this order.
-COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    START: (run, demo, view, rehearse, plan),
-    BENCH_PANEL: (doctor, scan, watch, identify, simulate),
-    STUDY: (stability, sweep, response, estimate, replay, report, bench),
-}
-for panel, commands in COMMANDS.items():
-    for command in commands:
-        app.command(rich_help_panel=panel)(command)
-app.command(context_settings={"allow_interspersed_args": False}, rich_help_panel=BENCH_PANEL)(vcan)
-app.add_typer(scenes.app, name="scenes", rich_help_panel=FILES)
-app.add_typer(profiles.app, name="profiles", rich_help_panel=FILES)

@@ -1,11 +1,16 @@
 """Modules that a command loads before it does anything."""
 
+import gc
+import inspect
 import subprocess
 import sys
 
 import pytest
 
-HEAVY = ("numpy", "can", "canopen", "matplotlib", "tree_sitter", "asyncio")
+from haptic_fieldbus.cli import main
+from haptic_fieldbus.cli.app import COMMANDS, GROUPS, application
+
+HEAVY = ("numpy", "can", "canopen", "matplotlib", "tree_sitter", "asyncio", "haptic_fieldbus.cli.sweep")
 
 
 def loaded_by(*words: str) -> set[str]:
@@ -51,3 +56,27 @@ def test_python_runs_the_package_as_the_command() -> None:
         [sys.executable, "-m", "haptic_fieldbus", "--version"], capture_output=True, text=True, check=True
     )
     assert finished.stdout.startswith("haptic-fieldbus 0.")
+
+
+def test_a_command_that_is_not_invoked_has_the_line_of_its_docstring() -> None:
+    lines = {home.partition(":")[2]: line for panel in COMMANDS.values() for home, line in panel.items()}
+    app = application()
+    for each in app.registered_commands:
+        assert each.callback is not None
+        said = inspect.getdoc(each.callback) or ""
+        assert said.split("\n\n")[0].replace("\n", " ").startswith(lines.pop(each.callback.__name__))
+    assert lines == {}
+    assert {each.name: each.typer_instance and each.typer_instance.info.help for each in app.registered_groups} == GROUPS
+
+
+def test_the_words_of_a_command_line_choose_the_commands_that_are_complete() -> None:
+    complete = {each.callback.__name__ for each in application(["plan", "x"]).registered_commands if each.callback}
+    assert complete == {"plan", "_not_invoked"}
+
+
+def test_a_command_leaves_the_garbage_collector_as_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+    before = gc.get_threshold()
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out.startswith("haptic-fieldbus ")
+    assert gc.get_threshold() == before

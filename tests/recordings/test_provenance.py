@@ -17,7 +17,7 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus import HapticFieldbusError, Provenance, UsageError, read_provenance, repeat, run
 from haptic_fieldbus.api import provenance as gathering
-from haptic_fieldbus.cli.app import app
+from haptic_fieldbus.cli.app import application
 from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE
 from haptic_fieldbus.planning.request import RECORD_SUFFIXES
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -351,7 +351,7 @@ def test_a_picture_of_no_run_tells_what_it_was_made_from(
 
 
 def test_every_command_that_draws_is_tried() -> None:
-    commands = [cast(Any, each.callback) for each in app.registered_commands]
+    commands = [cast(Any, each.callback) for each in application().registered_commands]
     drawing = {each.__name__ for each in commands if "plot" in signature(each).parameters}
     assert drawing == {*WORDS, "run", "rehearse", "identify"}
 
