@@ -55,16 +55,16 @@ DOES_WITHOUT = {
         "cli.identify": "api.identification api.provenance identification report.analysis_plots",
         "cli.options": "documents.quantities planning.request protocols.registry report.drawing signals",
         "cli.bench": "api.bench clock running.watch",
-        "cli.planning": "api.estimation report.analysis_texts report.analysis_plots api planning.explain"
-        " api.model api.open_loop api.provenance api.stability_limits",
+        "cli.planning": "api.estimation report.analysis_texts report.analysis_plots planning.explain"
+        " api.model api.open_loop api.provenance api.stability_limits planning.selection",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue sim.canopen.simulated_eds documents"
         " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
         "cli.replay": "api.provenance api.replaying recordings.reading report.plot",
         "cli.report": "api api.provenance protocols.catalogue study.make_report study.measure.bench",
-        "cli.run": "api api.provenance assessing.loop_report planning.refusal planning.request recordings.reading"
-        " report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
+        "cli.run": "api api.provenance assessing.loop_report planning.refusal planning.request planning.selection"
+        " recordings.reading report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
         "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",

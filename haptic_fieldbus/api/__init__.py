@@ -32,7 +32,7 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
 from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
-from haptic_fieldbus.planning.selection import Selection, load, parsed, select
+from haptic_fieldbus.planning.selection import Selection, load, parsed, plan_task, select
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.recordings.provenance import Conditions, Provenance
 from haptic_fieldbus.scenes.catalogue import Setting
@@ -188,13 +188,6 @@ def run(
     result names the signal.
     """
     return run_task(*asked_of("run", locals(), Task, Trial))
-
-
-@own_faults()
-def plan_task(task: Task) -> Plan:
-    """Return the plan of a task, as `plan` does."""
-    check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
-    return select(task).plan
 
 
 @own_faults()

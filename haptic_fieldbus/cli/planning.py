@@ -222,12 +222,12 @@ class PlanOptions(SceneOptions):
 @options_of(PlanOptions, without=(*OF_A_RUN, "plot"))
 def plan(options: PlanOptions) -> None:
     """Print what `run SCENE` would do in each period, with delay, limits and deadlines. Nothing moves."""
-    from haptic_fieldbus import api
     from haptic_fieldbus.planning.explain import explain, plan_json
+    from haptic_fieldbus.planning.selection import plan_task
 
     task = options.task()
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    compiled = api.plan_task(task)
+    compiled = plan_task(task)
     if options.as_json:
         print_json(plan_json(compiled))
     else:

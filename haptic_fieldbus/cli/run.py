@@ -94,12 +94,12 @@ def run_and_tell(
 
 def _offer_scenes(live: "Live", task: "Task", trial: "Trial") -> None:
     """Let a page of a simulation choose among the scenes of the library."""
-    from haptic_fieldbus import api
     from haptic_fieldbus.planning.refusal import check_stable
+    from haptic_fieldbus.planning.selection import plan_task
     from haptic_fieldbus.scenes.catalogue import scene_names
 
     def check(name: str) -> None:
-        found = api.plan_task(replace(task, scene=name, settings={}))
+        found = plan_task(replace(task, scene=name, settings={}))
         if not trial.force:
             check_stable(found)
 

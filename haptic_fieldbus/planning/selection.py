@@ -26,14 +26,14 @@ from haptic_fieldbus.numerals import TYPED_DIGITS, rounded_down
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.known_bench import known_bench
 from haptic_fieldbus.planning.plan import BusPlan, Plan
-from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_rig, own_profile
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
 from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.scenes.element_checks import check_elements, check_kinds
-from haptic_fieldbus.scenes.own_faults import check_shapes
+from haptic_fieldbus.scenes.own_faults import check_shapes, own_faults
 from haptic_fieldbus.scenes.scene import Scene
 
 # A scene with its settings applied. One setting may be `max` or `max/N`: the limit, or a part of it.
@@ -198,6 +198,13 @@ class Selection:
             scene, self.rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses,
             forced=self.forced,
         )  # fmt: skip
+
+
+@own_faults()
+def plan_task(task: Task) -> Plan:
+    """Return the plan of a task, as `plan` does."""
+    check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
+    return select(task).plan
 
 
 def select(task: Task) -> Selection:
