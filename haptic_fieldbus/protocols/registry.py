@@ -46,7 +46,7 @@ def protocol_named(name: str) -> FieldbusProtocol:
 
 def protocol_of_bus(word: str) -> FieldbusProtocol:
     """Return the protocol of a bus by its first word: an interface of a rig, or the name of a simulation."""
-    if word in WORDS or word in added(GROUP):
+    if word != SIMULATION and (word in WORDS or word in added(GROUP)):
         return protocol_named(WORDS.get(word, word))
     # CAN interfaces are not listed here, so the default protocol has to refuse a word that nobody knows.
     return protocol_named(DEFAULT_PROTOCOL)
