@@ -23,7 +23,7 @@ from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant, estimated
-from haptic_fieldbus.scenes.element import Interval, Local, Varying
+from haptic_fieldbus.scenes.element import Interval, Varying
 
 # All places of an axis: force, stiffness and damping of its elements without memory, at places and between them.
 #
@@ -101,23 +101,10 @@ class Survey:
 
 def survey(elements: Sequence[Varying], intervals: Sequence[Interval]) -> Survey:
     """Return the bounds of each element on each interval; the interval of a place is (place, place)."""
-    found = [[each.local(*interval) for interval in intervals] for each in elements]
-
-    def table(value: str, part: int | None = None) -> Array:
-        def of(local: Local) -> float:
-            read = getattr(local, value)
-            return float(read if part is None else read[part])
-
-        return np.array([[of(local) for local in row] for row in found], dtype=float).reshape(len(elements), -1)
-
-    return Survey(
-        table("force", 0),
-        table("force", 1),
-        table("stiffness", 0),
-        table("stiffness", 1),
-        table("damping"),
-        table("loss"),
-    )
+    found = (each.local(*interval) for each in elements for interval in intervals)
+    rows = [(*each.force, *each.stiffness, each.damping, each.loss) for each in found]
+    columns = np.array(rows, dtype=float).reshape(len(rows), 6).T
+    return Survey(*np.ascontiguousarray(columns).reshape(6, len(elements), len(intervals)))
 
 
 @dataclass(frozen=True, eq=False)
