@@ -30,7 +30,7 @@ def main() -> None:
     found = plan("wall")
     row = tuple(float(number) for number in range(len(columns(found))))
     plain, cycle, report = Record(columns(found), ROWS), Cycle(found), LoopReport()
-    with Live(lambda _: {}) as live:
+    with Live(lambda *_: {}) as live:
         record = live.record(found, columns(found), ROWS)
         assert isinstance(record, LiveRecord)
         live.begin(found, cycle, report, None, EndSignals())

@@ -23,6 +23,9 @@ from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
+PROJECT = Path(__file__).parents[1]
+sys.path.insert(0, str(PROJECT))  # the package of this checkout, not an installed one
+
 from haptic_fieldbus.api import run
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.running.leading import SimulatedTime
@@ -159,10 +162,10 @@ class Film:
 @contextmanager
 def served(live: Live) -> Iterator[str]:
     """Serve the page of a run by a process of its own, and yield its address."""
-    words = [sys.executable, "-c", "from haptic_fieldbus.view.server import main; main()", str(live.path)]
-    with subprocess.Popen([*words, "127.0.0.1", "0", ""], stdout=subprocess.PIPE, text=True) as server:
+    words = [sys.executable, "-m", "haptic_fieldbus", "view", "--run", live.path.stem, "--port", "0"]
+    with subprocess.Popen(words, cwd=PROJECT, stderr=subprocess.PIPE, text=True) as server:
         try:
-            yield server.stdout.readline().strip() if server.stdout else ""
+            yield server.stderr.readline().split()[-1] if server.stderr else ""
         finally:
             server.terminate()
 

@@ -236,9 +236,7 @@ def _tell(result: "Result", options: SceneOptions) -> None:
 class DemoOptions:
     """Options of `demo`."""
 
-    scene: Annotated[str, option("SCENE", "Scene of the library or a scene file.", default="wall")] = "wall"
     port: Annotated[int | None, option("PORT", "Port of the page.", default="8765, or a free one")] = None
-    duration: Annotated[float, option("S", "Duration in s.", default=VIEWED_DURATION)] = VIEWED_DURATION
     no_browser: Annotated[bool, option(None, "Only print the address of the page.", None, "--no-browser")] = False
 
 
@@ -247,7 +245,5 @@ def demo(options: DemoOptions) -> None:
     """Touch a wall on a simulated drive with the mouse, on a page in the browser. To practise a start: `rehearse`."""
     from haptic_fieldbus import api
 
-    asked = SceneOptions(
-        scene=options.scene, hand="none", duration=options.duration, view=True, view_port=options.port
-    )  # fmt: skip
+    asked = SceneOptions(scene="wall", hand="none", view=True, view_port=options.port)
     run_and_tell(asked, asked.task(), asked.given(api.Trial), browser=not options.no_browser)

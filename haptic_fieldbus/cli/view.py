@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-import select
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Timer
 from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.options import option, options_of
@@ -25,6 +26,7 @@ STARTING = 60.0
 """Time in which the server must be ready [s]."""
 VIEWED_DURATION = 3600.0
 """Duration of a run with a page and without `--duration` [s]."""
+ADDRESS = re.compile(r"http://\S+")
 EVERYWHERE = ("0.0.0.0", "::", "")
 
 
@@ -59,40 +61,34 @@ def viewed(
         live.ready = lambda: _announce(_address(child), host, browser)
         try:
             yield live
-        except Exception as error:
-            live.end({"text": str(error)})
-            raise
-        except BaseException:
-            live.end({"text": "It was stopped."})
+        except BaseException as error:
+            live.end({"text": str(error) if isinstance(error, Exception) else "It was stopped."})
             raise
     if live.lost:
         raise BusError("the page was lost, and --view-required ended the run; the drives are off")
 
 
 def _started(path: Path, host: str, port: int | None) -> "subprocess.Popen[str]":
-    """Start the server."""
-    program = "from haptic_fieldbus.view.server import main; main()"
-    arguments = [str(path), host, "" if port is None else str(port), ""]
+    """Start the server: the command `view` in a process of its own."""
+    words = ["view", "--run", path.stem, "--host", host, *([] if port is None else ["--port", str(port)])]
     # A session of its own, so that Ctrl-C at the terminal reaches the run alone.
     return subprocess.Popen(
-        [sys.executable, "-c", program, *arguments],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True,
+        [sys.executable, "-m", "haptic_fieldbus", *words],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True, text=True,
     )  # fmt: skip
 
 
 def _address(child: "subprocess.Popen[str]") -> str:
     """Wait for the server and return the address of its page; raises UsageError when it does not start."""
-    if child.stdout is None or child.stderr is None:
-        raise UsageError("the server of the view has no output")
-    ready, _, _ = select.select([child.stdout], [], [], STARTING)
-    address = child.stdout.readline().strip() if ready else ""
-    if not address:
-        child.kill()
-        said = child.stderr.read().strip().splitlines()
-        raise UsageError(f"the server of the view did not start{': ' + said[-1] if said else ''}")
-    child.stdout.close()
-    child.stderr.close()
-    return address
+    patience, said = Timer(STARTING, child.kill), ""
+    patience.start()
+    try:
+        for said in child.stderr or ():
+            if found := ADDRESS.search(said):
+                return found[0]
+    finally:
+        patience.cancel()
+    raise UsageError(f"the server of the view did not start: {said.strip()}")
 
 
 def _announce(address: str, host: str, browser: bool) -> None:

@@ -106,9 +106,14 @@ def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
             for name in unbounded(wanted):
                 yield f"{name} could then apply any force by itself, but this run limits the energy"
         for element in _forces(wanted):
-            for signal in element.needs:
-                if signal not in axis.needs and signal in MISSING:
-                    yield f"{element.name} needs {MISSING[signal]}"
+            yield from missing(axis, element)
+
+
+def missing(running: AxisPlan, element: AnyElement) -> Iterator[str]:
+    """Yield a sentence for each signal that an element needs and the loop of a running axis lacks."""
+    for signal in element.needs:
+        if signal not in running.needs and signal in MISSING:
+            yield f"{element.name} needs {MISSING[signal]}"
 
 
 def _check_transition(before: Plan, after: Plan) -> None:

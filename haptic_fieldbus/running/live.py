@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.trips import trip_error
+from haptic_fieldbus.cycle.trips import Trip, trip_error
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.planning.plan import Plan
@@ -84,6 +84,10 @@ EXPECTED = {
     "speed": "expected a finite number", "paused": "expected true or false", "step": "expected a number of periods",
 }  # fmt: skip
 """End of the sentence that refuses the value of a command."""
+PACE: Mapping[str, tuple[str, Callable[[Any], float]]] = {
+    "speed": ("speed", float), "paused": ("paused", bool), "step": ("steps", int),
+}  # fmt: skip
+"""Arguments of `SimulatedTime.set` and their kinds, by the command."""
 STATES = {state: state.value for state in PowerState}
 
 
@@ -102,9 +106,7 @@ def sockets() -> list[Path]:
     alive = []
     for path in folder().glob("*.sock"):
         with socket.socket(socket.AF_UNIX) as probe:
-            try:
-                probe.connect(str(path))
-            except OSError:
+            if probe.connect_ex(str(path)):
                 path.unlink(missing_ok=True)
             else:
                 alive.append(path)
@@ -112,7 +114,7 @@ def sockets() -> list[Path]:
 
 
 class LiveRecord(LedRecord):
-    """A record whose rows also go to the ring; `after` is called once a period, after them."""
+    """A record whose rows also go to the ring."""
 
     def __init__(self, columns: Sequence[str], capacity: int, ring: RingWriter) -> None:
         super().__init__(columns, capacity)
@@ -120,10 +122,8 @@ class LiveRecord(LedRecord):
         self.of_run: Callable[[], tuple[float, ...]] = lambda: (math.nan,) * len(RUN_COLUMNS)
 
     def push(self, row: Sequence[float]) -> None:
-        Record.push(self, row)
+        super().push(row)
         self._show(row, self.of_run())
-        if self.after is not None:
-            self.after()
 
 
 @dataclass(eq=False)
@@ -133,18 +133,15 @@ class _Reader:
     socket: socket.socket
     received: bytes = b""
 
-    def send(self, message: Message, *, fd: int | None = None) -> bool:
-        """Send a line; False when the reader does not take it."""
+    def send(self, message: Message, *, fd: int | None = None) -> None:
+        """Send a line; a reader that does not take it is left, when the thread that receives sees its end."""
         line = json.dumps(message).encode() + b"\n"
         try:
-            if fd is None:
-                self.socket.sendall(line)
-            else:
-                sent = socket.send_fds(self.socket, [line], [fd])
-                self.socket.sendall(line[sent:])
+            sent = 0 if fd is None else socket.send_fds(self.socket, [line], [fd])
+            self.socket.sendall(line[sent:])
         except OSError:
-            return False
-        return True
+            with contextlib.suppress(OSError):
+                self.socket.shutdown(socket.SHUT_RDWR)
 
 
 class Live:
@@ -153,12 +150,7 @@ class Live:
     Give it to `run` as `live`, and use it as a context manager around it.
     """
 
-    def __init__(
-        self,
-        describe: Callable[[Plan], Message],
-        *,
-        required: bool = False,
-    ) -> None:
+    def __init__(self, describe: Callable[[Plan, Plan], Message], *, required: bool = False) -> None:
         if not hasattr(socket, "send_fds"):
             raise UsageError("the live view needs Linux or macOS")
         self._describe, self._required = describe, required
@@ -185,11 +177,11 @@ class Live:
         self._readers: list[_Reader] = []
         self._lock = threading.Lock()
         """Held while readers are added, removed or written to."""
-        self._hello: dict[str, Any] | None = None
+        self._hello: dict[str, Any] = {}
+        """What a reader is told first; empty while no run goes on."""
         self._record: LiveRecord | None = None
         self._leading: Leading | None = None
-        self._rests = False
-        """Whether the loop is in real time, and the thread that judges rests after each task."""
+        self._plan: Plan | None = None
         self._ending: EndSignals | None = None
         self._shown, self._pacing = threading.Event(), threading.Event()
         self._page_seen = math.inf
@@ -201,10 +193,7 @@ class Live:
         self._listener.bind(str(self.path))
         self._listener.listen(8)
         self._wake, self._woken = socket.socketpair()
-        self._threads = [
-            threading.Thread(target=work, name=f"live view: {work.__name__}", daemon=True)
-            for work in (self._receive, self._judge)
-        ]
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._receive, self._judge)]
         for thread in self._threads:
             thread.start()
         return self
@@ -231,7 +220,7 @@ class Live:
         if not self.goes_on or ending is None or record is None:
             return None
         with self._lock:  # a reader that connects now waits for the description of the next run
-            self._hello, self._leading, self._record, self._ending = None, None, None, None
+            self._hello, self._leading, self._record, self._ending = {}, None, None, None
         record.ring.close()
         speed, self.time = self.time.speed, SimulatedTime()
         self.time.set(speed=speed)
@@ -259,18 +248,16 @@ class Live:
             raise UsageError("this view has no record; call `record` first")
         self.time.period_ns = plan.period_ns
         self._ending, self.time.leaving = ending, lambda: ending.signal is not None
-        self._leading = leading
-        self._rests = not plan.simulated
-        if self._rests:
+        self._leading, self._plan = leading, plan
+        if not plan.simulated:
             self._be_as_urgent()
-        record.of_run, record.after = self._of_run(cycle, report), self._after(plan, cycle, report)
+        record.of_run = self._of_run(plan, cycle, report)
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
         words = {"states": [*STATES.values()], "flags": [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]}
         told = {"columns": columns, **words, "run": self._run, "required": self._required, "first": self.of_file}
-        told |= {"command": shlex.join(self.command)}
-        told |= {"scenes": [*self.scenes] if self._leading else [], **self._describe(plan)}
+        told |= {"command": shlex.join(self.command), "scenes": [*self.scenes] if self._leading else []}
         with self._lock:
-            self._hello = {**told, **self._pace()}
+            self._hello = {**told, **self._describe(plan, plan), **self._pace()}
             for reader in self._readers:
                 reader.send({"hello": self._hello}, fd=record.ring.fd)
         if self._required:
@@ -297,16 +284,24 @@ class Live:
             self._ended = True
             self._tell({"ended": told})
 
-    def _of_run(self, cycle: Cycle, report: LoopReport) -> Callable[[], tuple[float, ...]]:
-        """Return the function that gives the values of `RUN_COLUMNS`; lateness and computing time are one old."""
+    def _of_run(self, plan: Plan, cycle: Cycle, report: LoopReport) -> Callable[[], tuple[float, ...]]:
+        """Return the function that gives the values of `RUN_COLUMNS`, and tells a trip at once.
+
+        Lateness and computing time are one period old.
+        """
         # Written for speed: this and the row are what the loop pays for a view.
         tallies = [ledger.tally for ledger in cycle.ledgers]
         first, *others = [axis.state for axis in cycle.axes.values()]
         alone = tallies[0] if len(tallies) == 1 else None
         begun = () if self.changes is None else self.changes.applied
+        told: list[Trip] = []
         number_of = {id(state): place for place, state in enumerate(STATES)}  # an Enum is slow to look up
 
         def values() -> tuple[float, ...]:
+            trip = cycle.trip
+            if trip is not None and not told:
+                told.append(trip)
+                self._tasks.put(lambda: self._tell({"trip": str(trip_error(trip, plan, report.enabled_at_ns))}))
             began_ns, (_, _, compute_ns, late_ns) = report.enabled_at_ns, report.samples.last
             return (
                 math.nan if began_ns is None else (cycle.t_ns - began_ns) * 1e-9,
@@ -322,31 +317,18 @@ class Live:
 
         return values
 
-    def _after(self, plan: Plan, cycle: Cycle, report: LoopReport) -> Callable[[], None]:
-        """Return what is done once a period: the hand of a simulation pulls, and a trip is told."""
-        axes, leading, period = cycle.axes, self._leading, plan.period
-
-        def after() -> None:
-            if cycle.trip is not None and cycle.trip is not told[0]:
-                told[0] = trip = cycle.trip
-                self._tasks.put(lambda: self._tell({"trip": str(trip_error(trip, plan, report.enabled_at_ns))}))
-            if leading is not None:
-                leading.act(axes, period)
-
-        told: list[Any] = [None]
-        return after
-
     def _pace(self) -> dict[str, Any]:
         return {"speed": self.time.speed, "paused": self.time.paused}
 
-    def _tell(self, message: Message, only: _Reader | None = None) -> None:
-        """Send a message to all readers or to one; a reader that does not take it is left."""
+    def _tell(self, message: Message, only: _Reader | None = None, *, known: Message | None = None) -> None:
+        """Send a message to all readers or to one.
+
+        What is `known` from it is told to later readers too.
+        """
         with self._lock:
-            for reader in [*self._readers] if only is None else [only]:
-                if not reader.send(message) and reader in self._readers:
-                    self._readers.remove(reader)
-                    with contextlib.suppress(OSError):
-                        reader.socket.shutdown(socket.SHUT_RDWR)
+            self._hello |= known or {}
+            for reader in self._readers if only is None else [only]:
+                reader.send(message)
 
     # The thread that judges changes.
 
@@ -354,7 +336,7 @@ class Live:
         while (task := self._tasks.get()) is not None:
             began = monotonic()
             task()
-            if self._rests:
+            if self._plan is not None and not self._plan.simulated:  # the loop is in real time
                 sleep(min(LONGEST_REST, REST * (monotonic() - began)))
 
     def _change(self, reader: _Reader, settings: Any) -> None:
@@ -365,17 +347,15 @@ class Live:
         except (HapticFieldbusError, *NO_COMMAND) as error:
             self._tell({"refused": _IN_FILE.sub("", " ".join(str(error).splitlines()))}, reader)
             return
-        told = self._describe(change.plan)
-        with self._lock:
-            self._hello = {**(self._hello or {}), **told}
+        told = self._describe(change.plan, self._plan or change.plan)
         # Counted in this order, so that a change which begins meanwhile is not counted twice.
         begun = len(self.changes.applied) + len(self.changes.waiting)
         above = [*above_limit(change.plan)]
-        self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above})
+        self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above}, known=told)
 
     def _tell_pace(self) -> None:
         self._pacing.clear()
-        self._tell({"pace": self._pace()})
+        self._tell({"pace": self._pace()}, known=self._pace())
 
     def _begin_scene(self, reader: _Reader, name: str) -> None:
         try:
@@ -383,9 +363,8 @@ class Live:
         except HapticFieldbusError as error:
             self._tell({"refused": f"{name} cannot be run here: {' '.join(str(error).splitlines())}"}, reader)
             return
-        if self._ending is not None and self._ending.signal is None:
-            self.next_scene, self._ending.signal = name, NEXT_SCENE
-            self.time.changed.set()
+        self.next_scene = name
+        self._end_by(NEXT_SCENE)
 
     # The thread that receives commands.
 
@@ -412,13 +391,12 @@ class Live:
         selector.register(connected, selectors.EVENT_READ, reader)
         with self._lock:
             self._readers.append(reader)
-            if self._hello is not None and self._record is not None:
+            if self._hello and self._record is not None:
                 reader.send({"hello": self._hello}, fd=self._record.ring.fd)
 
     def _leave(self, reader: _Reader) -> None:
         with self._lock:
-            if reader in self._readers:
-                self._readers.remove(reader)
+            self._readers.remove(reader)
             reader.socket.close()
         if self._leading is not None:
             self._leading.let_go()
@@ -449,9 +427,8 @@ class Live:
 
     def _obey(self, reader: _Reader, name: str, value: Any) -> None:
         """Carry out one command; raises one of NO_COMMAND for a wrong value."""
-        if name == "stop" and self._ending is not None:
-            self._ending.signal = self._ending.signal or signal.SIGINT
-            self.time.changed.set()
+        if name == "stop":
+            self._end_by(signal.SIGINT)
         elif name == "pages" and int(value) > 0:
             self._shown.set()
             if self._page_seen < math.inf:
@@ -468,33 +445,38 @@ class Live:
     def _simulate(self, reader: _Reader, leading: Leading, name: str, value: Any) -> None:
         """Carry out a command that exists in a simulation alone."""
         if name == "scene":
-            if value not in self.scenes:
-                raise ValueError
+            _expect(value in self.scenes)
             self._tasks.put(lambda: self._begin_scene(reader, value))
         elif name == "pull":
             axis, target = value
-            if axis not in leading.handles or not (target is None or math.isfinite(target)):
-                raise ValueError
+            _expect(axis in leading.handles and (target is None or math.isfinite(target)))
             leading.pull(axis, target)
         elif name == "hand":
-            if value not in HANDS:
-                raise ValueError
+            _expect(value in HANDS)
             leading.take(value)
-        elif name in ("speed", "paused", "step"):
-            numbers: dict[str, Any] = {"speed": float, "paused": bool, "step": int}
-            number = numbers[name](value)
-            if not math.isfinite(number):
-                raise ValueError
-            self.time.set(**{"steps" if name == "step" else name: number})
-            with self._lock:
-                self._hello = {**(self._hello or {}), **self._pace()}
+        elif name in PACE:
+            word, kind = PACE[name]
+            number = kind(value)
+            _expect(math.isfinite(number))
+            self.time.set(**{word: number})
             if not self._pacing.is_set():  # however many commands come, one message waits
                 self._pacing.set()
                 self._tasks.put(self._tell_pace)
+
+    def _end_by(self, number: int) -> None:
+        """End the run as by a signal, if none has come."""
+        if self._ending is not None:
+            self._ending.signal = self._ending.signal or number
+            self.time.changed.set()
 
     def _check_page(self) -> None:
         """End a run that requires a page and has lost it."""
         if monotonic() - self._page_seen > PAGE_LOST and self._ending is not None and not self.lost:
             self.lost = True
-            self._ending.signal = self._ending.signal or getattr(signal, "SIGHUP", signal.SIGINT)
-            self.time.changed.set()
+            self._end_by(getattr(signal, "SIGHUP", signal.SIGINT))
+
+
+def _expect(holds: bool) -> None:
+    """Raise ValueError where a value is not what a command expects."""
+    if not holds:
+        raise ValueError

@@ -10,6 +10,7 @@ slots, then reads the header again, and drops each row that the writer may have 
 numbers differ. So it never returns a torn row.
 """
 
+import contextlib
 import json
 import mmap
 import os
@@ -132,15 +133,9 @@ class LiveReader:
     def messages(self) -> Iterator[tuple[dict[str, Any], int | None]]:
         """Yield each message of the run, with the descriptor of the ring that came with it; ends with the run."""
         fds: list[int] = []
-        while True:
-            try:
-                octets, found, _, _ = socket.recv_fds(self.socket, LONGEST_LINE, 4)
-            except OSError:
-                return
-            if not octets:
-                return
-            fds += found
-            *lines, self._received = (self._received + octets).split(b"\n")
-            for line in lines:
-                message = json.loads(line)
-                yield message, fds.pop(0) if "hello" in message and fds else None
+        with contextlib.suppress(OSError):
+            while (received := socket.recv_fds(self.socket, LONGEST_LINE, 4))[0]:
+                fds += received[1]
+                *lines, self._received = (self._received + received[0]).split(b"\n")
+                for message in map(json.loads, lines):
+                    yield message, fds.pop(0) if "hello" in message and fds else None

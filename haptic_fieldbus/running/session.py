@@ -186,19 +186,18 @@ class Session:
         return self._told_with(replace(result, recording_fault=fault, stopped=stopped, warnings=warnings))
 
     def _record(self, room: int) -> Record:
-        """Return the record, which shows its rows or lets the hand act after them."""
-        if self.live is not None:
-            return self.live.record(self.plan, columns(self.plan), room)
-        if self.led is None:
-            return Record(columns(self.plan), room)
+        """Return the record, which shows its rows, and lets the hand act after each."""
+        of_axes = columns(self.plan)
+        if self.live is None and self.led is None:
+            return Record(of_axes, room)
         from haptic_fieldbus.running.leading import LedRecord
 
-        record = LedRecord(columns(self.plan), room)
+        record = LedRecord(of_axes, room) if self.live is None else self.live.record(self.plan, of_axes, room)
         record.after = self._act
         return record
 
     def _act(self) -> None:
-        """Let the hand of a recorded run act."""
+        """Let the hand of a page, or of a recorded run, act."""
         if self._leading is not None and self.cycle is not None:
             self._leading.act(self.cycle.axes, self.plan.period)
 

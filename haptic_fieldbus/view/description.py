@@ -1,12 +1,18 @@
 """The description of a run for a page: axes, parameters with their limits, the law that is felt, and units."""
 
+import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
+from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.margins.group import Group
+from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.explain import limit_text
+from haptic_fieldbus.planning.live_changes import missing
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.recordings.tables import UNITS
 from haptic_fieldbus.report.texts import bench_text, scene_text
@@ -27,12 +33,14 @@ FROM_ZERO = {
     "N·m·s/rad": 0.01, "kg": 1.0, "kg·m²": 1e-4, "Hz": 20.0,
 }  # fmt: skip
 """Upper end of the scale of a parameter that is 0, by its unit."""
+MOST_STEPS = 200
+"""Largest number of steps of a slider, but for one at each end; there are at least 80, unless whole numbers are fewer."""
 BEYOND_LIMIT, BEYOND_VALUE = 1.25, 4.0
 """Upper end of a scale, as a multiple of the limit, or of the value where there is none."""
 
 
-def describe(plan: Plan) -> Json:
-    """Return what a page needs to know of a plan, as JSON."""
+def describe(plan: Plan, running: Plan) -> Json:
+    """Return what a page needs to know of a plan, as JSON; `running` is that with which the run began."""
     limits = limits_of_parameters(plan)
     return {
         "scene": plan.scene.name,
@@ -42,14 +50,17 @@ def describe(plan: Plan) -> Json:
         "rate": plan.rate,
         "bus_load": max(bus.traffic.load for bus in plan.buses),
         "energy_limit": _finite(min(axis.limits.energy for axis in plan.axes)),
-        "limits": [*_limit_lines(plan)],
+        "limits": [
+            limit_text(axis.stability) for axis in plan.axes
+            if axis.group is None or axis.group.reference_axis == axis.name
+        ],
         "axes": [_axis(plan, axis) for axis in plan.axes],
-        "parameters": [_parameter(plan, *named, limits.get(named[0])) for named in values_of(plan.scene).items()],
-        "units": {
-            **OF_RUN,
-            **{f"{axis.name}.{name}": unit for axis in plan.axes for name, unit in _units(axis).items()},
+        "parameters": [_parameter(plan, running, *named, limits.get(named[0])) for named in values_of(plan.scene).items()],
+        "units": OF_RUN | {
+            f"{axis.name}.{name}": unit for axis in plan.axes
+            for name, unit in (OF_AXIS | UNITS["rotary" if axis.workspace is Workspace.ROTARY else "linear"]).items()
         },
-    }
+    }  # fmt: skip
 
 
 def limits_of_parameters(plan: Plan) -> dict[str, float]:
@@ -62,13 +73,6 @@ def limits_of_parameters(plan: Plan) -> dict[str, float]:
         if axis.group is not None and axis.stability is not None:
             found |= _limits(axis.group, axis.stability.limit.value)
     return found
-
-
-def _limit_lines(plan: Plan) -> Iterator[str]:
-    """Yield the line of `run` on the limit, of each group of axes."""
-    for axis in plan.axes:
-        if axis.group is None or axis.group.reference_axis == axis.name:
-            yield limit_text(axis.stability)
 
 
 def _limits(group: Group, limit: float) -> dict[str, float]:
@@ -141,40 +145,46 @@ def _surfaces(element: AnyElement) -> Iterator[Json]:
 
 def values_of(scene: Scene) -> dict[str, float]:
     """Return the values of all parameters of a scene that are finite numbers, by `element.parameter`."""
-    all_values = {
-        f"{element.name}.{name}": getattr(element, name)
-        for element in scene.elements for name in parameters(type(element))
-    }  # fmt: skip
-    return {
-        name: value for name, value in all_values.items()
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    }  # fmt: skip
+    found = {f"{each.name}.{name}": getattr(each, name) for each in scene.elements for name in parameters(type(each))}
+    return {name: value for name, value in found.items() if type(value) in (int, float) and math.isfinite(value)}
 
 
-def _parameter(plan: Plan, name: str, value: float, limit: float | None) -> Json:
-    """Return value, unit and scale of a parameter."""
+def _parameter(plan: Plan, running: Plan, name: str, value: float, limit: float | None) -> Json:
+    """Return value, unit and scale of a parameter, and why the run cannot change it, empty where it can."""
     element = next(each for each in plan.scene.elements if each.name == name.partition(".")[0])
-    parameter, workspace = name.partition(".")[2], plan.axis(axes_of(element)[0]).workspace
+    parameter, axis = name.partition(".")[2], plan.axis(axes_of(element)[0])
     quantity = quantities(type(element)).get(parameter)
-    unit = quantity.unit(workspace) if quantity else ""
-    low, high = _scale(plan, element, parameter, float(value), limit, FROM_ZERO.get(unit, 1.0))
-    told = {"name": name, "value": value, "limit": limit, "unit": unit}
-    return {**told, "low": low, "high": high, "whole": isinstance(value, int)}
+    unit = quantity.unit(axis.workspace) if quantity else ""
+    is_place, high = (
+        parameter in place_names(type(element)),
+        BEYOND_LIMIT * limit if limit else BEYOND_VALUE * abs(value),
+    )
+    low, high = _travel(axis) if is_place else (min(0.0, BEYOND_VALUE * value), high or FROM_ZERO.get(unit, 1.0))
+    low, high, step = round_scale(min(low, value), max(high, value), isinstance(value, int))
+    fixed = _fixed(
+        running, element, parameter, {type(value)(each) for each in (low, 0.5 * (low + high), high)} - {value}
+    )
+    told = {"name": name, "value": value, "limit": limit, "unit": unit, "fixed": fixed}
+    return {**told, "low": low, "high": high, "step": step}
 
 
-def _scale(
-    plan: Plan, element: AnyElement, name: str, value: float, limit: float | None, usual: float
-) -> tuple[float, float]:
-    """Return the ends of the scale of a parameter."""
-    if name in place_names(type(element)):
-        low, high = _travel(plan.axis(axes_of(element)[0]))
-        return min(low, value), max(high, value)
-    high = BEYOND_LIMIT * limit if limit else BEYOND_VALUE * abs(value)
-    return min(0.0, BEYOND_VALUE * value), max(high, value) or usual
+def round_scale(low: float, high: float, whole: bool) -> tuple[float, float, float]:
+    """Return the ends of a scale and the step of its slider, 1, 2 or 5 · 10ⁿ; the ends are whole multiples of it."""
+    least = max((high - low) / MOST_STEPS, 1.0 if whole else 0.0)
+    power = 10.0 ** math.floor(math.log10(least))
+    step = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= least * (1.0 - ROUNDING))
+    low, high = math.floor(low / step + ROUNDING) * step, math.ceil(high / step - ROUNDING) * step
+    return float(exactly(low)), float(exactly(high)), float(exactly(step))
 
 
-def _units(axis: AxisPlan) -> dict[str, str]:
-    return OF_AXIS | UNITS["rotary" if axis.workspace is Workspace.ROTARY else "linear"]
+def _fixed(running: Plan, element: AnyElement, parameter: str, others: Iterable[float]) -> str:
+    """Return what the loop lacks for each other value of a parameter; empty when it lacks nothing for one of them."""
+    found = []
+    for value in others:
+        with contextlib.suppress(HapticFieldbusError):
+            other = replace(element, **{parameter: value})
+            found.append([each for name in axes_of(other) for each in missing(running.axis(name), other)])
+    return found[0][0] if found and all(found) else ""
 
 
 def _finite(value: float) -> float | None:
@@ -187,8 +197,7 @@ def base_command(arguments: list[str]) -> list[str]:
     That of `demo` is that of the same run.
     """
     if arguments[:1] == ["demo"]:
-        scene = arguments[arguments.index("--scene") + 1] if "--scene" in arguments else "wall"
-        return ["run", scene, "--hand", "none"]
+        return ["run", "wall", "--hand", "none"]
     kept: list[str] = []
     words = iter(arguments)
     for word in words:

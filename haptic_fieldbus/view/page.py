@@ -8,15 +8,16 @@ import asyncio
 import json
 from html import escape
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from nicegui import app, ui
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
 
+if TYPE_CHECKING:
+    from haptic_fieldbus.view.server import Hub
+
 ASSETS = Path(__file__).parent / "assets"
-STEPS = 400
-"""Steps of a slider over its scale."""
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
 SPANS = {"2 s": 2, "5 s": 5, "10 s": 10}
 STARTING = 60.0
@@ -27,16 +28,7 @@ FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
 
-class Source(Protocol):
-    """Description of the run from which a page is made, once it is known."""
-
-    hello: dict[str, Any]
-    first: dict[str, float]
-    controls: dict[str, "Controls"]
-    known: asyncio.Event
-
-
-def build(hub: Source) -> None:
+def build(hub: "Hub") -> None:
     """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 
@@ -58,7 +50,7 @@ class Controls:
 
     def __init__(self, hello: dict[str, Any], first: dict[str, float]) -> None:
         """Draw them in the present context of NiceGUI."""
-        self._sliders: dict[str, tuple[ui.slider, ui.number, ui.html]] = {}
+        self._sliders: dict[str, tuple[ui.slider, ui.input, ui.html]] = {}
         self._first = first
         self._steered: list[Any] = []
         ui.query(".nicegui-content").classes("page")
@@ -102,8 +94,9 @@ class Controls:
                     _button("pause", "Hold the charts; the run goes on (key H)", "haptic.hold()", "hold")
                     _button(None, "Save the window as CSV", "haptic.saveCsv()", text="CSV")
                     _button(None, "Save the window as PNG", "haptic.savePng()", text="PNG")
-                    columns = {NO_TRIGGER: None, **{name: name for name in hello["columns"]}}
-                    _choice(columns, NO_TRIGGER, "Column that holds the charts", "haptic.arm({column: value})")
+                    columns = {name: name for name in hello["columns"]}
+                    triggers = {NO_TRIGGER: None, **columns}
+                    _choice(triggers, NO_TRIGGER, "Column that holds the charts", "haptic.arm({column: value})")
                     level = ui.number(placeholder="level").props('dense borderless step=any aria-label="Level"')
                     level.on("update:model-value", js_handler=_JS_LEVEL)
                     ui.html('<span id="cursor"></span>', sanitize=False)
@@ -111,7 +104,9 @@ class Controls:
                 for name, title in CHARTS:
                     with ui.element("div").classes("chart"):
                         _canvas("chart", name, title)
-                        _columns(name, hello["columns"])
+                        label, script = f"Columns of the chart {name}", f"haptic.columns({json.dumps(name)}, value)"
+                        choice = _choice(columns, None, label, script, many=True)
+                        choice.props('display-value="columns"').classes("columns")
 
     def _facts(self, hello: dict[str, Any]) -> None:
         rows = "".join(f"<dt>{name}</dt><dd id='fact-{name.replace(' ', '-')}'>–</dd>" for name in FACTS)
@@ -132,13 +127,12 @@ class Controls:
     def _parameter(self, told: dict[str, Any]) -> None:
         """Draw name, number, slider and scale of one parameter."""
         name = told["name"]
-        step = 1 if told["whole"] else (told["high"] - told["low"]) / STEPS
-        with ui.element("div").classes("parameter"):
+        with ui.element("div").classes("parameter") as row:
             ui.html(f"<label>{escape(name).replace('.', '.<wbr>').replace('_', '_<wbr>')}</label>", sanitize=False)
-            number = ui.number(value=told["value"], suffix=told["unit"], format="%.6g").props(
-                f'dense borderless step=any input-aria-label="{name}" aria-label="{name}"'
+            number = ui.input(value=rounded_limit(told["value"])).props(
+                f'dense borderless type=number step=any suffix="{told["unit"]}" aria-label="{name}"'
             )
-            slider = ui.slider(min=told["low"], max=told["high"], step=step, value=told["value"])
+            slider = ui.slider(min=told["low"], max=told["high"], step=told["step"], value=told["value"])
             slider.props(f'dense aria-label="{name}" data-name="{name}"')
             scale = ui.html(_scale(told), sanitize=False).classes("scale")
         asked = json.dumps(name)
@@ -146,7 +140,12 @@ class Controls:
         slider.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         number.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
         self._sliders[name] = slider, number, scale
-        self._steered += [slider, number]
+        if told["fixed"]:
+            row.props(f'title="{told["fixed"]}: begin a new run for this parameter"')
+            slider.disable()
+            number.disable()
+        else:
+            self._steered += [slider, number]
 
     def _simulation(self, hello: dict[str, Any]) -> None:
         with ui.element("div").classes("card simulation"):
@@ -176,9 +175,10 @@ class Controls:
             self._limits.set_content(_limits(hello))
             for told in hello["parameters"]:
                 slider, number, scale = self._sliders[told["name"]]
-                for each in (slider, number):
-                    each.set_value(told["value"])
-                    each.update()  # also where the page has moved it meanwhile
+                slider.set_value(told["value"])
+                number.set_value(rounded_limit(told["value"]))
+                slider.update()  # also where the page has moved it meanwhile
+                number.update()
                 scale.set_content(_scale(told))
 
     def enable(self, steers: bool) -> None:
@@ -190,10 +190,12 @@ class Controls:
 _JS_LEVEL = "(value) => haptic.arm({level: value === '' || value === null ? NaN : Number(value)})"
 
 
-def _choice(options: dict[str, Any], value: str | None, label: str, script: str) -> ui.select:
-    """Return a list that runs a script with the `value` of the option that is chosen."""
-    choice = ui.select([*options], value=value).props(f'dense options-dense borderless aria-label="{label}"')
-    handler = f"(option) => {{ const value = {json.dumps(options)}[option.label]; {script}; }}"
+def _choice(options: dict[str, Any], value: str | None, label: str, script: str, *, many: bool = False) -> ui.select:
+    """Return a list that runs a script with the `value` of the option that is chosen, or with those of many."""
+    choice = ui.select([*options], value=value, multiple=many)
+    choice.props(f'dense options-dense borderless aria-label="{label}"')
+    chosen = "option.map((each) => options[each.label])" if many else "options[option.label]"
+    handler = f"(option) => {{ const options = {json.dumps(options)}, value = {chosen}; {script}; }}"
     return choice.on("update:model-value", js_handler=handler)
 
 
@@ -208,14 +210,6 @@ def _button(icon: str | None, label: str, script: str, name: str = "", *, text: 
 def _canvas(kind: str, name: str, label: str) -> None:
     attributes = f'data-kind="{kind}" data-name="{escape(name, quote=True)}" aria-label="{escape(label, quote=True)}"'
     ui.html(f"<canvas {attributes} role='img' tabindex='0'></canvas>", sanitize=False).classes(f"picture {kind}")
-
-
-def _columns(chart: str, columns: list[str]) -> None:
-    """Draw the choice of the columns of a chart."""
-    choice = ui.select(columns, multiple=True).props('dense options-dense borderless display-value="columns"')
-    choice.props(f'aria-label="Columns of the chart {chart}"').classes("columns")
-    script = f"(options) => haptic.columns({json.dumps(chart)}, options.map((each) => each.label))"
-    choice.on("update:model-value", js_handler=script)
 
 
 def _limits(hello: dict[str, Any]) -> str:

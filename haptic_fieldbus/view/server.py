@@ -16,7 +16,6 @@ import json
 import os
 import secrets
 import socket
-import sys
 import threading
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
@@ -27,7 +26,7 @@ from typing import Any
 import numpy as np
 import uvicorn
 from fastapi import FastAPI
-from nicegui import ui
+from nicegui import app, ui
 from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
@@ -148,7 +147,7 @@ class Hub:
         self.controls: dict[str, Controls] = {}
         self.known = asyncio.Event()
         self.over = asyncio.Event()
-        self._ring: RingReader | None = None
+        self._ring: RingReader
         self._pages: list[Page] = []
         self._steers: Page | None = None
 
@@ -164,13 +163,11 @@ class Hub:
 
         threading.Thread(target=work, name="messages of the run", daemon=True).start()
 
-    async def vouch(self) -> None:
-        """Say again and again to a run that requires a page that one is shown."""
-        while True:
-            await asyncio.sleep(SIGN_OF_LIFE)
-            shown = sum(_now() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages)
-            if self.hello.get("required") and shown:
-                self._send({"pages": shown})
+    def vouch(self) -> None:
+        """Say to a run that requires a page that one is shown; called again and again."""
+        shown = sum(_now() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages)
+        if self.hello.get("required") and shown:
+            self._send({"pages": shown})
 
     def take(self, message: dict[str, Any], fd: int | None) -> None:
         """Take a message of the run and pass it on to the pages and their controls."""
@@ -182,10 +179,8 @@ class Hub:
             for page in self._pages:
                 page.next_row = -1
             self.known.set()
-        self.hello |= message.get("scene", {}) | message.get("pace", {})
-        for kind in ("ended", "trip"):
-            if kind in message:
-                self.hello[kind] = message[kind]
+        kept = {kind: message[kind] for kind in ("ended", "trip") if kind in message}
+        self.hello |= message.get("scene", {}) | message.get("pace", {}) | kept
         for controls in [*self.controls.values()]:
             controls.show(self.hello, message)
         self.tell(message)
@@ -247,9 +242,7 @@ class Hub:
     def _picture(self, page: Page) -> bytes | None:
         """Return the numbers of the first row and of the next one, and the rows; None when there is no new row."""
         ring = self._ring
-        if ring is None:
-            return None
-        oldest = ring.pushed - round(OLDEST * self.hello.get("rate", 1000.0))
+        oldest = ring.pushed - round(OLDEST * self.hello["rate"])
         first, rows = ring.since(max(page.next_row, oldest))
         if not len(rows):
             return None
@@ -296,64 +289,36 @@ def _now() -> float:
 def listening(host: str, port: int | None) -> socket.socket:
     """Return a socket that listens; without a port at the usual one, or at any where that is taken. Raises OSError."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    try:
-        return socket.create_server((host, USUAL_PORT if port is None else port), family=family, backlog=64)
-    except OSError:
-        if port is not None:
-            raise
-        return socket.create_server((host, 0), family=family, backlog=64)
+    if port is None:
+        with contextlib.suppress(OSError):
+            return socket.create_server((host, USUAL_PORT), family=family, backlog=64)
+    return socket.create_server((host, port or 0), family=family, backlog=64)
 
 
 def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: Callable[[str], None]) -> None:
     """Serve the run behind a socket until it ends; `ready` is called with the address of the page. Raises OSError."""
     token = token or secrets.token_urlsafe(24)
-    door = listening(host, port)
+    hub, door = Hub(path), listening(host, port)
     number = door.getsockname()[1]
     shown = f"[{host}]" if ":" in host else host
     hosts = {f"{name}:{number}" for name in ({*LOOPBACK} if host in LOOPBACK else {shown.lower(), *LOOPBACK})}
     application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    hub = Hub(path)
     application.add_api_websocket_route("/stream", hub.serve)
     build(hub)
     ui.run_with(application, title="haptic_fieldbus", dark=None, reconnect_timeout=300.0, show_welcome_message=False,
                 tailwind=False, message_history_length=100)  # fmt: skip
-    guarded = Entrance(application, hosts, token, f"haptic_fieldbus_{number}")
-    config = uvicorn.Config(
-        guarded, log_level="error", access_log=False, ws_ping_interval=None, ws_max_size=65_536, server_header=False,
-        timeout_graceful_shutdown=1, lifespan="on",
-    )  # fmt: skip
+    server = uvicorn.Server(uvicorn.Config(
+        Entrance(application, hosts, token, f"haptic_fieldbus_{number}"), log_level="error", access_log=False,
+        ws_ping_interval=None, ws_max_size=65_536, server_header=False, timeout_graceful_shutdown=1, lifespan="on",
+    ))  # fmt: skip
 
-    async def main() -> None:
-        server = uvicorn.Server(config)
+    async def follow() -> None:
+        ready(f"http://{shown}:{number}/?token={token}")  # who comes before the first answer waits at the socket
         hub.follow()
+        await hub.over.wait()
+        await asyncio.sleep(FAREWELL)
+        server.should_exit = True
 
-        async def end() -> None:
-            await hub.over.wait()
-            await asyncio.sleep(FAREWELL)
-            server.should_exit = True
-
-        ending, vouching = asyncio.create_task(end()), asyncio.create_task(hub.vouch())
-        serving = asyncio.create_task(server.serve(sockets=[door]))
-        while not server.started and not serving.done():
-            await asyncio.sleep(0.01)
-        if server.started:
-            ready(f"http://{shown}:{number}/?token={token}")
-        await serving
-        ending.cancel()
-        vouching.cancel()
-
-    asyncio.run(main())
-
-
-def main() -> None:
-    """Serve a run as a child of it: arguments are the socket, host and port; the address goes to standard output."""
-    path, host, port, token = sys.argv[1:5]
-    with contextlib.suppress(OSError):
-        os.nice(5)  # the loop comes first
-    serve(
-        Path(path),
-        host=host,
-        port=int(port) if port else None,
-        token=token or None,
-        ready=lambda address: print(address, flush=True),
-    )
+    app.on_startup(follow)
+    app.timer(SIGN_OF_LIFE, hub.vouch)
+    server.run(sockets=[door])

@@ -44,7 +44,7 @@ def test_a_command_line_is_told_without_its_settings_and_its_view() -> None:
 
 def test_the_scale_of_a_parameter_has_the_limit_of_the_plan_and_the_law_is_that_of_the_wall() -> None:
     plan = plan_of(scene_of(Wall("handle", 600.0, position=0.02)))
-    told = describe(plan)
+    told = describe(plan, plan)
     stiffness, position, _ = told["parameters"]
     assert plan.stability is not None
     assert stiffness["limit"] == plan.stability.limit.value == 875.0
@@ -60,5 +60,6 @@ def test_the_scale_of_a_parameter_has_the_limit_of_the_plan_and_the_law_is_that_
 
 
 def test_the_material_of_two_end_stops_is_drawn_on_the_outer_sides() -> None:
-    (axis,) = describe(plan("detents"))["axes"]
+    detents = plan("detents")
+    (axis,) = describe(detents, detents)["axes"]
     assert [(each["at"], each["side"]) for each in axis["surfaces"]] == [(-0.03, "negative"), (0.03, "positive")]

@@ -32,7 +32,7 @@ LONG = 600.0
 """Duration of a run that its reader ends [s]."""
 
 
-def described(plan: Plan) -> dict[str, Any]:
+def described(plan: Plan, running: Plan) -> dict[str, Any]:
     return {"scene": plan.scene.name, "stiffness": getattr(plan.scene.elements[0], "stiffness", None)}
 
 
