@@ -26,11 +26,11 @@ from selenium.webdriver.chrome.service import Service
 PROJECT = Path(__file__).parents[1]
 sys.path.insert(0, str(PROJECT))  # the package of this checkout, not an installed one
 
-from haptic_fieldbus.api import run
-from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.running.leading import SimulatedTime
-from haptic_fieldbus.running.live import Live
-from haptic_fieldbus.view.description import describe
+from haptic_fieldbus.api import run  # noqa: E402
+from haptic_fieldbus.clock import VirtualClock  # noqa: E402
+from haptic_fieldbus.running.leading import SimulatedTime  # noqa: E402
+from haptic_fieldbus.running.live import Live  # noqa: E402
+from haptic_fieldbus.view.description import describe  # noqa: E402
 
 FILE = Path(__file__).parent / "images" / "live_view.webp"
 SCREEN, SHOWN = (1280, 800), (960, 600)

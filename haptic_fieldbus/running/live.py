@@ -37,9 +37,9 @@ from queue import SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from haptic_fieldbus.assessing.loop_report import LoopReport, Record
+from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.trips import Trip, trip_error
+from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.planning.plan import Plan
@@ -84,7 +84,7 @@ EXPECTED = {
     "speed": "expected a finite number", "paused": "expected true or false", "step": "expected a number of periods",
 }  # fmt: skip
 """End of the sentence that refuses the value of a command."""
-PACE: Mapping[str, tuple[str, Callable[[Any], float]]] = {
+PACE: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "speed": ("speed", float), "paused": ("paused", bool), "step": ("steps", int),
 }  # fmt: skip
 """Arguments of `SimulatedTime.set` and their kinds, by the command."""
@@ -233,7 +233,7 @@ class Live:
 
     # What the run calls.
 
-    def record(self, plan: Plan, columns: Sequence[str], capacity: int) -> Record:
+    def record(self, plan: Plan, columns: Sequence[str], capacity: int) -> LiveRecord:
         """Return the record of the run, whose rows are shown too."""
         self.ready()
         width = len(columns) + len(RUN_COLUMNS) + len(plan.axes)
@@ -294,7 +294,7 @@ class Live:
         first, *others = [axis.state for axis in cycle.axes.values()]
         alone = tallies[0] if len(tallies) == 1 else None
         begun = () if self.changes is None else self.changes.applied
-        told: list[Trip] = []
+        told: list[Any] = []
         number_of = {id(state): place for place, state in enumerate(STATES)}  # an Enum is slow to look up
 
         def values() -> tuple[float, ...]:

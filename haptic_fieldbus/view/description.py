@@ -34,7 +34,7 @@ FROM_ZERO = {
 }  # fmt: skip
 """Upper end of the scale of a parameter that is 0, by its unit."""
 MOST_STEPS = 200
-"""Largest number of steps of a slider, but for one at each end; there are at least 80, unless whole numbers are fewer."""
+"""Largest number of steps of a slider, but for one at each end; at least 80, unless whole numbers are fewer."""
 BEYOND_LIMIT, BEYOND_VALUE = 1.25, 4.0
 """Upper end of a scale, as a multiple of the limit, or of the value where there is none."""
 
@@ -55,7 +55,7 @@ def describe(plan: Plan, running: Plan) -> Json:
             if axis.group is None or axis.group.reference_axis == axis.name
         ],
         "axes": [_axis(plan, axis) for axis in plan.axes],
-        "parameters": [_parameter(plan, running, *named, limits.get(named[0])) for named in values_of(plan.scene).items()],
+        "parameters": [_parameter(plan, running, *each, limits.get(each[0])) for each in values_of(plan.scene).items()],
         "units": OF_RUN | {
             f"{axis.name}.{name}": unit for axis in plan.axes
             for name, unit in (OF_AXIS | UNITS["rotary" if axis.workspace is Workspace.ROTARY else "linear"]).items()
@@ -155,15 +155,12 @@ def _parameter(plan: Plan, running: Plan, name: str, value: float, limit: float 
     parameter, axis = name.partition(".")[2], plan.axis(axes_of(element)[0])
     quantity = quantities(type(element)).get(parameter)
     unit = quantity.unit(axis.workspace) if quantity else ""
-    is_place, high = (
-        parameter in place_names(type(element)),
-        BEYOND_LIMIT * limit if limit else BEYOND_VALUE * abs(value),
-    )
-    low, high = _travel(axis) if is_place else (min(0.0, BEYOND_VALUE * value), high or FROM_ZERO.get(unit, 1.0))
+    high = BEYOND_LIMIT * limit if limit else BEYOND_VALUE * abs(value) or FROM_ZERO.get(unit, 1.0)
+    is_place = parameter in place_names(type(element))
+    low, high = _travel(axis) if is_place else (min(0.0, BEYOND_VALUE * value), high)
     low, high, step = round_scale(min(low, value), max(high, value), isinstance(value, int))
-    fixed = _fixed(
-        running, element, parameter, {type(value)(each) for each in (low, 0.5 * (low + high), high)} - {value}
-    )
+    others = {type(value)(each) for each in (low, 0.5 * (low + high), high)} - {value}
+    fixed = _fixed(running, element, parameter, others)
     told = {"name": name, "value": value, "limit": limit, "unit": unit, "fixed": fixed}
     return {**told, "low": low, "high": high, "step": step}
 
@@ -177,11 +174,11 @@ def round_scale(low: float, high: float, whole: bool) -> tuple[float, float, flo
     return float(exactly(low)), float(exactly(high)), float(exactly(step))
 
 
-def _fixed(running: Plan, element: AnyElement, parameter: str, others: Iterable[float]) -> str:
+def _fixed(running: Plan, element: Any, parameter: str, others: Iterable[float]) -> str:
     """Return what the loop lacks for each other value of a parameter; empty when it lacks nothing for one of them."""
     found = []
     for value in others:
-        with contextlib.suppress(HapticFieldbusError):
+        with contextlib.suppress(HapticFieldbusError, ValueError):
             other = replace(element, **{parameter: value})
             found.append([each for name in axes_of(other) for each in missing(running.axis(name), other)])
     return found[0][0] if found and all(found) else ""

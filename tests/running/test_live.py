@@ -451,12 +451,13 @@ def test_times_of_the_loop_are_told_in_microseconds() -> None:
     tally = SimpleNamespace(largest=0.25)
     cycle: Any = SimpleNamespace(
         ledgers=[SimpleNamespace(tally=tally)], axes={"handle": SimpleNamespace(state=state)}, t_ns=3_500_000_000,
-        enabled=True,
+        enabled=True, trip=None,
     )  # fmt: skip
+    running: Any = None
     samples = SimpleNamespace(last=(0, 0, 1_500, 2_500))
     report: Any = SimpleNamespace(enabled_at_ns=1_000_000_000, samples=samples, missed=7)
     with Live(described) as live:
-        told = dict(zip(RUN_COLUMNS, live._of_run(cycle, report)(), strict=False))
+        told = dict(zip(RUN_COLUMNS, live._of_run(running, cycle, report)(), strict=False))
     assert told["t"] == pytest.approx(2.5)
     assert (told["lateness_us"], told["compute_us"]) == pytest.approx((2.5, 1.5))
 
