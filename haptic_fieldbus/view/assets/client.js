@@ -311,9 +311,21 @@ window.haptic = (() => {
     pen.beginPath(); pen.roundRect(at - 9, top + 10, 18, base - top - 11, 5); pen.fill(); pen.stroke();
     line(pen, [[at, top + 3], [at, base]], colours.ink, 1.5);
     for (const each of axis.surfaces) surface(pen, x(each.at), top, base, each);
-    const reach = (0.45 * (right - left)) / axis.effort;
-    arrow(pen, at, top - 22, asked * reach, 0, colours.orange, false);
-    arrow(pen, at, top - 8, given * reach, 0, colours.green, true);
+    const reach = (0.35 * (right - left)) / felt(axis, asked, given);
+    for (const [effort, y, colour, filled] of [[asked, top - 22, colours.orange, false], [given, top - 8, colours.green, true]]) {
+      arrow(pen, at, y, effort * reach, 0, colour, filled);
+      if (!(Math.abs(effort * reach) >= 2)) continue;
+      const text = `${short(effort)} ${axis.effort_unit}`, way = Math.sign(effort), head = at + effort * reach + 6 * way;
+      const end = head + way * pen.measureText(text).width, fits = end > 6 && end < width - 6; // else it stands behind the arrow
+      words(pen, text, fits ? head : at - 8 * way, y + 4, colour, way > 0 === fits ? "left" : "right");
+    }
+  }
+
+  function felt(axis, ...now) { // the largest force of the time that is shown, of which arrows are parts
+    const all = held || rows, forces = now.map(Math.abs);
+    for (let at = all.length ? after(all, time(last()) - shown) : 0; at < all.length; at += 10)
+      forces.push(Math.abs(value(all[at], axis.name + ".force")), Math.abs(value(all[at], axis.name + ".command")));
+    return scale("felt " + axis.name, 0, Math.max(0.01 * axis.effort, ...forces.filter(Number.isFinite)), 0)[1];
   }
 
   function surface(pen, x, top, bottom, each) { // an edge with hatching on the side of its material
@@ -353,8 +365,9 @@ window.haptic = (() => {
     }
     pen.beginPath(); pen.arc(cx, cy, radius, 0, 2 * Math.PI); pen.fillStyle = colours.card; pen.strokeStyle = colours.ink; pen.lineWidth = 3; pen.fill(); pen.stroke();
     line(pen, [at(position, radius * 0.35), at(position, radius * 0.92)], colours.ink, 6);
+    const most = felt(axis, asked, given);
     for (const [effort, far, colour, wide] of [[asked, 0.62, colours.orange, 2], [given, 0.78, colours.green, 5]]) {
-      const turn = (1.2 * effort) / axis.effort;
+      const turn = (1.2 * effort) / most;
       if (Math.abs(turn) < 0.02) continue;
       pen.beginPath(); pen.arc(cx, cy, radius * far, position - Math.PI / 2, position + turn - Math.PI / 2, turn < 0);
       pen.strokeStyle = colour; pen.lineWidth = wide; pen.stroke();
