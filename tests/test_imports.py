@@ -162,8 +162,8 @@ FENCED = {
     ),
     "vcan": ("", "cli.vcan"),
     "view": (
-        "margins.group numerals planning.axis_plan planning.explain planning.plan recordings.tables report.texts"
-        " running.ring scenes.registry scenes.scene signals",
+        "margins.group numerals planning.axis_plan planning.explain planning.live_changes planning.plan"
+        " recordings.tables report.texts running.ring scenes.registry scenes.scene signals",
         "cli.view",
     ),
 }

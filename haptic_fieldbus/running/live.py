@@ -178,7 +178,7 @@ class Live:
         self._lock = threading.Lock()
         """Held while readers are added, removed or written to."""
         self._hello: dict[str, Any] = {}
-        """What a reader is told first; empty while no run goes on."""
+        """First message to a reader; empty while no run goes on."""
         self._record: LiveRecord | None = None
         self._leading: Leading | None = None
         self._plan: Plan | None = None

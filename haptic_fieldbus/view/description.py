@@ -8,7 +8,6 @@ from typing import Any
 
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.margins.group import Group
-from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.explain import limit_text
@@ -35,6 +34,8 @@ FROM_ZERO = {
 """Upper end of the scale of a parameter that is 0, by its unit."""
 MOST_STEPS = 200
 """Largest number of steps of a slider, but for one at each end; at least 80, unless whole numbers are fewer."""
+ROUNDING = 1e-9
+"""Relative tolerance of an end that is a whole multiple of the step but for rounding."""
 BEYOND_LIMIT, BEYOND_VALUE = 1.25, 4.0
 """Upper end of a scale, as a multiple of the limit, or of the value where there is none."""
 

@@ -8,14 +8,11 @@ import asyncio
 import json
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from nicegui import app, ui
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
-
-if TYPE_CHECKING:
-    from haptic_fieldbus.view.server import Hub
 
 ASSETS = Path(__file__).parent / "assets"
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
@@ -28,7 +25,16 @@ FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
 
-def build(hub: "Hub") -> None:
+class Source(Protocol):
+    """Description of the run from which a page is made, once it is known."""
+
+    hello: dict[str, Any]
+    first: dict[str, float]
+    controls: dict[str, "Controls"]
+    known: asyncio.Event
+
+
+def build(hub: Source) -> None:
     """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 

@@ -176,8 +176,6 @@ class Hub:
             os.close(fd)
             self.hello = message["hello"]
             self.first = {each["name"]: each["value"] for each in self.hello["parameters"]} | self.hello["first"]
-            for page in self._pages:
-                page.next_row = -1
             self.known.set()
         kept = {kind: message[kind] for kind in ("ended", "trip") if kind in message}
         self.hello |= message.get("scene", {}) | message.get("pace", {}) | kept

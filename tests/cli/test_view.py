@@ -6,9 +6,10 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.cli.view import check_view
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import PlanError, UsageError
+from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.view.description import base_command, describe
+from haptic_fieldbus.view.description import base_command, describe, round_scale
 from tests.builders import plan_of, scene_of
 from tests.cli.command import Command
 
@@ -63,3 +64,31 @@ def test_the_material_of_two_end_stops_is_drawn_on_the_outer_sides() -> None:
     detents = plan("detents")
     (axis,) = describe(detents, detents)["axes"]
     assert [(each["at"], each["side"]) for each in axis["surfaces"]] == [(-0.03, "negative"), (0.03, "positive")]
+
+
+@pytest.mark.parametrize("low", [0.0, -0.1, -3.14159, -7.3e4])
+@pytest.mark.parametrize("high", [1e-5, 0.048, 1.0, 602.34375, 937.5, 1e6])
+def test_a_slider_has_a_hundred_to_two_hundred_round_steps_and_holds_its_scale(low: float, high: float) -> None:
+    begin, end, step = round_scale(low, high, False)
+    assert f"{step:.0e}"[0] in "125"
+    assert float(f"{step:.0e}") == step
+    assert begin - 1e-9 <= low < high <= end * (1.0 + 1e-9)
+    assert 80 <= round((end - begin) / step) <= 202
+    for each in (begin, end):
+        assert each / step == pytest.approx(round(each / step), abs=1e-6)
+
+
+def test_a_parameter_that_the_run_can_never_change_says_why_and_others_say_nothing() -> None:
+    wall, detents = plan("wall"), plan("detents")
+    reasons = {each["name"]: each["fixed"] for each in describe(wall, wall)["parameters"]}
+    assert reasons.pop("wall.damping") == "wall needs velocity, which this run does not estimate"
+    assert {*reasons.values()} == {""}
+    with pytest.raises(PlanError, match="needs velocity, which this run does not estimate"):
+        plan_change(wall, wall, {"wall.damping": 1.0})
+    damped = plan("wall", settings={"wall.damping": 0.5})
+    for running in (damped, detents):
+        named = {each["name"]: each["fixed"] for each in describe(running, running)["parameters"]}
+        assert not named.get("wall.damping")
+    # The damping of a run that began with one is changed to 0 and back.
+    undamped = plan_change(damped, damped, {"wall.damping": 0.0}).plan
+    assert {each["fixed"] for each in describe(undamped, damped)["parameters"]} == {""}

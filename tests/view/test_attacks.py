@@ -140,7 +140,7 @@ def test_a_reader_that_floods_the_run_leaves_its_loop_as_punctual_as_without_it(
     found, clock = plan("wall"), MonotonicClock()
     row = tuple(float(number) for number in range(len(columns(found))))
     late: dict[bool, list[float]] = {False: [], True: []}
-    with Live(lambda _: {}) as live, threads_give_way():
+    with Live(lambda *_: {}) as live, threads_give_way():
         record = live.record(found, columns(found), BLOCKS * PERIODS)
         live.begin(found, Cycle(found), LoopReport(), None, EndSignals())
         words = [sys.executable, "-I", "-c", FLOOD, str(live.path)]
