@@ -3,7 +3,7 @@
 Each case is run in both trees and its recordings, results and errors are compared by their hashes: frames (.log) and
 rows (.csv) of library scenes on CANopen, Modbus TCP and RTU, on benches that are not rigid, with several axes and
 buses, with drawn faults; the seeded runs of the soak; and random frames into drives and into the master. Times of the
-computer are left out. `--seeds N` draws that many seeded runs.
+computer and paths are left out. `--seeds N` draws that many seeded runs.
 """
 
 import argparse
@@ -19,8 +19,8 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
 
-HOST_TIMES = ("compute_us", "elapsed_s")
-"""Keys of a result that hold times of the computer."""
+HOST_TIMES = ("compute_us", "elapsed_s", "date", "source")
+"""Keys of a result that hold times of the computer, and paths of the tree."""
 SIMULATED = {
     "elastic": "coupling = { stiffness = 20.0, load_inertia = 1.0e-5, damping = 1.0e-3 }",
     "play": "coupling = { stiffness = 20.0, load_inertia = 1.0e-5, damping = 1.0e-3, backlash = 0.01 }",

@@ -147,8 +147,8 @@ GUARDS = {
     ),
     "pulses to an encoder that no hand feels": _cycle(
         "standstill",
-        " or abs(state.target) < self._least:",
-        ":",
+        " and abs(self._state.target) >= self._least",
+        "",
         "test_below_the_force_whose_pulses_are_not_felt_the_rule_of_long_standstill_stays",
         of=STILL,
     ),
@@ -555,8 +555,8 @@ GUARDS = {
     ),
     "credit ends with its contact": _cycle(
         "energy_steps",
-        "energy, settles = 0.0, ledger.reason is not None or ledger.changing",
-        "settles = ledger.reason is not None or ledger.changing",
+        "self.energy, self.settles = 0.0, ledger.reason is not None or ledger.changing",
+        "self.settles = ledger.reason is not None or ledger.changing",
         "test_credit_does_not_outlive_a_contact",
         of="tests/cycle/test_energy.py",
     ),

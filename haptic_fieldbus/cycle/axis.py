@@ -30,7 +30,7 @@ from haptic_fieldbus.cycle.laws import (
     is_static,
     summed,
 )
-from haptic_fieldbus.cycle.plausibility import bind_echo, bind_other_masters, bind_sign_watch
+from haptic_fieldbus.cycle.plausibility import bind_asked_echo, bind_other_masters, sign_watch, torque_echo
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Permission, Trip, TripKind, TripOff, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.drive.power import PowerState
@@ -91,12 +91,14 @@ class AxisCycle:
         """Books energy [J] of torque that the echo shows beyond the set-points; the cycle sets it."""
         self.stalls = 0
         """Number of times that the force limit fell because counts stood still under torque."""
-        self._owner, self._axis, self._period = owner, axis, period
+        self._owner, self.axis, self.period = owner, axis, period
         self.watch = AxisWatch(axis, self.state, period, self._trip)
         signs = self._trip, owner.sign_seen, owner.sign_doubted
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
-        self._image, self._output = image, output
+        self.image, self.output = image, output
         self._standstill = self._bind_standstill()
+        self.still_ns = 1e9 * (axis.limits.stall if self._standstill is None else min(axis.limits.stall, STILL))
+        """Time without a change of the counts after which `_stand_still` is called [ns]."""
         self.state.feedback = (0,) * (STATUSWORD + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
         self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, period)
@@ -116,7 +118,7 @@ class AxisCycle:
         """Force at rest of the elements without memory, by position; during a change also the field before it."""
         self._changed_ns = 0
         """End of the last change [ns]."""
-        self._field = self._summed()
+        self.field = self._summed()
         steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
         self.place = LawPlace(
             self.permission,
@@ -124,29 +126,37 @@ class AxisCycle:
             self._at_rest,
             None if steps_alone else self._present,
         )
+        effort_unit = axis.effort_unit
+        self.limit, self.send = bind_limiter(axis.limits, period, self.permission, effort_unit), self._bind_send()
+        self.echo = torque_echo(axis, self.state, period, self._trip, self._forgive)
+        """Check of the echo of each period; None if the drive has none."""
+        self.sign_watch = sign_watch(axis, self.state, period, self.sign.doubt)
+        self.look = bind_other_masters(axis, self.state, period, self._trip)
+        self.after = self._check_power if math.isfinite(axis.limits.power) else None
+        """Steps before and after a force is rendered; None if they are not needed."""
         self.render = self._bind_render()
 
     def row(self) -> tuple[float, ...]:
         """Return the columns of this axis: decoded values without t_ns, `COMPUTED`, controlword and target torque."""
-        state, unit = self.state, self._axis.effort_unit
+        state, unit = self.state, self.axis.effort_unit
         computed = (state.position, self.sensed.velocity, state.force, state.gain, state.target * unit)
-        return (*self.state.feedback[1:], *computed, state.controlword, self._axis.rig.mechanism.sign * state.target)
+        return (*self.state.feedback[1:], *computed, state.controlword, self.axis.rig.mechanism.sign * state.target)
 
     def begin(self) -> None:
         """Set the zero and the position of the handle, in the first rendered period."""
         state, t_ns = self.state, self.state.feedback[T_NS]
         state.began_ns, state.moved_ns, state.begun = t_ns, t_ns, True
         self.sign.begin(t_ns)
-        if self._axis.integrates:
-            self._follow(self.state.feedback[T_NS], self.state.feedback[self._axis.place_of(Signal.VELOCITY)])
+        if self.axis.integrates:
+            self._follow(self.state.feedback[T_NS], self.state.feedback[self.axis.place_of(Signal.VELOCITY)])
             return
-        counts, zero = self.state.feedback[self._axis.place_of(Signal.POSITION)], self._axis.rig.mechanism.zero
+        counts, zero = self.state.feedback[self.axis.place_of(Signal.POSITION)], self.axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
-        self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
+        self.state.position = (counts - self.state.zero_counts) * self.axis.position_unit
 
     def check_start(self) -> None:
         """Trip if the first force is large: it would throw the handle as soon as it is permitted."""
-        largest = START_SHARE * self._axis.limits.effort
+        largest = START_SHARE * self.axis.limits.effort
         if abs(self.state.force) > largest:
             self._trip(TripKind.START_FORCE, self.state.force, largest)
 
@@ -154,15 +164,15 @@ class AxisCycle:
         """Encode target torque 0; after a trip also the controlword that disables the voltage."""
         self.state.target = 0
         if tripped:
-            self.state.controlword = self._axis.power.off
-        self._image.output.pack_into(self._output, self._image.outputs[0], self.state.controlword, 0)
+            self.state.controlword = self.axis.power.off
+        self.image.output.pack_into(self.output, self.image.outputs[0], self.state.controlword, 0)
 
     def field_of(self, element: Element) -> Field:
         """Return a fresh force field of `element`, which needs no signal beyond those of the plan.
 
         May be called from any thread.
         """
-        return field_of(element, self._period, self._axis.method, self.sensed)
+        return field_of(element, self.period, self.axis.method, self.sensed)
 
     def thrown_by(self, before: Sequence[Element], after: Sequence[Element]) -> Callable[[], bool]:
         """Return a function that returns whether these elements would throw the handle if they were exchanged now.
@@ -170,8 +180,8 @@ class AxisCycle:
         They would if the force at rest changed by more than a scene may ask for in its first period. The function must
         be called between two periods.
         """
-        old, new = at_rest(before, self._period), at_rest(after, self._period)
-        largest = START_SHARE * self._axis.limits.effort
+        old, new = at_rest(before, self.period), at_rest(after, self.period)
+        largest = START_SHARE * self.axis.limits.effort
 
         def throws() -> bool:
             position = self.state.position - self.permission.shift
@@ -186,9 +196,9 @@ class AxisCycle:
         """
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
-        self._field = self._summed()
-        self._resting = (*self._resting, at_rest(elements, self._period))
-        self._changed_ns = self.state.feedback[T_NS] + round(1e9 * self._period * (periods + 1))
+        self.field = self._summed()
+        self._resting = (*self._resting, at_rest(elements, self.period))
+        self._changed_ns = self.state.feedback[T_NS] + round(1e9 * self.period * (periods + 1))
 
     def _summed(self) -> Field:
         """Return the sum of all fields; fields with a memory are summed apart, and their force is noted."""
@@ -216,39 +226,38 @@ class AxisCycle:
         """Record the first trip of the run and withdraw the permission; later trips are ignored."""
         if self._owner.trip is None:
             t_ns, position = self.state.feedback[T_NS], self.state.position
-            self._owner.trip = Trip(kind, self._axis.name, t_ns, value, limit, detail, position)
+            self._owner.trip = Trip(kind, self.axis.name, t_ns, value, limit, detail, position)
             self._owner.enabled = False
 
     def _bind_observe(self) -> Observe:
         """Return `observe`: decode, check link flags and statusword for a change, convert counts to position."""
-        state, axis, owner, watch, permission = self.state, self._axis, self._owner, self.watch, self.permission
-        unpack, power = self._image.input.unpack_from, self._power
+        state, axis, owner, watch, permission = self.state, self.axis, self._owner, self.watch, self.permission
+        unpack, power = self.image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
-        place = self._axis.place_of(Signal.VELOCITY if axis.integrates else Signal.POSITION)
+        place = self.axis.place_of(Signal.VELOCITY if axis.integrates else Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts changes the difference of two positions by up to one count.
-        largest_way = axis.limits.speed * self._period + abs(unit)
-        jump, still_ns = axis.limits.jump(self._period, abs(unit)), self._still_ns
-        shortest, longest = in_time(self._period)
-        bits_before, fresh_ns = -1, 0
+        largest_way, still_ns = axis.limits.speed * self.period + abs(unit), self.still_ns
+        self.largest_way, self.jump = largest_way, axis.limits.jump(self.period, abs(unit))
+        self.in_time = shortest, longest = in_time(self.period)
+        jump = self.jump
 
         def observe(image: bytes | bytearray) -> None:
-            nonlocal bits_before, fresh_ns
             age_before_ns = state.feedback[AGE_NS]
             state.feedback = feedback = unpack(image)
-            elapsed_ns = feedback[T_NS] - fresh_ns
+            elapsed_ns = feedback[T_NS] - state.fresh_ns
             state.steps = steps = (
                 1
                 if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
                 else watch.link(feedback, elapsed_ns, owner.enabled, age_before_ns)
             )
             bits = feedback[STATUSWORD] & mask
-            if bits != bits_before:
-                bits_before = bits
+            if bits != state.power_bits:
+                state.power_bits = bits
                 power()
             if not steps:
                 return
-            fresh_ns = feedback[T_NS]
+            state.fresh_ns = fresh_ns = feedback[T_NS]
             zero = state.zero_counts
             if zero is not None:
                 counts = feedback[place] - zero
@@ -280,8 +289,8 @@ class AxisCycle:
         """Return `observe` for a drive that offers velocity only, from which the position is integrated."""
         from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
-        state, still_ns, place = self.state, self._still_ns, self._axis.place_of(Signal.VELOCITY)
-        follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
+        state, still_ns, place = self.state, self.still_ns, self.axis.place_of(Signal.VELOCITY)
+        follow = self._follow = bind_follow(self.axis, state, self.sensed, self.period, self._trip)
         # Without an encoder there is no zero. Everything else is as in `_bind_observe`.
         decode = self._bind_observe()
 
@@ -320,7 +329,7 @@ class AxisCycle:
             if self._step_estimator is not None:
                 self._step_estimator()
             if not self.permission.pauses:
-                last, force = force, self._field(state.position - self.permission.shift)
+                last, force = force, self.field(state.position - self.permission.shift)
                 work += 0.5 * (last + force) * way
         state.led_work, state.led_force = 0.0 if self.permission.pauses else work + force * way, force
 
@@ -330,7 +339,7 @@ class AxisCycle:
         Trips on a fault state, and when the drive leaves operation enabled.
         """
         state, statusword = self.state, self.state.feedback[STATUSWORD]
-        table = self._axis.power
+        table = self.axis.power
         before, state.power = state.power, table.state(statusword)
         state.controlword = table.answer(state.power)
         if state.power in FAULT_STATES:
@@ -343,67 +352,75 @@ class AxisCycle:
     def _bind_render(self) -> PeriodStep:
         """Return `render`: position → force → permitted force → target torque. Without new feedback the torque is held,
         then fades."""
-        state, axis, permission, trip = self.state, self._axis, self.permission, self._trip
-        effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
-        limit, hold = (
-            bind_limiter(axis.limits, self._period, permission, effort_unit),
-            bind_hold(axis.limits, self._period, permission),
-        )
-        pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0]
+        state, axis, permission, limit, send = self.state, self.axis, self.permission, self.limit, self.send
+        hold = bind_hold(axis.limits, self.period, permission)
 
         def render() -> None:
             if state.steps:
-                state.force = force = self._field(state.position - permission.shift)
+                state.force = force = self.field(state.position - permission.shift)
             if not state.holding:
                 state.gain = 1.0
                 permitted = limit(force)
             else:
                 permitted = hold(state.holding)
                 state.gain = permitted / permission.held if permission.held else 1.0
+            send(permitted)
+
+        watched = render if self.sign_watch is None else self.sign_watch.bind(render)
+        if self.echo is None:
+            proved = bind_asked_echo(axis, state, self.period, self._trip, self._forgive, watched)
+        else:
+            proved = self.echo.bind(watched)
+        return in_order([each for each in (self.look, proved, self.after) if each is not None])
+
+    def _bind_send(self) -> Callable[[float], None]:
+        """Return a function that encodes a permitted force; not-a-number is a trip."""
+        state, effort_unit, sign = self.state, self.axis.effort_unit, self.axis.rig.mechanism.sign
+        pack_into, output, offset = self.image.output.pack_into, self.output, self.image.outputs[0]
+
+        def send(permitted: float) -> None:
             if permitted != permitted:
-                trip(TripKind.NOT_FINITE, state.force)
+                self._trip(TripKind.NOT_FINITE, state.force)
                 return
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        watched = bind_sign_watch(axis, state, self._period, self.sign.doubt, render)
-        proved = bind_echo(axis, state, self._period, trip, self._forgive, watched)
-        proved = bind_other_masters(axis, state, self._period, trip, proved)
-        return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
+        return send
 
     def _forgive(self, energy: float) -> None:
         self.forgive(energy)  # looked up late: the cycle sets it after it has made the ledgers
 
     def _check_power(self) -> None:
-        state, limit = self.state, self._axis.limits.power
-        power = state.target * self._axis.effort_unit * state.way / self._period
+        state, limit = self.state, self.axis.limits.power
+        power = state.target * self.axis.effort_unit * state.way / self.period
         if power > limit:
             self._trip(TripKind.POWER, power, limit)
 
     def _bind_standstill(self) -> "Standstill | None":
         """Return the pulse test of an encoder whose counts stand still; None where it is impossible or not needed."""
-        probe = encoder_probe(self._axis, self._period)
+        probe = encoder_probe(self.axis, self.period)
         if probe is None:
             return None
         from haptic_fieldbus.cycle.standstill import Standstill
 
-        return Standstill(probe, self._axis.effort_unit, self.state, self.permission, self._trip)
+        return Standstill(probe, self.axis.effort_unit, self.state, self.permission, self._trip)
 
-    @property
-    def _still_ns(self) -> float:
-        """Time without a change of the counts after which `_stand_still` is called [ns]."""
-        stall = self._axis.limits.stall
-        return 1e9 * (stall if self._standstill is None else min(stall, STILL))
+    def stands_still(self, t_ns: int) -> bool:
+        """Return whether counts that do not change may have an effect: otherwise `_stand_still` does nothing."""
+        still_ns = t_ns - self.state.moved_ns
+        if still_ns <= self.still_ns:
+            return False
+        return self._standstill is None or self._standstill.due() or 1e-9 * still_ns > self.axis.limits.stall
 
     def _stand_still(self, t_ns: int) -> None:
         """Test the encoder by pulses because counts stand still, and limit the force after the stall time."""
         still = 1e-9 * (t_ns - self.state.moved_ns)
         if self._standstill is not None and still > STILL:
             self._standstill.look(t_ns)
-        if still <= self._axis.limits.stall:
+        if still <= self.axis.limits.stall:
             return
         # Either a hand leans on the handle, or the encoder is faulty; a smaller force is enough.
-        effort, holding = self.state.target * self._axis.effort_unit, self._axis.limits.holding
+        effort, holding = self.state.target * self.axis.effort_unit, self.axis.limits.holding
         if abs(effort) > holding and self.permission.cap > holding:
             self.permission.cap_at(holding, math.copysign(1.0, effort))
             self.stalls += 1

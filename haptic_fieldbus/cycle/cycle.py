@@ -12,8 +12,9 @@ from itertools import chain
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
-from haptic_fieldbus.cycle.energy_steps import bind_ledger
+from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
 from haptic_fieldbus.cycle.laws import PairField, blended_pair, in_order
+from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -87,14 +88,18 @@ class Cycle:
         self.ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
         """The energy ledgers, in the order of their first axes."""
         self._render = self._begin
+        self._account: PlainAccount | None = None
+        """Account that both steps of an only axis use."""
+        self.full = self._bind_full()
+        """The cycle as a function that takes each period through all of its code."""
         self.step = self._bind_step()
-        """The cycle as a plain function, because Python calls a function faster than an object."""
+        """The cycle as a function; periods of an only axis in which nothing happens go a shorter way."""
 
     def __call__(self, image: bytes | bytearray) -> bytearray:
         """Compute one period and return the output image; after a trip it stays torque-free."""
         return self.step(image)
 
-    def _bind_step(self) -> Callable[[bytes | bytearray], bytearray]:
+    def _bind_full(self) -> Step:
         output, observers = self._output, tuple(axis.observe for axis in self.axes.values())
 
         def step(image: bytes | bytearray) -> bytearray:
@@ -104,13 +109,22 @@ class Cycle:
                 if self.enabled:
                     self._render()
             except Exception as error:
-                self._fail(error)
+                self.fail(error)
             if not self.enabled:
                 for axis in self.axes.values():
                     axis.release(tripped=self.trip is not None)
             return output
 
         return step
+
+    def _bind_step(self) -> Step:
+        """Return the step of ordinary periods, or `full` for a plan that has no such step."""
+        axis = self._first
+        plain = len(self.axes) == len(self.ledgers) == 1 and self.ledgers[0].is_plain and not self._controlled
+        if not plain or axis.echo is None or axis.axis.integrates:
+            return self.full
+        self._account = PlainAccount(self.ledgers[0])
+        return bind_ordinary(self, axis, self._account, axis.echo, self._output, self.full)
 
     @property
     def row(self) -> tuple[float, ...]:
@@ -198,14 +212,18 @@ class Cycle:
         for ledger in self.ledgers:
             # Before any axis of the ledger renders, while the states still hold the last targets sent.
             first = ledger.axes[0].name
-            renders[first] = bind_ledger(ledger, renders[first], controls=self._controlled)
-        steps = (*before, *self._couplings, *renders.values())
-        self._render = steps[0] if len(steps) == 1 else in_order(steps)
+            render = renders[first]
+            renders[first] = (
+                bind_ledger(ledger, render, controls=self._controlled)
+                if self._account is None
+                else self._account.bind(render)
+            )
+        self._render = in_order((*before, *self._couplings, *renders.values()))
         self._render()
         for axis in axes:
             axis.check_start()
 
-    def _fail(self, error: Exception) -> None:
+    def fail(self, error: Exception) -> None:
         """Set torque to zero from this period on, because a law of the scene raised `failure`."""
         self.failure, self.enabled = error, False
         if self.trip is None:

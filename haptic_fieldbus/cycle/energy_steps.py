@@ -85,80 +85,93 @@ class _Side:
 def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
     """Return the shortest step that is enough for `ledger`: it judges the last period, and then renders."""
     if ledger.is_plain and not controls:
-        return bind_alone(ledger, render)
+        return PlainAccount(ledger).bind(render)
     return bind_tied(ledger, render, controls=controls)
 
 
-def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
-    """Return the step of a plain ledger: it judges the last period, and then renders the next one."""
-    (port,) = ledger.ports
-    state, permission, unit = port.state, port.permission, port.axis.effort_unit
-    share = shares(port.axis, ledger.period)[1]
-    early, late = share * unit, (1.0 - share) * unit
-    last, older, energy, side, kept, settles = state.position, 0, 0.0, 0, 0, True
-    behind, leak, active, limit = last, 0.0, 0.0, 0.0
-    terms = ledger.terms[0]
-    ledger.open((last,))
+class PlainAccount:
+    """The open account of a plain ledger; `cycle.ordinary` adds the work of ordinary periods to it."""
 
-    def step() -> None:
-        nonlocal last, behind, older, energy, leak
-        before, here = state.target, state.position
-        if here != last:
-            way = here - last
-            if terms.by_place:  # the force was computed at the sample before the motion
-                low, high = min(here, last, behind) - permission.shift, max(here, last, behind) - permission.shift
-                leak = terms.damping_between(low, high) / ledger.period
-            last, behind = here, last
-            energy += way * (early * older + late * before - leak * way) - (
-                active * way if way > 0.0 else -active * way
-            )
-            if energy > limit:
-                judge()
-        if before != older or settles:
-            older = before
-            if before * side <= 0:
-                begin(before)
-        render()
+    def __init__(self, ledger: Ledger) -> None:
+        (port,) = ledger.ports
+        self._ledger, self._port, self._terms = ledger, port, ledger.terms[0]
+        share, unit = shares(port.axis, ledger.period)[1], port.axis.effort_unit
+        self.early, self.late = share * unit, (1.0 - share) * unit
+        """Weights of the second last and of the last target in the mean force of a period [N or N·m for each step]."""
+        self.energy = self.limit = 0.0
+        """Energy given above the energy granted since the opening, and the energy at which it is judged [J]."""
+        self.older = self.side = self._kept = 0
+        """Second last target; sign of the targets of this contact, and of the last contact that was followed."""
+        self.settles = True
+        """Whether the account is looked at in each period, and not only when contact begins or ends."""
+        self.last = self.behind = port.state.position
+        """Last position and the one before [m or rad]."""
+        self.leak = self.active = 0.0
+        """Energy granted for a motion: leak·way² + active·|way| [J]."""
+        self.by_place = bool(self._terms.by_place)
+        """Whether the leak depends on the place."""
 
-    def begin(before: int) -> None:
+    def bind(self, render: PeriodStep) -> PeriodStep:
+        """Open the account at the present position; return the step that judges the last period, and then renders."""
+        state, ledger = self._port.state, self._ledger
+        self.last = self.behind = state.position
+        ledger.open((self.last,))
+        self._port.permission.loosened, ledger.reopen = self._loosen, self._reopen
+
+        def step() -> None:
+            before, here = state.target, state.position
+            if here != self.last:
+                way = here - self.last
+                if self.by_place:  # the force was computed at the sample before the motion
+                    places, shift = (here, self.last, self.behind), self._port.permission.shift
+                    leak = self._terms.damping_between(min(places) - shift, max(places) - shift)
+                    self.leak = leak / ledger.period
+                self.last, self.behind = here, self.last
+                self.energy += way * (self.early * self.older + self.late * before - self.leak * way) - (
+                    self.active * way if way > 0.0 else -self.active * way
+                )
+                if self.energy > self.limit:
+                    self.energy = ledger.judge(self.energy, (here,))
+            if before != self.older or self.settles:
+                self.older = before
+                if before * self.side <= 0:
+                    self._begin(before)
+            render()
+
+        return step
+
+    def _begin(self, before: int) -> None:
         """Open a new account when contact begins or ends; judge the law in periods in which the sent force differs."""
-        nonlocal energy, side, kept, settles, terms, leak, active, limit
+        ledger = self._ledger
         if ledger.changing:
-            ledger.tick((last,))
-            terms = ledger.terms[0]
-            leak, active = terms.damping / ledger.period, terms.active
-            if before * kept > 0 and ledger.reason is None:
-                side, settles = 0 if ledger.changing else kept, ledger.changing
+            ledger.tick((self.last,))
+            self._grant()
+            if before * self._kept > 0 and ledger.reason is None:
+                self.side, self.settles = 0 if ledger.changing else self._kept, ledger.changing
                 return
         if ledger.reason is not None and not ledger.law.take():
             if ledger.settles:
-                energy, settles = ledger.settle(energy, (last,)), ledger.changing
-                side, kept = 0 if settles else before, before
+                self.energy, self.settles = ledger.settle(self.energy, (self.last,)), ledger.changing
+                self.side, self._kept = 0 if self.settles else before, before
             return
-        ledger.close(energy, (last,))
-        ledger.open((last,))
-        energy, settles = 0.0, ledger.reason is not None or ledger.changing
-        side, kept = 0 if settles else before, before
-        terms = ledger.terms[0]
-        leak, active = terms.damping / ledger.period, terms.active
-        limit = ledger.tally.limit + ledger.memory.reserve
+        ledger.close(self.energy, (self.last,))
+        ledger.open((self.last,))
+        self.energy, self.settles = 0.0, ledger.reason is not None or ledger.changing
+        self.side, self._kept = 0 if self.settles else before, before
+        self._grant()
+        self.limit = ledger.tally.limit + ledger.memory.reserve
 
-    def judge() -> None:
-        nonlocal energy
-        energy = ledger.judge(energy, (last,))
+    def _grant(self) -> None:
+        self._terms = terms = self._ledger.terms[0]
+        self.leak, self.active, self.by_place = terms.damping / self._ledger.period, terms.active, bool(terms.by_place)
 
-    def loosen() -> None:
-        nonlocal side, settles
-        if ledger.reason is None:
-            ledger.loosen(energy, (last,))
-            side, settles = 0, True
+    def _loosen(self) -> None:
+        if self._ledger.reason is None:
+            self._ledger.loosen(self.energy, (self.last,))
+            self.side, self.settles = 0, True
 
-    def reopen() -> None:
-        nonlocal side, kept, settles
-        side, kept, settles = 0, side, True
-
-    ledger.reopen, port.permission.loosened = reopen, loosen
-    return step
+    def _reopen(self) -> None:
+        self.side, self._kept, self.settles = 0, self.side, True
 
 
 def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:

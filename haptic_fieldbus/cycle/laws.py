@@ -50,6 +50,10 @@ class AxisState:
     began_ns: int = 0
     permitted_ns: int | None = None
     """Time at which force began to rise to its limit; None while the motor direction is not confirmed."""
+    fresh_ns: int = 0
+    """Time of the last new feedback."""
+    power_bits: int = -1
+    """Bits of the last statusword that state the power state."""
     moved_ns: int = 0
     """Time of the last change of the position."""
     position: float = 0.0
@@ -231,6 +235,8 @@ PeriodStep = Callable[[], None]
 
 def in_order(steps: Sequence[PeriodStep]) -> PeriodStep:
     """Return one step that calls all of these steps."""
+    if len(steps) == 1:
+        return steps[0]
 
     def work() -> None:
         for step in steps:

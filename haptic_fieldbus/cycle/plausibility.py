@@ -93,7 +93,18 @@ WORST_ERROR = 3.0
 """Largest error of the change of a second difference [counts]: readings with the weights 1, −2, 2 and −1."""
 
 
-def bind_echo(
+def torque_echo(
+    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Callable[[float], None]
+) -> "TorqueEcho | None":
+    """Return the check of an echo that comes in each period; None if the drive has none.
+
+    `forgive` takes the energy [J] of the torque beyond the set-points during a doubt.
+    """
+    echo = _echo_of(axis)
+    return None if echo in (None, Signal.TARGET_ASKED) else TorqueEcho(axis, state, period, trip, forgive)
+
+
+def bind_asked_echo(
     axis: AxisPlan,
     state: AxisState,
     period: float,
@@ -101,32 +112,25 @@ def bind_echo(
     forgive: Callable[[float], None],
     render: PeriodStep,
 ) -> PeriodStep:
-    """Return a step that checks the echo and then renders; `render` alone if the drive has no echo.
-
-    The check comes first, while the state still has the last target sent. `forgive` takes the energy [J] of the torque
-    beyond the set-points during a doubt.
-    """
-    echo = axis.profile.echo
-    if echo is None or math.isinf(axis.limits.echo):
+    """Return a step that checks a target that is read back, and then renders; `render` alone if none is read back."""
+    if _echo_of(axis) is not Signal.TARGET_ASKED:
         return render
-    place = axis.place_of(echo)
-    lags = echo is Signal.TORQUE_ACTUAL
-    shown = _shown_unit(axis, echo)
-    tolerance = ECHO_STEPS * max(1.0, shown / axis.effort_unit)
-    if lags:
-        tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
-    doubt = EchoMismatch(axis, state, period, tolerance, trip, forgive)
-    bind = _bind_asked if echo is Signal.TARGET_ASKED else _bind_actual if lags else _bind_demand
-    return bind(axis, state, period, place, doubt, render)
+    return _bind_asked(axis, state, period, EchoMismatch(axis, state, period, ECHO_STEPS, trip, forgive), render)
 
 
-def bind_other_masters(
-    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, render: PeriodStep
-) -> PeriodStep:
-    """Return a step that counts set-points of another master, then renders; `render` alone if none can be detected."""
+def _echo_of(axis: AxisPlan) -> Signal | None:
+    """Return the signal in which set-points come back; None if there is none, or none is compared."""
+    return None if math.isinf(axis.limits.echo) else axis.profile.echo
+
+
+def bind_other_masters(axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> PeriodStep | None:
+    """Return a step that counts set-points of another master; None if none can be detected.
+
+    It must be called before `render`, while the state still has the last target sent.
+    """
     shown_by = None if axis.other_masters is None else axis.other_masters.shown_by
     if shown_by is None:
-        return render
+        return None
     always = shown_by is not Signal.TARGET_ASKED
     # A target that is read back arrives in some periods only; any other value counts in every period.
     place, came = axis.place_of(shown_by), axis.place_of(Signal.STATUSWORD if always else Signal.ASKED_PERIODS)
@@ -142,7 +146,6 @@ def bind_other_masters(
             shown = sign * now[place]
             if not -tolerance <= shown - target <= tolerance and (always or now[came]):
                 look(now[T_NS], shown)
-        render()
 
     return check
 
@@ -176,38 +179,12 @@ class OtherMaster:
             self._trip(TripKind.SET_POINTS_FOREIGN, shown * self._unit, most * self._unit, often)
 
 
-def _bind_demand(
-    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "EchoMismatch", render: PeriodStep
-) -> PeriodStep:
-    """Return a step that compares the echo with the target in force, or with the nearer of two possible targets."""
-    sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.demand_unit, axis), doubt.tolerance
-    waits = axis.delay.transport > (1.0 - 1e-9) * period and not axis.delay.acts_first
-    before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
-    missed = False
-
-    def check() -> None:
-        nonlocal missed
-        sent = state.target
-        if missed or not state.steps:
-            missed = not state.steps
-        else:
-            now = state.feedback
-            shown = sign * now[place]
-            expected = before[0] if waits and abs(shown - before[0]) < abs(shown - sent) else sent
-            if doubt.open or not -tolerance <= shown - expected <= tolerance:
-                doubt.look(now[T_NS], shown, expected, (sent, *before))
-        before.appendleft(sent)
-        render()
-
-    return check
-
-
 def _bind_asked(
-    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "EchoMismatch", render: PeriodStep
+    axis: AxisPlan, state: AxisState, period: float, doubt: "EchoMismatch", render: PeriodStep
 ) -> PeriodStep:
     """Return a step that compares an answer with the targets in force between question and answer."""
     sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
-    asked = axis.place_of(Signal.ASKED_PERIODS)
+    place, asked = axis.place_of(Signal.TARGET_ASKED), axis.place_of(Signal.ASKED_PERIODS)
     # If set-points act at a SYNC, the set-point before the question may still have been in force.
     waits = axis.delay.transport > (1.0 - 1e-9) * period
     remembered = math.ceil(axis.limits.echo / period) + 1
@@ -234,35 +211,56 @@ def _bind_asked(
     return check
 
 
-def _bind_actual(
-    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "EchoMismatch", render: PeriodStep
-) -> PeriodStep:
-    """Return a step that compares the echo with the targets in force, behind the lag of the torque loop."""
-    sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.shown_unit, axis), doubt.tolerance
-    lag = axis.delay.torque_loop
-    late = min(axis.delay.transport, period)
-    # After the sample before, first the second last target was in force, then the last one.
-    kept, own = math.exp(-period / lag), 1.0 - math.exp(-(period - late) / lag)
-    older = 1.0 - own - kept
-    remembered = FEWEST_TARGETS - 1 + math.ceil(LAGS * lag / period)
-    before = deque([0] * remembered, maxlen=remembered)
-    torque, missed = 0.0, False
+class TorqueEcho:
+    """Compares the echo of each period with the targets in force, behind the lag of the torque loop.
 
-    def check() -> None:
-        nonlocal torque, missed
-        sent = state.target
-        torque = kept * torque + older * before[0] + own * sent
-        if missed or not state.steps:
-            missed = not state.steps
-        else:
-            now = state.feedback
-            shown = sign * now[place]
-            if doubt.open or not -tolerance <= shown - torque <= tolerance:
-                doubt.look(now[T_NS], shown, torque, (sent, *before))
-        before.appendleft(sent)
-        render()
+    A torque demand has no lag, but may be that of the nearer of two possible targets. Values in steps of target torque.
+    """
 
-    return check
+    def __init__(
+        self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Callable[[float], None]
+    ) -> None:
+        echo = axis.profile.echo or Signal.TORQUE_ACTUAL
+        measured, shown = echo is Signal.TORQUE_ACTUAL, _shown_unit(axis, echo)
+        tolerance = ECHO_STEPS * max(1.0, shown / axis.effort_unit)
+        if measured:
+            tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
+        lag, late = axis.delay.torque_loop if measured else 0.0, min(axis.delay.transport, period)
+        # After the sample before, first the second last target was in force, then the last one.
+        self.kept = math.exp(-period / lag) if measured else 0.0
+        self.own = 1.0 - math.exp(-(period - late) / lag) if measured else 1.0
+        self.older = 1.0 - self.own - self.kept
+        """Weights in the expected torque: of the torque before, of the last and of the second last target."""
+        self.torque, self.missed = 0.0, False
+        """Expected torque of the last period, and whether its sample was missing."""
+        remembered = FEWEST_TARGETS - 1 + (math.ceil(LAGS * lag / period) if measured else 0)
+        self.before = deque([0] * remembered, maxlen=remembered)
+        """Targets before the last one, newest first."""
+        self.place, self.ratio = axis.place_of(echo), axis.rig.mechanism.sign * _ratio(shown, axis)
+        self.doubt = EchoMismatch(axis, state, period, tolerance, trip, forgive)
+        waits = axis.delay.transport > (1.0 - 1e-9) * period and not axis.delay.acts_first
+        self._waits, self._state = waits and not measured, state
+
+    def bind(self, render: PeriodStep) -> PeriodStep:
+        """Return a step that checks the echo and then renders: the state must still have the last target sent."""
+        state, before, doubt = self._state, self.before, self.doubt
+
+        def check() -> None:
+            sent = state.target
+            self.torque = torque = self.kept * self.torque + self.older * before[0] + self.own * sent
+            if self.missed or not state.steps:
+                self.missed = not state.steps
+            else:
+                now = state.feedback
+                shown, expected = self.ratio * now[self.place], torque
+                if self._waits and abs(shown - before[0]) < abs(shown - sent):
+                    expected = before[0]
+                if doubt.open or not -doubt.tolerance <= shown - expected <= doubt.tolerance:
+                    doubt.look(now[T_NS], shown, expected, (sent, *before))
+            before.appendleft(sent)
+            render()
+
+        return check
 
 
 def _shown_unit(axis: AxisPlan, shown_by: Signal) -> float:
@@ -334,12 +332,10 @@ class EchoMismatch:
             self._forgive(given)
 
 
-def bind_sign_watch(
-    axis: AxisPlan, state: AxisState, period: float, doubt: Callable[[], None], render: PeriodStep
-) -> PeriodStep:
-    """Return a step that renders, watches the sign and calls `doubt`; `render` alone if the sign cannot be watched."""
+def sign_watch(axis: AxisPlan, state: AxisState, period: float, doubt: Callable[[], None]) -> "SignWatch | None":
+    """Return the watch, which calls `doubt`; None if the sign cannot be watched."""
     periods = _block(axis, period)
-    return render if periods is None else SignWatch(axis, state, period, periods, doubt).bind(render)
+    return None if periods is None else SignWatch(axis, state, period, periods, doubt)
 
 
 def _block(axis: AxisPlan, period: float) -> int | None:
@@ -360,6 +356,8 @@ class SignWatch:
         self.agreement = self.excitation = 0.0
         """S and N, in steps of target torque squared."""
         self._state, self._doubt, self._periods = state, doubt, periods
+        self.total, self.left = 0, periods
+        """Sum of the targets of the present block, and the number of its periods to come."""
         length = periods * period
         mass = 0.0 if axis.plant is None else axis.plant.mass
         self._inertial = mass / length**2 / axis.effort_unit
@@ -373,22 +371,23 @@ class SignWatch:
 
     def bind(self, render: PeriodStep) -> PeriodStep:
         """Return a step that renders, and adds up the torque of a block."""
-        state, periods, block = self._state, self._periods, self._block
-        total, left = 0, periods
 
         def look() -> None:
-            nonlocal total, left
             render()
-            if state.steps != 1:
-                self._places.clear()
-                total, left = 0, periods
-            elif not left:
-                block(total / periods)
-                total, left = 0, periods
-            total += state.target
-            left -= 1
+            self.add()
 
         return look
+
+    def add(self) -> None:
+        """Add the target of a period to the block; end a block that is full, or that a gap spoils."""
+        if self._state.steps != 1:
+            self._places.clear()
+            self.total, self.left = 0, self._periods
+        elif not self.left:
+            self._block(self.total / self._periods)
+            self.total, self.left = 0, self._periods
+        self.total += self._state.target
+        self.left -= 1
 
     def _block(self, torque: float) -> None:
         """End a block with this mean torque, in steps, and compare torque and motion."""

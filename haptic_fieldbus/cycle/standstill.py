@@ -39,13 +39,18 @@ class Standstill:
         self._began_ns = self._last_ns = self._place = self._length = 0
         self._here = 0.0
 
+    def due(self) -> bool:
+        """Return whether no test runs and the force is large enough for one."""
+        permission = self._permission
+        return permission.pulses is None and permission.proof is None and abs(self._state.target) >= self._least
+
     def look(self, t_ns: int) -> None:
         """Start a test if none runs and the force is large enough.
 
         To be called in periods in which counts have stood still for a while.
         """
         state, permission = self._state, self._permission
-        if permission.pulses is not None or permission.proof is not None or abs(state.target) < self._least:
+        if not self.due():
             return
         if state.moved_ns > self._began_ns:
             self.vain = 0

@@ -9,7 +9,7 @@ import pytest
 from haptic_fieldbus.api import run
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.laws import AxisState
-from haptic_fieldbus.cycle.plausibility import bind_sign_watch
+from haptic_fieldbus.cycle.plausibility import sign_watch
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind
 from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -48,7 +48,9 @@ def doubts(sign: float, *, gaps: bool = False) -> list[int]:
     def render() -> None:
         handle.state.target = round(TORQUES[now] / AXIS.effort_unit)
 
-    step = bind_sign_watch(AXIS, handle.state, PERIOD, lambda: found.append(now), render)
+    watch = sign_watch(AXIS, handle.state, PERIOD, lambda: found.append(now))
+    assert watch is not None
+    step = watch.bind(render)
     for now in range(len(TORQUES)):
         handle.state.steps = 2 if gaps and now % 10 == 0 else 1
         step()
@@ -66,11 +68,8 @@ def test_where_feedback_is_missing_all_the_time_nothing_is_concluded() -> None:
 
 
 def test_of_an_unknown_bench_nothing_is_seen() -> None:
-    def render() -> None:
-        """Nothing."""
-
     axis = replace(AXIS, plant=None)
-    assert bind_sign_watch(axis, AxisState(), PERIOD, lambda: None, render) is render
+    assert sign_watch(axis, AxisState(), PERIOD, lambda: None) is None
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

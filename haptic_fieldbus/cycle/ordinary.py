@@ -1,0 +1,135 @@
+"""An ordinary period of a plan with one axis as one function: octets of the input image → octets of the output image.
+
+A period is ordinary if nothing happens but a motion of the handle. A sample comes in time and without a flag, the power
+state stays, no limit is reached, no gap or change is at work, no contact begins or ends, no doubt is open. Before this
+is decided, nothing is written. Every other period goes to `full`, the code that all plans share; it alone contains the
+guards, which decide what a fault is and what follows. A comparison here decides only whether a guard would act, so it
+is the guard's own comparison or a narrower one. The sums are those of the full code, in the same order, and both keep
+their values in the same objects: a period may go either way. `tests/cycle/test_ordinary.py` compares both, octet by
+octet and value by value.
+
+Python looks up a variable of an enclosing function faster than an attribute of an object, and calls cost most of all.
+Therefore all constants of the plan are bound once, and only the law of the scene is called in every period.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+from haptic_fieldbus.cycle.energy_steps import PlainAccount
+from haptic_fieldbus.cycle.laws import in_order
+from haptic_fieldbus.cycle.plausibility import TorqueEcho
+from haptic_fieldbus.cycle.safety import Trip
+from haptic_fieldbus.planning.image import FLAGS, STATUSWORD, T_NS
+from haptic_fieldbus.signals import Signal
+
+if TYPE_CHECKING:  # imported for its type alone: the axis does without this module
+    from haptic_fieldbus.cycle.axis import AxisCycle
+
+Step = Callable[[bytes | bytearray], bytearray]
+
+
+class CycleState(Protocol):
+    """The part of a cycle that its step uses."""
+
+    enabled: bool
+    trip: Trip | None
+
+    def fail(self, error: Exception) -> None: ...
+
+
+class Unwatched:
+    """In place of a sign watch if the sign cannot be watched: a block that never ends."""
+
+    total, left = 0, -1
+
+    def add(self) -> None:
+        """Do nothing."""
+
+
+def bind_ordinary(
+    cycle: CycleState, each: "AxisCycle", account: PlainAccount, echo: TorqueEcho, output: bytearray, full: Step
+) -> Step:
+    """Return the step of a cycle with the only axis `each`; periods that are not ordinary call `full`."""
+    state, permission, axis, after = each.state, each.permission, each.axis, each.after
+    unpack, pack_into, offset = each.image.input.unpack_from, each.image.output.pack_into, each.image.outputs[0]
+    place, unit, effort_unit = axis.place_of(Signal.POSITION), axis.position_unit, axis.effort_unit
+    sign, mask, (shortest, longest) = axis.rig.mechanism.sign, axis.power.mask, each.in_time
+    lowest, highest = axis.limits.position or (-math.inf, math.inf)
+    largest_way, jump, stands_still = each.largest_way, each.jump, each.stands_still
+    effort, largest_change, limit, send = axis.limits.effort, axis.limits.slew * each.period, each.limit, each.send
+    early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
+    tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
+    remember, watch = echo.before.appendleft, each.sign_watch or Unwatched()
+    steps = [step for step in (each.look, each.sense) if step is not None]
+    before, guarded = in_order(steps) if steps else None, bool(steps or after)
+
+    def period(image: bytes | bytearray) -> bytearray:
+        sent, second_last = state.target, account.older
+        zero = state.zero_counts
+        # No force is permitted yet, or contact begins or ends, or the account is to be looked at in each period.
+        if not cycle.enabled or zero is None or (account.settles if sent == second_last else sent * account.side <= 0):
+            return full(image)
+        # Decode: counts → position.
+        feedback = unpack(image)
+        t_ns = feedback[T_NS]
+        here = (feedback[place] - zero) * unit
+        way = here - state.position
+        # Energy that the last torques gave on the way since.
+        energy = account.energy
+        if way:
+            energy += way * (early * second_last + late * sent - account.leak * way) - (
+                account.active * way if way > 0.0 else -account.active * way
+            )
+        # Echo: the torque that the drive should show.
+        torque = kept * echo.torque + older * second_last + own * sent
+        if (
+            feedback[FLAGS]
+            or feedback[STATUSWORD] & mask != state.power_bits
+            or state.missing
+            or permission.beside
+            or doubt.open
+            or not shortest < t_ns - state.fresh_ns < longest
+            or not -largest_way <= way <= largest_way
+            or not lowest <= here <= highest
+            or not -jump <= way - state.way <= jump
+            or not -tolerance <= ratio * feedback[shown_at] - torque <= tolerance
+            or (energy > account.limit or account.by_place if way else stands_still(t_ns))
+        ):
+            return full(image)
+        state.feedback, state.fresh_ns, state.steps, state.way = feedback, t_ns, 1, way
+        if way:
+            state.moved_ns, account.energy, account.behind = t_ns, energy, account.last
+            state.position = account.last = here
+        account.older, echo.torque = sent, torque
+        remember(sent)
+        try:
+            # Other signals, then the law of the scene: position → force.
+            if before is not None:
+                before()
+            state.force = force = each.field(here)
+            # Limit, encode, and add the torque to the block of the sign watch.
+            if (
+                permission.unchanged
+                and -effort <= force <= effort
+                and -largest_change <= force - permission.before <= largest_change
+            ):
+                permission.before = force
+                state.target = target = round(force / effort_unit)
+                pack_into(output, offset, state.controlword, sign * target)
+                if watch.left and not guarded:
+                    watch.total += target
+                    watch.left -= 1
+                    return output
+            else:
+                send(limit(force))
+            watch.add()
+            if after is not None:
+                after()
+        except Exception as error:
+            cycle.fail(error)
+        if cycle.trip is not None:  # set above by a guard or by `fail`
+            each.release(tripped=True)
+        return output
+
+    return period

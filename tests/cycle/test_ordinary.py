@@ -1,0 +1,187 @@
+"""The short way of an ordinary period gives what the full code gives: octets, rows and all values that are kept."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from random import Random
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from haptic_fieldbus.api import plan as plan_from
+from haptic_fieldbus.cycle import cycle as cycle_module
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag, Signal
+from tests.builders import plan_of, scene_of
+
+ENABLED, READY, FAULT = 0x0637, 0x0631, 0x0638
+PLANS: list[dict[str, Any]] = [
+    {"scene": "wall"},
+    {"scene": "damped_wall", "drive": "generic_cia402"},
+    {"scene": "wall", "rate": 500.0},
+    {"scene": "detents", "drive": "nanotec_c5_e"},
+    {"scene": "wall", "drive": "generic_cia402_modbus", "bus": "sim-modbus-tcp"},
+    {"scene": "hunt_crossley", "drive": "generic_cia402"},
+    {"scene": "lugre"},
+]
+
+
+@cache
+def made(number: int) -> Plan:
+    return plan_from(**PLANS[number])
+
+
+def powerful(plan: Plan, power: float) -> Plan:
+    """The plan with a limit of power [W]."""
+    return replace(plan, axes=tuple(replace(axis, limits=replace(axis.limits, power=power)) for axis in plan.axes))
+
+
+class Drive:
+    """A drive as octets: it takes targets over with the lag of its torque loop, and moves as a hand moves it."""
+
+    def __init__(self, plan: Plan, seed: int) -> None:
+        self._plan, (self._axis,), self._random = plan, plan.axes, Random(seed)
+        self._t_ns, self._counts, self._speed, self._wanted, self._shown = 10**9, 0.0, 0.0, 0.0, 0.0
+        self._wild = self._random.choice((0.0, 0.001, 0.004, 0.02))
+        """Probability of something unusual in a period."""
+
+    def image(self, target: int) -> bytes:
+        """Return the next image, after this target; sometimes something is unusual in it."""
+        random, axis, period_ns = self._random, self._axis, self._plan.period_ns
+        lag = axis.delay.torque_loop if axis.profile.echo is Signal.TORQUE_ACTUAL else 0.0
+        self._shown += (target - self._shown) * (1.0 - math.exp(-1e-9 * period_ns / lag) if lag else 1.0)
+        if random.random() < 0.02:
+            self._wanted = random.choice((0.0, 0.0, 0.3, 3.0, 12.0, -0.3, -3.0, -12.0, 40.0, -40.0))
+        if not -3000.0 < self._counts < 6000.0:
+            self._wanted = math.copysign(self._wanted, -self._counts)
+        self._speed += max(-2.0, min(2.0, self._wanted - self._speed))
+        self._counts += self._speed
+        self._t_ns, age_ns, flags, code, statusword, jump = self._t_ns + period_ns, 100_000, 0, 0, ENABLED, 0.0
+        if random.random() < self._wild:
+            match random.randrange(9):
+                case 0 | 1 | 2:
+                    flags = int(LinkFlag.STALE)
+                case 3:
+                    self._t_ns += period_ns * random.choice((1, 2, 5)) // random.choice((1, 3))
+                case 4:
+                    self._t_ns -= period_ns // 3
+                case 5:
+                    jump = random.choice((3.0, 300.0, 30_000.0, 2.0**32))
+                case 6:
+                    self._shown += random.choice((50.0, 500.0))
+                case 7:
+                    statusword = random.choice((READY, FAULT, ENABLED | 0x80))
+                case _:
+                    flags, code = int(random.choice(list(LinkFlag))), 0x8130
+        values = {
+            Signal.STATUSWORD: statusword,
+            Signal.POSITION: round(self._counts + jump) & 0xFFFF_FFFF,
+        }
+        values[Signal.POSITION] -= (values[Signal.POSITION] & 0x8000_0000) * 2
+        shown = axis.rig.mechanism.sign * round(self._shown)
+        codec = self._plan.image.axes[0].input
+        mapped = [values.get(each.signal, shown) for each in axis.incoming]
+        return codec.pack(self._t_ns, age_ns, flags, code, *mapped)
+
+
+def kept(value: object, seen: set[int] | None = None) -> object:
+    """Return all values of an object of the cycle, with those of its parts."""
+    seen = set() if seen is None else seen
+    if isinstance(value, int | float | str | bytes | bytearray | None):
+        return repr(value)
+    if id(value) in seen:
+        return None
+    seen.add(id(value))
+    if isinstance(value, dict):
+        return {str(key): kept(each, seen) for key, each in value.items()}
+    if isinstance(value, list | tuple) or type(value).__name__ == "deque":
+        return [kept(each, seen) for each in value]  # type: ignore[attr-defined]
+    if type(value).__module__.startswith("haptic_fieldbus.cycle"):
+        names = [*getattr(value, "__dict__", {}), *getattr(type(value), "__slots__", ())]
+        return {name: kept(getattr(value, name), seen) for name in names}
+    return None
+
+
+def both(plan: Plan, seed: int, periods: int) -> Iterator[Cycle]:
+    """Run a plan in both ways on the same images, and compare each period."""
+    short, full, drive, target = Cycle(plan), Cycle(plan), Drive(plan, seed), 0
+    for number in range(periods):
+        image = drive.image(target)
+        assert short.step(image) == full.full(image), number
+        assert short.row == full.row or not short.axes, number
+        assert (short.trip, short.enabled, repr(short.failure)) == (full.trip, full.enabled, repr(full.failure)), number
+        if number % 64 == 0 or short.trip is not None:
+            assert kept(short) == kept(full), number
+        if short.trip is not None:
+            break
+        target = next(iter(short.axes.values())).state.target
+        yield short
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(number=st.integers(0, len(PLANS) - 1), seed=st.integers(0, 10**6), power=st.sampled_from((math.inf, 5.0)))
+def test_both_ways_keep_the_same_values_whatever_comes(number: int, seed: int, power: float) -> None:
+    for _ in both(powerful(made(number), power), seed, 1500):
+        pass
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that gets an item for each period that goes through the full code."""
+    calls: list[int] = []
+
+    def bound(*parts: Any) -> Step:
+        full: Step = parts[-1]
+        bind: Any = bind_ordinary
+
+        def count(image: bytes | bytearray) -> bytearray:
+            calls.append(1)
+            return full(image)
+
+        step: Step = bind(*parts[:-1], count)
+        return step
+
+    monkeypatch.setattr(cycle_module, "bind_ordinary", bound)
+    return calls
+
+
+@pytest.mark.parametrize("number", range(5), ids=[each["scene"] for each in PLANS[:5]])
+def test_most_periods_of_a_plan_with_one_axis_are_ordinary(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls, drive = counted(monkeypatch), Drive(made(number), 1)
+    drive._wild = 0.0
+    cycle, target = Cycle(made(number)), 0
+    for _ in range(3000):
+        cycle(drive.image(target))
+        assert cycle.trip is None
+        target = cycle._first.state.target
+    assert len(calls) < 1200, "force fades in for half a second"
+
+
+@pytest.mark.parametrize("force", [math.nan, "raised"])
+def test_a_law_that_fails_in_an_ordinary_period_takes_the_torque_away(force: object) -> None:
+    @dataclass(frozen=True)
+    class Failing(Wall):
+        def force(self, position: float, velocity: float = 0.0) -> float:
+            if position < 0.01:
+                return super().force(position, velocity)
+            if force == "raised":
+                raise ValueError("no")
+            return math.nan
+
+    plan = plan_of(scene_of(Failing("handle", stiffness=100.0, position=0.002)))
+    cycles = Cycle(plan), Cycle(plan)
+    codec, zero = plan.image.axes[0].input, b"\x00\x00\x00\x00"
+    for number in range(2000):
+        image = codec.pack(10**9 + number * 10**6, 0, 0, 0, ENABLED, number, -cycles[0]._first.state.target)
+        first, second = cycles[0].step(image), cycles[1].full(image)
+        assert first == second
+        assert cycles[0].trip == cycles[1].trip
+        if cycles[0].trip is not None:
+            break
+    assert first == zero
+    assert kept(cycles[0]) == kept(cycles[1])
