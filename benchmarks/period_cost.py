@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from itertools import count
+from itertools import cycle as endless
 from time import perf_counter
 
 from rows import Figure, Pair, Row, cost, show
@@ -85,7 +86,7 @@ def by_hand() -> Callable[[bytes], bytearray]:
 
 
 def cycle_pair(stack: ExitStack) -> Pair:
-    """Decode to encode in contact with a wall, faded in."""
+    """Decode to encode in contact with a wall, faded in, while the handle moves by a few counts."""
     pack, latches = struct.Struct("<qIHHHih").pack, count(0, 1_000_000)
     cycle, reference = Cycle(plan("wall")), by_hand()
     for counts in range(0, COUNTS + 1, 20):
@@ -97,9 +98,12 @@ def cycle_pair(stack: ExitStack) -> Pair:
     if not same:
         raise SystemExit("the cycle and the loop by hand do not agree")
 
+    # A handle that stands still for long is another way through the cycle: its force is limited.
+    ways = endless((0, 1, 2, 3, 4, 3, 2, 1))
+
     def each(step: Callable[[bytes], bytearray]) -> Callable[[], bytearray]:
         # Every image has a time of its own: one that comes again is a fault, and another way through the cycle.
-        return lambda: step(pack(next(latches), 100_000, 0, 0, 0x0637, COUNTS, sent))
+        return lambda: step(pack(next(latches), 100_000, 0, 0, 0x0637, COUNTS + next(ways), sent))
 
     return lambda: (cost(each(cycle.step), 1000), cost(each(reference), 1000))
 

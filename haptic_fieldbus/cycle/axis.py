@@ -410,7 +410,10 @@ class AxisCycle:
         still_ns = t_ns - self.state.moved_ns
         if still_ns <= self.still_ns:
             return False
-        return self._standstill is None or self._standstill.due() or 1e-9 * still_ns > self.axis.limits.stall
+        if self._standstill is not None and self._standstill.due():
+            return True
+        pressed = abs(self.state.target) * self.axis.effort_unit > self.axis.limits.holding
+        return pressed and 1e-9 * still_ns > self.axis.limits.stall
 
     def _stand_still(self, t_ns: int) -> None:
         """Test the encoder by pulses because counts stand still, and limit the force after the stall time."""
