@@ -101,11 +101,15 @@ def cycle_pair(stack: ExitStack) -> Pair:
     # A handle that stands still for long is another way through the cycle: its force is limited.
     ways = endless((0, 1, 2, 3, 4, 3, 2, 1))
 
-    def each(step: Callable[[bytes], bytearray]) -> Callable[[], bytearray]:
-        # Every image has a time of its own: one that comes again is a fault, and another way through the cycle.
-        return lambda: step(pack(next(latches), 100_000, 0, 0, 0x0637, COUNTS + next(ways), sent))
+    begin = next(latches)
 
-    return lambda: (cost(each(cycle.step), 1000), cost(each(reference), 1000))
+    def each(step: Callable[[bytes], bytearray]) -> Callable[[], bytearray]:
+        own = count(begin, 1_000_000)  # a pause between two rounds would be a gap of the feedback
+        # Every image has a time of its own: one that comes again is a fault, and another way through the cycle.
+        return lambda: step(pack(next(own), 100_000, 0, 0, 0x0637, COUNTS + next(ways), sent))
+
+    ours, theirs = each(cycle.step), each(reference)
+    return lambda: (cost(ours, 1000), cost(theirs, 1000))
 
 
 FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 2.4, cycle_pair),)
