@@ -4,6 +4,7 @@ import math
 import struct
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from itertools import count
@@ -22,73 +23,118 @@ FADE_IN = 1000
 """Periods after which force has faded in."""
 
 
-def by_hand() -> Callable[[bytes], bytearray]:
-    """The wall as one function without any choice, with every guard of the cycle.
+def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
+    """The wall as one function without any choice, with every guard of the cycle; and the guard that tripped, or "".
 
-    Link flags and stale feedback, power state, the encoder's wrap, speed, acceleration, workspace, stall,
-    the echo of the set-point, the energy of a contact, a finite force, fade-in, effort and slew.
+    A guard that needs a longer answer in the cycle only ends the run here.
     """
     unpack, pack_into = struct.Struct("<qIHHHih").unpack_from, struct.Struct("<Hh").pack_into
     unit, effort_unit = 0.05 / 4096, 0.4 / 1000 / (0.05 / (2 * math.pi))
-    lowest, highest = -math.inf, math.inf
-    position, zero, before, fade, gain, stale = COUNTS * unit, 0, 0.0, 0.0, 1.0, False
+    lowest, highest, zero, missing, doubt, pulses = -0.1, 0.1, 0, 0, False, None
     late, later = math.exp(-0.4e-3 * 2 * math.pi * 1000), math.exp(-0.6e-3 * 2 * math.pi * 1000)
-    target = older = moved_ns = side = 0
-    torque = way = energy = 0.0
-    output = bytearray(4)
+    target = older = side = moved_ns = fresh_ns = total = 0
+    position, left = COUNTS * unit, 5
+    way = energy = torque = before = fade = shift = agreement = excitation = 0.0
+    cap = math.inf
+    sent: deque[int] = deque([0] * 3, maxlen=3)
+    places: deque[float] = deque(maxlen=5)
+    torques: deque[float] = deque(maxlen=4)
+    tripped, output = "", bytearray(4)
 
-    def released() -> bytearray:
+    def released(guard: str) -> bytearray:
+        nonlocal tripped
+        tripped = tripped or guard
         pack_into(output, 0, 0, 0)
         return output
 
     def period(image: bytes) -> bytearray:
-        nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side
+        nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side, fresh_ns, total, left
+        nonlocal agreement, excitation
+        if tripped:
+            return released(tripped)
         t_ns, _, flags, _, statusword, counts, shown = unpack(image)
-        if flags or stale or statusword & 0x6F != 0x27:
-            return released()
+        # Link flags and missing samples.
+        if flags or missing:
+            return released("link")
+        # Power state.
+        if statusword & 0x6F != 0x27:
+            return released("power state")
+        # A sample in time.
+        if fresh_ns and not 500_000 < t_ns - fresh_ns < 1_500_000:
+            return released("time of the sample")
+        fresh_ns = t_ns
+        # The encoder's wrap.
         counts -= zero
         if not -0x8000_0000 <= counts <= 0x7FFF_FFFF:
             counts = (counts + 0x8000_0000 & 0xFFFF_FFFF) - 0x8000_0000
         here = counts * unit
-        if not (-0.01 <= here - position <= 0.01 and lowest <= here <= highest):
-            return released()
-        if not -0.001 <= here - position - way <= 0.001:
-            return released()
-        way, position = here - position, here
-        if way:
+        moved = here - position
+        # Speed, workspace, acceleration.
+        if not (-0.01 <= moved <= 0.01 and lowest <= here <= highest):
+            return released("speed or place")
+        if not -0.001 <= moved - way <= 0.001:
+            return released("acceleration")
+        way, position = moved, here
+        if moved:
+            # Energy of the contact.
             moved_ns = t_ns
-            energy += way * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * way)
+            energy += moved * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * moved)
             if energy > 0.0056:
-                return released()
+                return released("energy")
+        elif t_ns - moved_ns > 90_000_000_000:
+            return released("stall")
         if target * side <= 0:
             energy, side = 0.0, target
-        if t_ns - moved_ns > 90_000_000_000:
-            return released()
+        # The echo of the set-point, and the targets it may still show.
         torque = target + (older + (torque - older) * late - target) * later
-        if not -30.0 <= shown - torque <= 30.0 and fade >= 1.0:
-            return released()
-        force = -600.0 * (here - 0.02) if here > 0.02 else 0.0
-        if not math.isfinite(force):
-            return released()
+        if (doubt or not -30.0 <= shown - torque <= 30.0) and fade >= 1.0:
+            return released("echo")
+        sent.appendleft(target)
+        # The law, at the place where it is after gaps.
+        place = here - shift
+        force = -600.0 * (place - 0.02) if place > 0.02 else 0.0
+        if not -math.inf < force < math.inf:
+            return released("force")
+        # Fade-in, effort, cap, pulses of a test, slew.
         if fade < 1.0:
             fade = min(1.0, fade + 0.002)
             force *= fade
         if not -50.0 <= force <= 50.0:
             force = 50.0 if force > 50.0 else -50.0
+        if not -cap <= force <= cap:
+            force = cap if force > cap else -cap
+        if pulses is not None:
+            force = pulses(force)
         if not -10.0 <= force - before <= 10.0:
             force = before + (10.0 if force > before else -10.0)
         before, older = force, target
-        target = round(force * gain / effort_unit)
+        target = round(force / effort_unit)
         pack_into(output, 0, 0x0F, target)
+        # Sign watch, in blocks of five periods.
+        if not left:
+            torques.append(total / 5)
+            places.append(here)
+            if len(places) == 5:
+                oldest, old, _, new, newest = places
+                inertial = 2000.0 * (newest - 2.0 * new + 2.0 * old - oldest)
+                first, second, third, fourth = torques
+                change = 0.5 * (fourth + third - second - first)
+                agreement = 0.95 * agreement + inertial * change
+                excitation = 0.95 * excitation + change * change
+                if excitation > 100.0 and agreement < -0.5 * excitation:
+                    return released("sign")
+            total, left = 0, 5
+        total += target
+        left -= 1
         return output
 
-    return period
+    return period, lambda: tripped
 
 
 def cycle_pair(stack: ExitStack) -> Pair:
     """Decode to encode in contact with a wall, faded in, while the handle moves by a few counts."""
     pack, latches = struct.Struct("<qIHHHih").pack, count(0, 1_000_000)
-    cycle, reference = Cycle(plan("wall")), by_hand()
+    cycle, (reference, tripped) = Cycle(plan("wall")), by_hand()
     for counts in range(0, COUNTS + 1, 20):
         _, sent = struct.unpack("<Hh", cycle(pack(next(latches), 100_000, 0, 0, 0x0637, counts, 0)))
     for _ in range(FADE_IN):
@@ -97,19 +143,23 @@ def cycle_pair(stack: ExitStack) -> Pair:
         same = struct.unpack("<Hh", reference(image)) == (0x0F, sent)
     if not same:
         raise SystemExit("the cycle and the loop by hand do not agree")
-
-    # A handle that stands still for long is another way through the cycle: its force is limited.
-    ways = endless((0, 1, 2, 3, 4, 3, 2, 1))
-
     begin = next(latches)
 
     def each(step: Callable[[bytes], bytearray]) -> Callable[[], bytearray]:
-        own = count(begin, 1_000_000)  # a pause between two rounds would be a gap of the feedback
-        # Every image has a time of its own: one that comes again is a fault, and another way through the cycle.
+        # A handle that stands still for long is another way through the cycle: its force is limited.
+        own, ways = count(begin, 1_000_000), endless((0, 1, 2, 3, 4, 3, 2, 1))
+        # Every image has a time of its own: one that comes again, or a pause between two rounds, is a fault.
         return lambda: step(pack(next(own), 100_000, 0, 0, 0x0637, COUNTS + next(ways), sent))
 
     ours, theirs = each(cycle.step), each(reference)
-    return lambda: (cost(ours, 1000), cost(theirs, 1000))
+
+    def pair() -> tuple[float, float]:
+        costs = cost(ours, 1000), cost(theirs, 1000)
+        assert cycle.trip is None, cycle.trip
+        assert not tripped(), tripped()
+        return costs
+
+    return pair
 
 
 FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 2.4, cycle_pair),)

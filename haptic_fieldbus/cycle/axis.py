@@ -96,8 +96,9 @@ class AxisCycle:
         signs = self._trip, owner.sign_seen, owner.sign_doubted
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self.image, self.output = image, output
-        self._standstill = self._bind_standstill()
-        self.still_ns = 1e9 * (axis.limits.stall if self._standstill is None else min(axis.limits.stall, STILL))
+        self.standstill = self._bind_standstill()
+        """Test of the encoder by pulses; None where it is impossible or not needed."""
+        self.still_ns = 1e9 * (axis.limits.stall if self.standstill is None else min(axis.limits.stall, STILL))
         """Time without a change of the counts after which `_stand_still` is called [ns]."""
         self.state.feedback = (0,) * (STATUSWORD + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
@@ -126,8 +127,7 @@ class AxisCycle:
             self._at_rest,
             None if steps_alone else self._present,
         )
-        effort_unit = axis.effort_unit
-        self.limit, self.send = bind_limiter(axis.limits, period, self.permission, effort_unit), self._bind_send()
+        self.limit = bind_limiter(axis.limits, period, self.permission, axis.effort_unit)
         self.echo = torque_echo(axis, self.state, period, self._trip, self._forgive)
         """Check of the echo of each period; None if the drive has none."""
         self.sign_watch = sign_watch(axis, self.state, period, self.sign.doubt)
@@ -352,8 +352,10 @@ class AxisCycle:
     def _bind_render(self) -> PeriodStep:
         """Return `render`: position → force → permitted force → target torque. Without new feedback the torque is held,
         then fades."""
-        state, axis, permission, limit, send = self.state, self.axis, self.permission, self.limit, self.send
+        state, axis, permission, limit = self.state, self.axis, self.permission, self.limit
         hold = bind_hold(axis.limits, self.period, permission)
+        effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
+        pack_into, output, offset = self.image.output.pack_into, self.output, self.image.outputs[0]
 
         def render() -> None:
             if state.steps:
@@ -364,7 +366,11 @@ class AxisCycle:
             else:
                 permitted = hold(state.holding)
                 state.gain = permitted / permission.held if permission.held else 1.0
-            send(permitted)
+            if permitted != permitted:
+                self.not_finite()
+                return
+            state.target = target = round(permitted / effort_unit)
+            pack_into(output, offset, state.controlword, sign * target)
 
         watched = render if self.sign_watch is None else self.sign_watch.bind(render)
         if self.echo is None:
@@ -373,19 +379,9 @@ class AxisCycle:
             proved = self.echo.bind(watched)
         return in_order([each for each in (self.look, proved, self.after) if each is not None])
 
-    def _bind_send(self) -> Callable[[float], None]:
-        """Return a function that encodes a permitted force; not-a-number is a trip."""
-        state, effort_unit, sign = self.state, self.axis.effort_unit, self.axis.rig.mechanism.sign
-        pack_into, output, offset = self.image.output.pack_into, self.output, self.image.outputs[0]
-
-        def send(permitted: float) -> None:
-            if permitted != permitted:
-                self._trip(TripKind.NOT_FINITE, state.force)
-                return
-            state.target = target = round(permitted / effort_unit)
-            pack_into(output, offset, state.controlword, sign * target)
-
-        return send
+    def not_finite(self) -> None:
+        """Trip because the force of the scene is no number."""
+        self._trip(TripKind.NOT_FINITE, self.state.force)
 
     def _forgive(self, energy: float) -> None:
         self.forgive(energy)  # looked up late: the cycle sets it after it has made the ledgers
@@ -405,21 +401,11 @@ class AxisCycle:
 
         return Standstill(probe, self.axis.effort_unit, self.state, self.permission, self._trip)
 
-    def stands_still(self, t_ns: int) -> bool:
-        """Return whether counts that do not change may have an effect: otherwise `_stand_still` does nothing."""
-        still_ns = t_ns - self.state.moved_ns
-        if still_ns <= self.still_ns:
-            return False
-        if self._standstill is not None and self._standstill.due():
-            return True
-        pressed = abs(self.state.target) * self.axis.effort_unit > self.axis.limits.holding
-        return pressed and 1e-9 * still_ns > self.axis.limits.stall
-
     def _stand_still(self, t_ns: int) -> None:
         """Test the encoder by pulses because counts stand still, and limit the force after the stall time."""
         still = 1e-9 * (t_ns - self.state.moved_ns)
-        if self._standstill is not None and still > STILL:
-            self._standstill.look(t_ns)
+        if self.standstill is not None and still > STILL:
+            self.standstill.look(t_ns)
         if still <= self.axis.limits.stall:
             return
         # Either a hand leans on the handle, or the encoder is faulty; a smaller force is enough.

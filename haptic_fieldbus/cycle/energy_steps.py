@@ -113,29 +113,30 @@ class PlainAccount:
 
     def bind(self, render: PeriodStep) -> PeriodStep:
         """Open the account at the present position; return the step that judges the last period, and then renders."""
-        state, ledger = self._port.state, self._ledger
+        state, ledger, early, late, begin = self._port.state, self._ledger, self.early, self.late, self._begin
         self.last = self.behind = state.position
         ledger.open((self.last,))
         self._port.permission.loosened, ledger.reopen = self._loosen, self._reopen
 
         def step() -> None:
-            before, here = state.target, state.position
-            if here != self.last:
-                way = here - self.last
+            before, here, last, older = state.target, state.position, self.last, self.older
+            if here != last:
+                way = here - last
                 if self.by_place:  # the force was computed at the sample before the motion
-                    places, shift = (here, self.last, self.behind), self._port.permission.shift
+                    places, shift = (here, last, self.behind), self._port.permission.shift
                     leak = self._terms.damping_between(min(places) - shift, max(places) - shift)
                     self.leak = leak / ledger.period
-                self.last, self.behind = here, self.last
-                self.energy += way * (self.early * self.older + self.late * before - self.leak * way) - (
-                    self.active * way if way > 0.0 else -self.active * way
+                self.last, self.behind, active = here, last, self.active
+                self.energy = energy = self.energy + (
+                    way * (early * older + late * before - self.leak * way)
+                    - (active * way if way > 0.0 else -active * way)
                 )
-                if self.energy > self.limit:
-                    self.energy = ledger.judge(self.energy, (here,))
-            if before != self.older or self.settles:
+                if energy > self.limit:
+                    self.energy = ledger.judge(energy, (here,))
+            if before != older or self.settles:
                 self.older = before
                 if before * self.side <= 0:
-                    self._begin(before)
+                    begin(before)
             render()
 
         return step

@@ -27,6 +27,8 @@ if TYPE_CHECKING:  # imported for its type alone: the axis does without this mod
     from haptic_fieldbus.cycle.axis import AxisCycle
 
 Step = Callable[[bytes | bytearray], bytearray]
+LARGEST_COUNT = 0x7FFF_FFFF
+"""Of an encoder with 32 bits, counted from zero."""
 
 
 class CycleState(Protocol):
@@ -56,13 +58,17 @@ def bind_ordinary(
     place, unit, effort_unit = axis.place_of(Signal.POSITION), axis.position_unit, axis.effort_unit
     sign, mask, (shortest, longest) = axis.rig.mechanism.sign, axis.power.mask, each.in_time
     lowest, highest = axis.limits.position or (-math.inf, math.inf)
-    largest_way, jump, stands_still = each.largest_way, each.jump, each.stands_still
-    effort, largest_change, limit, send = axis.limits.effort, axis.limits.slew * each.period, each.limit, each.send
+    # Beyond these places the counts may have wrapped around between zero and here: the full code adds a turn.
+    wrap = LARGEST_COUNT * abs(unit)
+    lowest, highest = max(lowest, -wrap), min(highest, wrap)
+    largest_way, jump, still_ns, standstill = each.largest_way, each.jump, each.still_ns, each.standstill
+    holding, effort, largest_change = axis.limits.holding, axis.limits.effort, axis.limits.slew * each.period
+    limit, not_finite = each.limit, each.not_finite
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
     tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
     remember, watch = echo.before.appendleft, each.sign_watch or Unwatched()
     steps = [step for step in (each.look, each.sense) if step is not None]
-    before, guarded = in_order(steps) if steps else None, bool(steps or after)
+    before = in_order(steps) if steps else None
 
     def period(image: bytes | bytearray) -> bytearray:
         sent, second_last = state.target, account.older
@@ -94,7 +100,13 @@ def bind_ordinary(
             or not lowest <= here <= highest
             or not -jump <= way - state.way <= jump
             or not -tolerance <= ratio * feedback[shown_at] - torque <= tolerance
-            or (energy > account.limit or account.by_place if way else stands_still(t_ns))
+            or (
+                energy > account.limit or account.by_place
+                if way
+                # Counts that stand still under torque: a test of the encoder, or a smaller force.
+                else t_ns - state.moved_ns > still_ns
+                and (abs(sent) * effort_unit > holding or (standstill is not None and standstill.due()))
+            )
         ):
             return full(image)
         state.feedback, state.fresh_ns, state.steps, state.way = feedback, t_ns, 1, way
@@ -115,15 +127,18 @@ def bind_ordinary(
                 and -largest_change <= force - permission.before <= largest_change
             ):
                 permission.before = force
+            else:
+                force = limit(force)
+            if force == force:
                 state.target = target = round(force / effort_unit)
                 pack_into(output, offset, state.controlword, sign * target)
-                if watch.left and not guarded:
-                    watch.total += target
-                    watch.left -= 1
-                    return output
             else:
-                send(limit(force))
-            watch.add()
+                not_finite()
+            if watch.left:
+                watch.total += state.target
+                watch.left -= 1
+            else:
+                watch.add()
             if after is not None:
                 after()
         except Exception as error:

@@ -231,8 +231,8 @@ class TorqueEcho:
         self.own = 1.0 - math.exp(-(period - late) / lag) if measured else 1.0
         self.older = 1.0 - self.own - self.kept
         """Weights in the expected torque: of the torque before, of the last and of the second last target."""
-        self.torque, self.missed = 0.0, False
-        """Expected torque of the last period, and whether its sample was missing."""
+        self.torque = 0.0
+        """Expected torque of the last period."""
         remembered = FEWEST_TARGETS - 1 + (math.ceil(LAGS * lag / period) if measured else 0)
         self.before = deque([0] * remembered, maxlen=remembered)
         """Targets before the last one, newest first."""
@@ -243,19 +243,20 @@ class TorqueEcho:
 
     def bind(self, render: PeriodStep) -> PeriodStep:
         """Return a step that checks the echo and then renders: the state must still have the last target sent."""
-        state, before, doubt = self._state, self.before, self.doubt
+        state, before, doubt, tolerance, waits = self._state, self.before, self.doubt, self.doubt.tolerance, self._waits
+        kept, own, older, place, ratio, missed = self.kept, self.own, self.older, self.place, self.ratio, False
 
         def check() -> None:
+            nonlocal missed
             sent = state.target
-            self.torque = torque = self.kept * self.torque + self.older * before[0] + self.own * sent
-            if self.missed or not state.steps:
-                self.missed = not state.steps
+            self.torque = torque = kept * self.torque + older * before[0] + own * sent
+            if missed or not state.steps:
+                missed = not state.steps
             else:
                 now = state.feedback
-                shown, expected = self.ratio * now[self.place], torque
-                if self._waits and abs(shown - before[0]) < abs(shown - sent):
-                    expected = before[0]
-                if doubt.open or not -doubt.tolerance <= shown - expected <= doubt.tolerance:
+                shown = ratio * now[place]
+                expected = before[0] if waits and abs(shown - before[0]) < abs(shown - sent) else torque
+                if doubt.open or not -tolerance <= shown - expected <= tolerance:
                     doubt.look(now[T_NS], shown, expected, (sent, *before))
             before.appendleft(sent)
             render()
@@ -371,10 +372,16 @@ class SignWatch:
 
     def bind(self, render: PeriodStep) -> PeriodStep:
         """Return a step that renders, and adds up the torque of a block."""
+        state, add = self._state, self.add
 
         def look() -> None:
             render()
-            self.add()
+            left = self.left
+            if left and state.steps == 1:  # as in `add`, without its call
+                self.total += state.target
+                self.left = left - 1
+            else:
+                add()
 
         return look
 

@@ -150,8 +150,4 @@ def test_an_encoder_is_too_coarse_from_the_block_on_in_which_three_counts_are_5_
     """3 m r / T² = 0.05 F, and the longest block T is 10 ms."""
     assert AXIS.plant is not None
     coarse = replace(AXIS, plant=replace(AXIS.plant, resolution=0.05 * RATED * block**2 / (3.0 * MASS)))
-
-    def render() -> None:
-        """Send nothing."""
-
-    assert (bind_sign_watch(coarse, AxisState(permitted_ns=0), PERIOD, render, render) is not render) is watched
+    assert (sign_watch(coarse, AxisState(permitted_ns=0), PERIOD, lambda: None) is not None) is watched

@@ -187,8 +187,8 @@ PLANTED = {
     ),
     "work of a force 1 % too large": Planted(
         "haptic_fieldbus/cycle/energy_steps.py",
-        "self.energy += way * (self.early * self.older",
-        "self.energy += 1.01 * way * (self.early * self.older",
+        "way * (early * older",
+        "1.01 * way * (early * older",
         ("passivity-observer-timing", "passivity-observer-delay", "saturation-ledger"),
         ("tests/cycle/test_energy.py::test_a_contact_at_constant_speed_shows_its_leak_to_the_last_digit",),
     ),
