@@ -30,7 +30,8 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
     """
     unpack, pack_into = struct.Struct("<qIHHHih").unpack_from, struct.Struct("<Hh").pack_into
     unit, effort_unit = 0.05 / 4096, 0.4 / 1000 / (0.05 / (2 * math.pi))
-    lowest, highest, zero, missing, doubt, pulses = -0.1, 0.1, 0, 0, False, None
+    lowest, highest, zero, missing, doubt = -0.1, 0.1, 0, 0, False
+    pulses: Callable[[float], float] | None = None
     late, later = math.exp(-0.4e-3 * 2 * math.pi * 1000), math.exp(-0.6e-3 * 2 * math.pi * 1000)
     target = older = side = moved_ns = fresh_ns = total = 0
     position, left = COUNTS * unit, 5
@@ -162,7 +163,7 @@ def cycle_pair(stack: ExitStack) -> Pair:
     return pair
 
 
-FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 2.4, cycle_pair),)
+FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.4, cycle_pair),)
 
 
 def simulation_row() -> Row:

@@ -53,7 +53,7 @@ GUARDS = {
         "test_a_drive_that_leaves_operation_enabled_is_not_enabled_again",
     ),
     "after a trip the voltage is disabled": _cycle(
-        "axis", "self.state.controlword = self._axis.power.off", "pass", "test_a_trip_is_final"
+        "axis", "self.state.controlword = self.axis.power.off", "pass", "test_a_trip_is_final"
     ),
     "faults of the link": _cycle("axis", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"),
     "age of the feedback": _cycle(

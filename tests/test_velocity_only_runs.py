@@ -127,7 +127,7 @@ def test_the_position_is_never_further_off_than_the_drift_that_trips(
     unit: str, hand: str, scene: Wall | SprungMass
 ) -> None:
     found = moved(planned(unit, scene_of(scene)), hand_named(hand), 4.0)
-    step = found.cycle.axes["handle"]._axis.velocity_unit
+    step = found.cycle.axes["handle"].axis.velocity_unit
     assert np.ptp(found.true) > 2e-3
     truncation = 1e-5 * (np.abs(np.diff(found.speed)).max() / 1e-3) / 80.0
     assert (found.error <= 0.5 * step * found.times + truncation).all()

@@ -238,9 +238,8 @@ class AxisCycle:
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts changes the difference of two positions by up to one count.
         largest_way, still_ns = axis.limits.speed * self.period + abs(unit), self.still_ns
-        self.largest_way, self.jump = largest_way, axis.limits.jump(self.period, abs(unit))
-        self.in_time = shortest, longest = in_time(self.period)
-        jump = self.jump
+        jump, (shortest, longest) = axis.limits.jump(self.period, abs(unit)), in_time(self.period)
+        self.bounds = shortest, longest, largest_way, jump
 
         def observe(image: bytes | bytearray) -> None:
             age_before_ns = state.feedback[AGE_NS]

@@ -56,12 +56,12 @@ def bind_ordinary(
     state, permission, axis, after = each.state, each.permission, each.axis, each.after
     unpack, pack_into, offset = each.image.input.unpack_from, each.image.output.pack_into, each.image.outputs[0]
     place, unit, effort_unit = axis.place_of(Signal.POSITION), axis.position_unit, axis.effort_unit
-    sign, mask, (shortest, longest) = axis.rig.mechanism.sign, axis.power.mask, each.in_time
+    sign, mask, (shortest, longest, largest_way, jump) = axis.rig.mechanism.sign, axis.power.mask, each.bounds
     lowest, highest = axis.limits.position or (-math.inf, math.inf)
     # Beyond these places the counts may have wrapped around between zero and here: the full code adds a turn.
     wrap = LARGEST_COUNT * abs(unit)
     lowest, highest = max(lowest, -wrap), min(highest, wrap)
-    largest_way, jump, still_ns, standstill = each.largest_way, each.jump, each.still_ns, each.standstill
+    still_ns, standstill = each.still_ns, each.standstill
     holding, effort, largest_change = axis.limits.holding, axis.limits.effort, axis.limits.slew * each.period
     limit, not_finite = each.limit, each.not_finite
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
@@ -74,7 +74,12 @@ def bind_ordinary(
         sent, second_last = state.target, account.older
         zero = state.zero_counts
         # No force is permitted yet, or contact begins or ends, or the account is to be looked at in each period.
-        if not cycle.enabled or zero is None or (account.settles if sent == second_last else sent * account.side <= 0):
+        if (
+            not cycle.enabled
+            or zero is None
+            or account.by_place
+            or (account.settles if sent == second_last else sent * account.side <= 0)
+        ):
             return full(image)
         # Decode: counts → position.
         feedback = unpack(image)
@@ -101,7 +106,7 @@ def bind_ordinary(
             or not -jump <= way - state.way <= jump
             or not -tolerance <= ratio * feedback[shown_at] - torque <= tolerance
             or (
-                energy > account.limit or account.by_place
+                energy > account.limit
                 if way
                 # Counts that stand still under torque: a test of the encoder, or a smaller force.
                 else t_ns - state.moved_ns > still_ns

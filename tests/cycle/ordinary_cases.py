@@ -139,12 +139,12 @@ def moved(cycle: Cycle, way: float) -> None:
 
 
 def largest_way(cycle: Cycle, sign: float, *, beyond: bool) -> None:
-    way = sign * cycle._first.largest_way
+    way = sign * cycle._first.bounds[2]
     moved(cycle, math.nextafter(way, sign * math.inf) if beyond else way)
 
 
 def jump(cycle: Cycle, sign: float, *, beyond: bool) -> None:
-    before = sign * cycle._first.jump
+    before = sign * cycle._first.bounds[3]
     cycle._first.state.way = math.nextafter(before, sign * math.inf) if beyond else before
 
 
@@ -240,12 +240,12 @@ def both_sides() -> Iterator[Case]:
             which, on = "beyond" if beyond else "at", "up" if sign > 0.0 else "down"
             step = int(sign)
             yield from (
-                Case(f"{name} {which} {on}", (Image(*way, ordinary=not beyond),), change, plan, contact)
+                Case(f"{name} {which} {on}", (Image(way, ordinary=not beyond),), change, plan, contact)
                 for name, way, change, plan, contact in (
-                    ("speed", (), partial(largest_way, sign=sign, beyond=beyond), "usual", False),
-                    ("jump", (), partial(jump, sign=sign, beyond=beyond), "usual", False),
-                    ("energy", (step,), partial(energy, way=step, beyond=beyond), "usual", True),
-                    ("range", (20 * step,), lambda cycle: None, "narrow range" if beyond else "range", False),
+                    ("speed", 0, partial(largest_way, sign=sign, beyond=beyond), "usual", False),
+                    ("jump", 0, partial(jump, sign=sign, beyond=beyond), "usual", False),
+                    ("energy", step, partial(energy, way=step, beyond=beyond), "usual", True),
+                    ("range", 20 * step, lambda cycle: None, "narrow range" if beyond else "range", False),
                 )
             )
             yield Case(
@@ -311,14 +311,12 @@ def one_side() -> Iterator[Case]:
     for left in (0, 1, 2):
         yield Case(f"{left} to come of a block", (yes, Image(1, ordinary=True), yes), partial(block, left=left))
     for plan in ("usual", "velocity", "other masters", "by place", "power", "unwatched", "turned"):
-        ways = (2, -2, 3, 0, 0, -1, 4, 1)
-        if plan == "turned":
-            ways = tuple(-each for each in ways)
-        change = partial(sent, last=5, older=5, side=1) if plan == "other masters" else Case.change
-        yield Case(f"motion, {plan}", tuple(Image(way) for way in ways), change, plan)
+        turn = -1 if plan == "turned" else 1
+        ways = tuple(Image(turn * way) for way in (2, -2, 3, 0, 0, -1, 4, 1))
+        pressed: Change = partial(sent, last=5, older=5, side=1)
+        yield Case(f"motion, {plan}", ways, pressed if plan == "other masters" else Case.change, plan)
     for sign, counts in ((1, 2**31 - 2), (-1, -(2**31) + 1)):
-        change = partial(wraps, sign=sign)
-        yield Case(f"counts wrap around {sign}", (no,), change, contact=False, counts=counts)
+        yield Case(f"counts wrap around {sign}", (no,), partial(wraps, sign=sign), contact=False, counts=counts)
 
 
 CASES = {case.name: case for case in (*both_sides(), *one_side())}
