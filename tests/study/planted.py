@@ -187,8 +187,8 @@ PLANTED = {
     ),
     "work of a force 1 % too large": Planted(
         "haptic_fieldbus/cycle/energy_steps.py",
-        "way * (early * older",
-        "1.01 * way * (early * older",
+        "self.early, self.late = share * unit, (1.0 - share) * unit",
+        "self.early, self.late = 1.01 * share * unit, 1.01 * (1.0 - share) * unit",
         ("passivity-observer-timing", "passivity-observer-delay", "saturation-ledger"),
         ("tests/cycle/test_energy.py::test_a_contact_at_constant_speed_shows_its_leak_to_the_last_digit",),
     ),
