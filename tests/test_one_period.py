@@ -17,16 +17,17 @@ MOST_FILES, MOST_MOVES = 8, {"wall": 6, "damped_wall": 10}
 Step = Callable[[bytes | bytearray], bytearray]
 
 
-def calls_of_a_steady_period(scene: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Call, ...]:
+def calls_of_a_steady_period(scene: str, monkeypatch: pytest.MonkeyPatch, *, full: bool) -> tuple[Call, ...]:
     """Functions called from the input image to the output image in most periods of a contact in which nothing happens.
 
-    The wait, the buses, the simulated bench and the record stand around the step of the cycle.
+    The wait, the buses, the simulated bench and the record stand around the step of the cycle. With `full` all periods
+    go through the code that all plans share.
     """
     steady: Counter[tuple[Call, ...]] = Counter()
     bind = Cycle._bind_step
 
     def bind_traced(cycle: Cycle) -> Step:
-        plain = bind(cycle)
+        plain = cycle.full if full else bind(cycle)
 
         def step(image: bytes | bytearray) -> bytearray:
             with traced() as calls:
@@ -57,9 +58,21 @@ def files_on_the_page(left_out: str) -> list[str]:
 def test_a_steady_period_goes_through_the_files_of_the_page(
     scene: str, left_out: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls = calls_of_a_steady_period(scene, monkeypatch)
+    calls = calls_of_a_steady_period(scene, monkeypatch, full=True)
     files = sorted({str(call.called).partition(":")[0] for call in calls})
     assert files == files_on_the_page(left_out)
     assert len(files) <= MOST_FILES
     moves = [call for call in calls[1:] if call.caller is not None and call.caller.module != call.called.module]
     assert len(moves) <= MOST_MOVES[scene]
+
+
+@pytest.mark.parametrize(
+    ("scene", "called"),
+    [("wall", {"scenes/wall.py"}), ("damped_wall", {"cycle/laws.py", "scenes/wall.py"})],
+)
+def test_an_ordinary_period_is_one_function_that_calls_the_estimator_and_the_elements(
+    scene: str, called: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = calls_of_a_steady_period(scene, monkeypatch, full=False)
+    files = {str(call.called).partition(":")[0] for call in calls}
+    assert {file for file in files if "estimators" not in file} == {"cycle/ordinary.py", *called}

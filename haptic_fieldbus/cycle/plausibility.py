@@ -377,7 +377,7 @@ class SignWatch:
         def look() -> None:
             render()
             left = self.left
-            if left and state.steps == 1:  # as in `add`, without its call
+            if left and state.steps == 1:
                 self.total += state.target
                 self.left = left - 1
             else:
@@ -386,15 +386,12 @@ class SignWatch:
         return look
 
     def add(self) -> None:
-        """Add the target of a period to the block; end a block that is full, or that a gap spoils."""
+        """End a block that is full, or drop one that a gap spoils; begin the next one with the target of a period."""
         if self._state.steps != 1:
             self._places.clear()
-            self.total, self.left = 0, self._periods
-        elif not self.left:
+        else:
             self._block(self.total / self._periods)
-            self.total, self.left = 0, self._periods
-        self.total += self._state.target
-        self.left -= 1
+        self.total, self.left = self._state.target, self._periods - 1
 
     def _block(self, torque: float) -> None:
         """End a block with this mean torque, in steps, and compare torque and motion."""

@@ -217,7 +217,7 @@ IN_AN_EXEC = """
 from haptic_fieldbus.cli import app, main
 def struck(**_):
     exec("import signal; signal.raise_signal(signal.SIGTERM)")
-app.app = struck
+app.application = lambda given: struck
 main()
 """
 
