@@ -23,6 +23,29 @@ FADE_IN = 1000
 """Periods after which force has faded in."""
 
 
+def sign_by_hand() -> Callable[[float, float], bool]:
+    """Return a function of the mean torque and the place of a block: whether the motion goes against the torque."""
+    places: deque[float] = deque(maxlen=5)
+    torques: deque[float] = deque(maxlen=4)
+    agreement = excitation = 0.0
+
+    def opposed(torque: float, here: float) -> bool:
+        nonlocal agreement, excitation
+        torques.append(torque)
+        places.append(here)
+        if len(places) < 5:
+            return False
+        oldest, old, _, new, newest = places
+        inertial = 2000.0 * (newest - 2.0 * new + 2.0 * old - oldest)
+        first, second, third, fourth = torques
+        change = 0.5 * (fourth + third - second - first)
+        agreement = 0.95 * agreement + inertial * change
+        excitation = 0.95 * excitation + change * change
+        return excitation > 100.0 and agreement < -0.5 * excitation
+
+    return opposed
+
+
 def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
     """The wall as one function without any choice, with every guard of the cycle; and the guard that tripped, or "".
 
@@ -35,12 +58,10 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
     late, later = math.exp(-0.4e-3 * 2 * math.pi * 1000), math.exp(-0.6e-3 * 2 * math.pi * 1000)
     target = older = side = moved_ns = fresh_ns = total = 0
     position, left = COUNTS * unit, 5
-    way = energy = torque = before = fade = shift = agreement = excitation = 0.0
+    way = energy = torque = before = fade = shift = 0.0
     cap = math.inf
     sent: deque[int] = deque([0] * 3, maxlen=3)
-    places: deque[float] = deque(maxlen=5)
-    torques: deque[float] = deque(maxlen=4)
-    tripped, output = "", bytearray(4)
+    opposed, tripped, output = sign_by_hand(), "", bytearray(4)
 
     def released(guard: str) -> bytearray:
         nonlocal tripped
@@ -50,7 +71,6 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
 
     def period(image: bytes) -> bytearray:
         nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side, fresh_ns, total, left
-        nonlocal agreement, excitation
         if tripped:
             return released(tripped)
         t_ns, _, flags, _, statusword, counts, shown = unpack(image)
@@ -113,17 +133,8 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
         pack_into(output, 0, 0x0F, target)
         # Sign watch, in blocks of five periods.
         if not left:
-            torques.append(total / 5)
-            places.append(here)
-            if len(places) == 5:
-                oldest, old, _, new, newest = places
-                inertial = 2000.0 * (newest - 2.0 * new + 2.0 * old - oldest)
-                first, second, third, fourth = torques
-                change = 0.5 * (fourth + third - second - first)
-                agreement = 0.95 * agreement + inertial * change
-                excitation = 0.95 * excitation + change * change
-                if excitation > 100.0 and agreement < -0.5 * excitation:
-                    return released("sign")
+            if opposed(total / 5, here):
+                return released("sign")
             total, left = 0, 5
         total += target
         left -= 1

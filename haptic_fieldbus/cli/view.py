@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -83,9 +83,10 @@ def _address(child: "subprocess.Popen[str]") -> str:
     patience, said = Timer(STARTING, child.kill), ""
     patience.start()
     try:
-        for said in child.stderr or ():
-            if found := ADDRESS.search(said):
-                return found[0]
+        with child.stderr or nullcontext(()) as lines:  # closed, because nobody reads on: a full pipe stops its writer
+            for said in lines:
+                if found := ADDRESS.search(said):
+                    return found[0]
     finally:
         patience.cancel()
     raise UsageError(f"the server of the view did not start: {said.strip()}")

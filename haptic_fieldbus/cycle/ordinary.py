@@ -20,6 +20,7 @@ from haptic_fieldbus.cycle.energy_steps import PlainAccount
 from haptic_fieldbus.cycle.laws import in_order
 from haptic_fieldbus.cycle.plausibility import TorqueEcho
 from haptic_fieldbus.cycle.safety import Trip
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.signals import Signal
 
@@ -49,6 +50,16 @@ class Unwatched:
         """Do nothing."""
 
 
+def _range(axis: AxisPlan) -> tuple[float, float]:
+    """Return the first and last position of ordinary periods [m or rad].
+
+    Beyond them a limit is passed, or the counts may have wrapped around since zero: the full code then adds a turn.
+    """
+    lowest, highest = axis.limits.position or (-math.inf, math.inf)
+    wrap = LARGEST_COUNT * abs(axis.position_unit)
+    return max(lowest, -wrap), min(highest, wrap)
+
+
 def bind_ordinary(
     cycle: CycleState, each: "AxisCycle", account: PlainAccount, echo: TorqueEcho, output: bytearray, full: Step
 ) -> Step:
@@ -57,13 +68,9 @@ def bind_ordinary(
     unpack, pack_into, offset = each.image.input.unpack_from, each.image.output.pack_into, each.image.outputs[0]
     place, unit, effort_unit = axis.place_of(Signal.POSITION), axis.position_unit, axis.effort_unit
     sign, mask, (shortest, longest, largest_way, jump) = axis.rig.mechanism.sign, axis.power.mask, each.bounds
-    lowest, highest = axis.limits.position or (-math.inf, math.inf)
-    # Beyond these places the counts may have wrapped around between zero and here: the full code adds a turn.
-    wrap = LARGEST_COUNT * abs(unit)
-    lowest, highest = max(lowest, -wrap), min(highest, wrap)
-    still_ns, standstill = each.still_ns, each.standstill
+    lowest, highest = _range(axis)
+    still_ns, standstill, limit, not_finite = each.still_ns, each.standstill, each.limit, each.not_finite
     holding, effort, largest_change = axis.limits.holding, axis.limits.effort, axis.limits.slew * each.period
-    limit, not_finite = each.limit, each.not_finite
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
     tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
     remember, watch = echo.before.appendleft, each.sign_watch or Unwatched()

@@ -71,13 +71,13 @@ DRIFTS = [
     ("not lowest <= here <= highest", "not WIDER * lowest <= here <= highest", "range beyond down"),
     ("not lowest <= here <= highest", "not lowest <= here <= WIDER * highest", "range beyond up"),
     (
-        "lowest, highest = max(lowest, -wrap), min(highest, wrap)",
-        "lowest, highest = lowest, min(highest, wrap)",
+        "return max(lowest, -wrap), min(highest, wrap)",
+        "return lowest, min(highest, wrap)",
         "counts wrap around -1",
     ),
     (
-        "lowest, highest = max(lowest, -wrap), min(highest, wrap)",
-        "lowest, highest = max(lowest, -wrap), highest",
+        "return max(lowest, -wrap), min(highest, wrap)",
+        "return max(lowest, -wrap), highest",
         "counts wrap around 1",
     ),
     ("axis.limits.position or", "None or", "range at up"),

@@ -162,11 +162,8 @@ def test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets
     assert "unit 1 (axis handle) did not confirm that its motor is off" in bench.bus.warnings
 
 
-def test_a_silent_line_holds_up_the_other_lines_of_a_rig_for_two_milliseconds_at_a_time(
-    opened: ExitStack, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench, server = pushing(opened, "tcp")
-    server.mischief = silent
+def waits_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that takes how long each answer is waited for from now on [ns]."""
     waits: list[int] = []
     answer = Requester.answer
 
@@ -175,6 +172,15 @@ def test_a_silent_line_holds_up_the_other_lines_of_a_rig_for_two_milliseconds_at
         return answer(self, deadline_ns)
 
     monkeypatch.setattr(Requester, "answer", noted)
+    return waits
+
+
+def test_a_silent_line_holds_up_the_other_lines_of_a_rig_for_two_milliseconds_at_a_time(
+    opened: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, server = pushing(opened, "tcp")
+    server.mischief = silent
+    waits = waits_of(monkeypatch)
     bench.bus.release()
     while not bench.bus.settle():
         pass
@@ -199,14 +205,7 @@ def test_on_a_slow_line_an_answer_has_the_time_that_its_octets_take(
     server = opened.enter_context(rtu_server(Drive()))
     bench = opened.enter_context(Bench(plan_of(server.name, rate=5.0, section={"baud": 4800}))).open().enable()
     server.mischief = silent
-    waits: list[int] = []
-    answer = Requester.answer
-
-    def noted(self: Requester, deadline_ns: int) -> Any:
-        waits.append(deadline_ns - self.clock.now_ns())
-        return answer(self, deadline_ns)
-
-    monkeypatch.setattr(Requester, "answer", noted)
+    waits = waits_of(monkeypatch)
     assert bench.bus.stop() is False
     assert max(waits) >= 1e9 * 15 * 11 / 4800
 
