@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import tempfile
 from collections import Counter
 
@@ -41,6 +42,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("lane") == Lane.VENDOR.value and not vendor_files():
         raise pytest.UsageError(f"no vendors' files: set {VENDOR_FILES} to a folder with EDS or DCF files of vendors")
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell leaves it for what runs in the background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.pluginmanager.register(Invariants())
     config.option.loadscopereorder = False  # xdist begins with the files that have the most tests
     vcan.pytest_configure(config)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
 from haptic_fieldbus.documents.expected import Expectation, KeyPath, Schema, child
 from haptic_fieldbus.documents.names import suggestion
-from haptic_fieldbus.documents.safe_read import TOML_SIZE, fault_of_data, fault_of_text, read_octets
+from haptic_fieldbus.documents.safe_read import TOML_SIZE, TOO_MANY_DIGITS, fault_of_data, fault_of_text, read_octets
 from haptic_fieldbus.errors import DocumentError, Fault
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ class Document:
             raise self.error(self.source, [Fault("", "nested too deeply")]) from None
         # Python refuses to convert an integer of several thousand digits.
         except ValueError:
-            raise self.error(self.source, [Fault("", "a number has too many digits")]) from None
+            raise self.error(self.source, [Fault("", TOO_MANY_DIGITS)]) from None
         self._refuse_whole(fault_of_data(data))
         return data
 

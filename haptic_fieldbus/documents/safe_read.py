@@ -47,7 +47,7 @@ def fault_of_text(text: str) -> str:
 
 
 def fault_of_data(data: object) -> str:
-    """Return the fault of data with a list or a table of too many members; empty when it has none."""
+    """Return the fault of data with too many members in a list or table, or a too long integer; empty for none."""
     waiting = [data]
     while waiting:
         value = waiting.pop()
@@ -55,10 +55,15 @@ def fault_of_data(data: object) -> str:
             if len(value) > MOST_MEMBERS:
                 return f"a {'table' if isinstance(value, dict) else 'list'} of {len(value)} members; {_EXPECTED}"
             waiting.extend(value.values() if isinstance(value, dict) else value)
+        elif isinstance(value, int) and value.bit_length() > LONGEST_INTEGER:
+            return TOO_MANY_DIGITS
     return ""
 
 
 _EXPECTED = f"expected at most {MOST_MEMBERS}"
+LONGEST_INTEGER = 128
+"""Bits of an integer in a file; products of some of them are still in the range of a float."""
+TOO_MANY_DIGITS = "a number has too many digits"
 
 
 KIBI = 1 << 10

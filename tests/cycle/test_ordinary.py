@@ -284,7 +284,7 @@ def test_a_law_that_fails_in_an_ordinary_period_takes_the_torque_away(force: obj
         image = codec.pack(10**9 + number * 10**6, 0, 0, 0, ENABLED, number, -cycles[0]._first.state.target)
         first, second = cycles[0].step(image), cycles[1].full(image)
         assert first == second
-        assert cycles[0].trip == cycles[1].trip
+        assert repr(cycles[0].trip) == repr(cycles[1].trip), "as text, because a value that is nan equals no other"
         if cycles[0].trip is not None:
             break
     assert first == zero

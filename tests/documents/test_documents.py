@@ -146,6 +146,8 @@ def test_a_second_fault_of_a_key_is_told_only_when_it_is_true_as_well() -> None:
         ("a = " + "[" * 5000, "nested too deeply"),
         ("a = " + "[" * 300 + "]" * 300, "nested too deeply"),
         (f"a = {'9' * 5000}", "a number has too many digits"),
+        (f"a = {'9' * 400}", "a number has too many digits"),
+        (f"a = [{{ b = -{2**128} }}]", "a number has too many digits"),
         (f"a = 0x{'9' * 5000}", "a number has too many digits"),
     ],
 )

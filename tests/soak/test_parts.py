@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from tests.soak import files
+from tests.soak.active import AGE, PERMITTED, active_case, excesses, rendered, wrong_with
 from tests.soak.page import page
 from tests.soak.parts import PARTS, WHOLE, chunks, worked
 from tests.soak.planted import PROJECT
@@ -45,6 +46,17 @@ def test_a_whole_soak_is_as_large_as_was_promised() -> None:
 def test_a_little_of_each_part_breaks_nothing(work: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "bounded", lambda: None)  # it would bound the process of the tests
     assert PARTS[work].work(7, count)["broken"] == []
+
+
+def test_an_element_that_states_no_energy_may_give_back_what_it_took_before() -> None:
+    case = active_case(232)  # it took 0.5 J in its first contacts, and then gives 12 mJ in each
+    result = rendered(case)
+    assert result is not None
+    assert not result.trips
+    given = [excess for _, excess in excesses(result.traces[0], case, AGE / case.rate)]
+    assert sum(excess > PERMITTED for excess in given) >= 6
+    assert sum(given) < 0.0
+    assert wrong_with(case) == []
 
 
 @pytest.mark.thorough("a small soak, twice")
