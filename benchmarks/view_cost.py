@@ -12,7 +12,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.live import Live, LiveRecord
+from haptic_fieldbus.running.live import Live
 
 ROWS = 20_000
 READER = """
@@ -31,11 +31,12 @@ def main() -> None:
     row = tuple(float(number) for number in range(len(columns(found))))
     plain, cycle, report = Record(columns(found), ROWS), Cycle(found), LoopReport()
     with Live(lambda *_: {}) as live:
-        record = live.record(found, columns(found), ROWS)
-        assert isinstance(record, LiveRecord)
+        record = Record(columns(found), ROWS)
+        live.follow(found, record)
         live.begin(found, cycle, report, None, EndSignals())
         alone = Row("nobody looks", cost(lambda: record.push(row), 2000, 60), cost(lambda: plain.push(row), 2000, 60))
-        fd = record.ring.fd
+        assert live.ring is not None
+        fd = live.ring.fd
         with subprocess.Popen([sys.executable, "-c", READER, str(fd)], pass_fds=[fd]) as reader:
             looked = Row("a page looks", cost(lambda: record.push(row), 2000, 60), alone.reference)
             reader.terminate()

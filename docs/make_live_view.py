@@ -153,8 +153,8 @@ class Film:
         """Let time go on, and the page draw it."""
         self.time.until_ns += round(seconds * 1e9)
         wait(lambda: self.time.stands_at_ns == self.time.until_ns)
-        record = self.live._record
-        wait(lambda: record is not None and self.ask("haptic.state().next") == record.ring.pushed)
+        ring = self.live.ring
+        wait(lambda: ring is not None and self.ask("haptic.state().next") == ring.pushed)
         self.browser.execute_script("advance(arguments[0]); dispatchEvent(new Event('resize'))", 1e3 * seconds + 1.0)
         self.browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
 

@@ -98,7 +98,7 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
         'a Changes, or a list such as [(2.0, {"wall.stiffness": 800.0})]',
         lambda value: isinstance(value, list | tuple) or hasattr(value, "scheduled"),
     ),
-    "live": ("a Live", lambda value: hasattr(value, "record") and hasattr(value, "begin")),
+    "live": ("a Live", lambda value: hasattr(value, "follow") and hasattr(value, "begin")),
     **dict.fromkeys(("confirm", "instruct", "announce"), ("a function", callable)),
     "progress": ("a function, True or False", lambda value: isinstance(value, bool) or callable(value)),
 }

@@ -2,7 +2,7 @@
 
 import struct
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,8 @@ class Record:
         self.capacity = capacity
         self.pushed = 0
         """Number of rows pushed so far; the ring holds the last `capacity` of them."""
+        self.followers: list[Callable[[Sequence[float]], object]] = []
+        """Functions that get each row after it was pushed."""
         # The whole ring is touched here, so that no push in the loop allocates memory.
         self._values = array("d", [0.0]) * (len(self.columns) * capacity)
         row = struct.Struct(f"{len(self.columns)}d")
@@ -41,6 +43,8 @@ class Record:
         """
         self._pack_into(self._values, self.pushed % self.capacity * self._size, *row)
         self.pushed += 1
+        for follow in self.followers:
+            follow(row)
 
     @property
     def last(self) -> tuple[float, ...]:

@@ -97,8 +97,7 @@ def _announce(address: str, host: str, browser: bool) -> None:
     if host not in (LOOPBACK, "localhost"):
         lines.append(("warning", "every computer that reaches this address may steer and stop the run; keep it secret"))
     show(lines, sys.stderr)
-    screen = sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if browser and screen:
+    if browser and (sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         import webbrowser
 
         webbrowser.open(address)

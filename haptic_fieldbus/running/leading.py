@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from time import monotonic_ns
 from typing import Protocol
 
-from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.axis import AxisCycle
 
@@ -141,14 +140,3 @@ class Leading:
             self.acted.append((self._number, axis, to))
             if len(self.acted) > MOST_LED:
                 self.acted = None
-
-
-class LedRecord(Record):
-    """A record after each row of which something is done."""
-
-    after: Callable[[], None] | None = None
-
-    def push(self, row: Sequence[float]) -> None:
-        super().push(row)
-        if self.after is not None:
-            self.after()

@@ -13,7 +13,7 @@ of the ring and the description of the run, and sends commands, one JSON object 
 | `{"pull": ["handle", 0.01]}` | simulation only: the hand pulls the handle to a place; null lets go |
 | `{"hand": "push"}` | simulation only: another hand takes the handle |
 | `{"scene": "detents"}` | simulation only: the run ends and one with that scene begins, if it can be run |
-| `{"speed": 0.1}`, `{"paused": true}`, `{"step": 1}` | simulation only: the pace of the simulated time |
+| `{"speed": 0.1}`, `{"paused": true}`, `{"steps": 1}` | simulation only: the pace of the simulated time |
 
 No command enables a drive.
 """
@@ -37,7 +37,7 @@ from queue import SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.power import PowerState
@@ -45,7 +45,7 @@ from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.leading import Leading, LedRecord, SimulatedTime
+from haptic_fieldbus.running.leading import Leading, SimulatedTime
 from haptic_fieldbus.running.rights import REAL_TIME
 from haptic_fieldbus.running.ring import LONGEST_LINE, RingWriter
 from haptic_fieldbus.signals import LinkFlag
@@ -81,14 +81,11 @@ HANDS = ("push", "tap", "release", "none")
 EXPECTED = {
     "pages": "expected a number of pages", "pull": "expected an axis and a place, or null to let go",
     "hand": f"expected one of {', '.join(HANDS)}", "scene": "expected a scene that this simulation offers",
-    "speed": "expected a finite number", "paused": "expected true or false", "step": "expected a number of periods",
+    "speed": "expected a finite number", "paused": "expected true or false", "steps": "expected a number of periods",
 }  # fmt: skip
 """End of the sentence that refuses the value of a command."""
-PACE: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
-    "speed": ("speed", float), "paused": ("paused", bool), "step": ("steps", int),
-}  # fmt: skip
-"""Arguments of `SimulatedTime.set` and their kinds, by the command."""
-STATES = {state: state.value for state in PowerState}
+PACE: Mapping[str, Callable[[Any], Any]] = {"speed": float, "paused": bool, "steps": int}
+"""Commands that are arguments of `SimulatedTime.set`, and their kinds."""
 
 
 def folder() -> Path:
@@ -111,19 +108,6 @@ def sockets() -> list[Path]:
             else:
                 alive.append(path)
     return sorted(alive, key=lambda path: path.stat().st_mtime, reverse=True)
-
-
-class LiveRecord(LedRecord):
-    """A record whose rows also go to the ring."""
-
-    def __init__(self, columns: Sequence[str], capacity: int, ring: RingWriter) -> None:
-        super().__init__(columns, capacity)
-        self.ring, self._show = ring, ring.push
-        self.of_run: Callable[[], tuple[float, ...]] = lambda: (math.nan,) * len(RUN_COLUMNS)
-
-    def push(self, row: Sequence[float]) -> None:
-        super().push(row)
-        self._show(row, self.of_run())
 
 
 @dataclass(eq=False)
@@ -179,11 +163,12 @@ class Live:
         """Held while readers are added, removed or written to."""
         self._hello: dict[str, Any] = {}
         """First message to a reader; empty while no run goes on."""
-        self._record: LiveRecord | None = None
+        self.ring: RingWriter | None = None
+        self._record: Record | None = None
         self._leading: Leading | None = None
         self._plan: Plan | None = None
         self._ending: EndSignals | None = None
-        self._shown, self._pacing = threading.Event(), threading.Event()
+        self._shown = threading.Event()
         self._page_seen = math.inf
         self._ended = False
 
@@ -206,8 +191,8 @@ class Live:
         for each in (self._listener, self._woken, *(reader.socket for reader in self._readers)):
             each.close()
         self.path.unlink(missing_ok=True)
-        if self._record is not None:
-            self._record.ring.close()
+        if self.ring is not None:
+            self.ring.close()
 
     @property
     def goes_on(self) -> bool:
@@ -216,12 +201,12 @@ class Live:
 
     def renew(self) -> str | None:
         """Prepare the next run and return its scene; None when no other one is to begin."""
-        scene, ending, record = self.next_scene, self._ending, self._record
-        if not self.goes_on or ending is None or record is None:
+        scene, ending, ring = self.next_scene, self._ending, self.ring
+        if not self.goes_on or ending is None or ring is None:
             return None
         with self._lock:  # a reader that connects now waits for the description of the next run
-            self._hello, self._leading, self._record, self._ending = {}, None, None, None
-        record.ring.close()
+            self._hello, self._leading, self.ring, self._ending = {}, None, None, None
+        ring.close()
         speed, self.time = self.time.speed, SimulatedTime()
         self.time.set(speed=speed)
         self._shown.clear()
@@ -233,33 +218,34 @@ class Live:
 
     # What the run calls.
 
-    def record(self, plan: Plan, columns: Sequence[str], capacity: int) -> LiveRecord:
-        """Return the record of the run, whose rows are shown too."""
+    def follow(self, plan: Plan, record: Record) -> None:
+        """Prepare to show the rows of the record of a run, before a bus is opened."""
         self.ready()
-        width = len(columns) + len(RUN_COLUMNS) + len(plan.axes)
-        ring = RingWriter(width, min(LONGEST_RING, math.ceil(RING_TIME * plan.rate)))
-        self._record = LiveRecord(columns, capacity, ring)
-        return self._record
+        width = len(record.columns) + len(RUN_COLUMNS) + len(plan.axes)
+        self.ring = RingWriter(width, min(LONGEST_RING, math.ceil(RING_TIME * plan.rate)))
+        self._record = record
 
     def begin(self, plan: Plan, cycle: Cycle, report: LoopReport, leading: Leading | None, ending: EndSignals) -> None:
         """Show the run from now on; with `required`, wait for a page. Raises UsageError when none comes."""
-        record = self._record
-        if record is None:
-            raise UsageError("this view has no record; call `record` first")
+        record, ring = self._record, self.ring
+        if record is None or ring is None:
+            raise UsageError("this view has no record; call `follow` first")
         self.time.period_ns = plan.period_ns
         self._ending, self.time.leaving = ending, lambda: ending.signal is not None
         self._leading, self._plan = leading, plan
         if not plan.simulated:
             self._be_as_urgent()
-        record.of_run = self._of_run(plan, cycle, report)
+        values = self._of_run(plan, cycle, report)
+        record.followers.append(lambda row: ring.push(row, values()))
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
-        words = {"states": [*STATES.values()], "flags": [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]}
-        told = {"columns": columns, **words, "run": self._run, "required": self._required, "first": self.of_file}
-        told |= {"command": shlex.join(self.command), "scenes": [*self.scenes] if self._leading else []}
+        flags = [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]
+        told = {"columns": columns, "flags": flags, "states": [state.value for state in PowerState], "run": self._run}
+        told |= {"required": self._required, "first": self.of_file, "command": shlex.join(self.command)}
+        told["scenes"] = [*self.scenes] if self._leading else []
         with self._lock:
             self._hello = {**told, **self._describe(plan, plan), **self._pace()}
             for reader in self._readers:
-                reader.send({"hello": self._hello}, fd=record.ring.fd)
+                reader.send({"hello": self._hello}, fd=ring.fd)
         if self._required:
             if not self._shown.wait(FIRST_PAGE):
                 raise UsageError(f"no page was opened within {FIRST_PAGE:.0f} s, and --view-required needs one")
@@ -295,7 +281,7 @@ class Live:
         alone = tallies[0] if len(tallies) == 1 else None
         begun = () if self.changes is None else self.changes.applied
         told: list[Any] = []
-        number_of = {id(state): place for place, state in enumerate(STATES)}  # an Enum is slow to look up
+        number_of = {id(state): place for place, state in enumerate(PowerState)}  # an Enum is slow to look up
 
         def values() -> tuple[float, ...]:
             trip = cycle.trip
@@ -353,10 +339,6 @@ class Live:
         above = [*above_limit(change.plan)]
         self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above}, known=told)
 
-    def _tell_pace(self) -> None:
-        self._pacing.clear()
-        self._tell({"pace": self._pace()}, known=self._pace())
-
     def _begin_scene(self, reader: _Reader, name: str) -> None:
         try:
             self.check_scene(name)
@@ -391,8 +373,8 @@ class Live:
         selector.register(connected, selectors.EVENT_READ, reader)
         with self._lock:
             self._readers.append(reader)
-            if self._hello and self._record is not None:
-                reader.send({"hello": self._hello}, fd=self._record.ring.fd)
+            if self._hello and self.ring is not None:
+                reader.send({"hello": self._hello}, fd=self.ring.fd)
 
     def _leave(self, reader: _Reader) -> None:
         with self._lock:
@@ -455,13 +437,10 @@ class Live:
             _expect(value in HANDS)
             leading.take(value)
         elif name in PACE:
-            word, kind = PACE[name]
-            number = kind(value)
+            number = PACE[name](value)
             _expect(math.isfinite(number))
-            self.time.set(**{word: number})
-            if not self._pacing.is_set():  # however many commands come, one message waits
-                self._pacing.set()
-                self._tasks.put(self._tell_pace)
+            self.time.set(**{name: number})
+            self._tell({"pace": self._pace()}, known=self._pace())
 
     def _end_by(self, number: int) -> None:
         """End the run as by a signal, if none has come."""

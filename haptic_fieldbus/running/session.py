@@ -114,7 +114,9 @@ class Session:
         enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
         kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
         room = min(cycles, kept) + enabling + 1
-        record = self._record(room)
+        record = Record(columns(plan), room)
+        if self.live is not None:
+            self.live.follow(plan, record)
         try:
             self._keep_provenance()
             rows = Rows(record, self.record, simulated=plan.simulated, provenance=self.provenance)
@@ -130,9 +132,11 @@ class Session:
                 )  # fmt: skip
                 assessment = Assessment(run)
                 with _freed(bus, ending):
-                    self._leading = None if self.led is None else self.led(site.worlds)
+                    leading = self._leading = None if self.led is None else self.led(site.worlds)
                     if self.live is not None:
-                        self.live.begin(plan, cycle, report, self._leading, ending)
+                        self.live.begin(plan, cycle, report, leading, ending)
+                    if leading is not None:
+                        record.followers.append(lambda row: leading.act(cycle.axes, plan.period))
                     due = self._confirmed(bus)
                     if caller is not None:
                         yield
@@ -184,22 +188,6 @@ class Session:
         fault = faults[0] if faults else None
         warnings = (*told, *result.warnings)
         return self._told_with(replace(result, recording_fault=fault, stopped=stopped, warnings=warnings))
-
-    def _record(self, room: int) -> Record:
-        """Return the record, which shows its rows, and lets the hand act after each."""
-        of_axes = columns(self.plan)
-        if self.live is None and self.led is None:
-            return Record(of_axes, room)
-        from haptic_fieldbus.running.leading import LedRecord
-
-        record = LedRecord(of_axes, room) if self.live is None else self.live.record(self.plan, of_axes, room)
-        record.after = self._act
-        return record
-
-    def _act(self) -> None:
-        """Let the hand of a page, or of a recorded run, act."""
-        if self._leading is not None and self.cycle is not None:
-            self._leading.act(self.cycle.axes, self.plan.period)
 
     def _told_with(self, result: Result) -> Result:
         """Return a result with the facts known before; its warnings follow those of bus and watchdogs."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from haptic_fieldbus.cycle.laws import at_rest
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerals import exactly
@@ -21,6 +22,7 @@ from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import Signal, Workspace
 
 Json = dict[str, Any]
+MOTION = {Signal.POSITION, Signal.VELOCITY}
 LAW_POINTS = 401
 """Places at which the force of the scene is told."""
 OF_AXIS = {"age_ns": "ns", "position counts": "counts"}
@@ -59,7 +61,7 @@ def describe(plan: Plan, running: Plan) -> Json:
         "parameters": [_parameter(plan, running, *each, limits.get(each[0])) for each in values_of(plan.scene).items()],
         "units": OF_RUN | {
             f"{axis.name}.{name}": unit for axis in plan.axes
-            for name, unit in (OF_AXIS | UNITS["rotary" if axis.workspace is Workspace.ROTARY else "linear"]).items()
+            for name, unit in (OF_AXIS | UNITS[axis.workspace.value]).items()
         },
     }  # fmt: skip
 
@@ -97,7 +99,7 @@ def _axis(plan: Plan, axis: AxisPlan) -> Json:
         "drive": axis.profile.title,
         "travel": [low, high],
         "effort": axis.limits.effort,
-        "law": _law(axis, low, high),
+        "law": _law(axis, plan.period, low, high),
         "whole": len(_static(axis)) == len(axis.elements) and not axis.couplings,
         "surfaces": [each for element in axis.elements for each in _surfaces(element)],
         "partner": next((name for each in axis.couplings for name in each.axes if name != axis.name), None),
@@ -116,24 +118,15 @@ def _travel(axis: AxisPlan) -> tuple[float, float]:
     return (low if low >= -2.0 * span else -span), (high if high <= 2.0 * span else span)
 
 
-def _law(axis: AxisPlan, low: float, high: float) -> list[float | None]:
+def _law(axis: AxisPlan, period: float, low: float, high: float) -> list[float | None]:
     """Return the force on a handle at rest at places from `low` to `high`; none where no element is without memory."""
-    laws = _static(axis)
-    if not laws:
-        return [None] * LAW_POINTS
-    step = (high - low) / (LAW_POINTS - 1)
-    return [_finite(sum(_at_rest(each, low + step * number) for each in laws)) for number in range(LAW_POINTS)]
+    known, field, step = _static(axis), at_rest(axis.elements, period), (high - low) / (LAW_POINTS - 1)
+    return [_finite(field(low + step * number)) if known else None for number in range(LAW_POINTS)]
 
 
 def _static(axis: AxisPlan) -> list[AnyElement]:
     """Return the elements whose force follows from the motion alone."""
-    motion = {Signal.POSITION, Signal.VELOCITY}
-    return [each for each in axis.elements if hasattr(type(each), "force") and each.needs and {*each.needs} <= motion]
-
-
-def _at_rest(element: Any, position: float) -> float:
-    values = {Signal.POSITION: position, Signal.VELOCITY: 0.0}
-    return float(element.force(*(values[signal] for signal in element.needs)))
+    return [each for each in axis.elements if hasattr(type(each), "force") and each.needs and {*each.needs} <= MOTION]
 
 
 def _surfaces(element: AnyElement) -> Iterator[Json]:

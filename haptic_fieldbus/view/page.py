@@ -6,17 +6,22 @@ who steers. Answers come back here: `Controls.show` sets the values that are in 
 
 import asyncio
 import json
+from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from nicegui import app, ui
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
 
+if TYPE_CHECKING:
+    from haptic_fieldbus.view.server import Hub
+
 ASSETS = Path(__file__).parent / "assets"
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
 SPANS = {"2 s": 2, "5 s": 5, "10 s": 10}
+_html = partial(ui.html, sanitize=False)
 STARTING = 60.0
 """Time for which a page waits for the run to begin [s]."""
 HANDS_SHOWN = {"push": "push", "tap": "tap", "push, then release": "release", "none (drag the handle)": "none"}
@@ -25,16 +30,7 @@ FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
 
-class Source(Protocol):
-    """Description of the run from which a page is made, once it is known."""
-
-    hello: dict[str, Any]
-    first: dict[str, float]
-    controls: dict[str, "Controls"]
-    known: asyncio.Event
-
-
-def build(hub: Source) -> None:
+def build(hub: "Hub") -> None:
     """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 
@@ -62,7 +58,7 @@ class Controls:
         ui.query(".nicegui-content").classes("page")
         with ui.element("header"):
             self._head(hello)
-        ui.html('<div id="lost" role="alert" hidden></div><div id="trip" role="alert" hidden></div>', sanitize=False)
+        _html('<div id="lost" role="alert" hidden></div><div id="trip" role="alert" hidden></div>')
         with ui.element("main"):
             self._pictures(hello)
             with ui.element("aside"):
@@ -74,17 +70,15 @@ class Controls:
     def _head(self, hello: dict[str, Any]) -> None:
         bench, scene = hello["bench"], escape(hello["scene_text"], quote=True)
         kind = "simulation" if hello["simulated"] else "real drive"
-        ui.html(
+        _html(
             f"<h1 title='{scene}'>{scene}</h1><p title='{escape(bench, quote=True)}'>"
-            f"<b class='is-{kind.split()[0]}'>{kind}</b> {escape(bench)}</p>",
-            sanitize=False,
+            f"<b class='is-{kind.split()[0]}'>{kind}</b> {escape(bench)}</p>"
         ).classes("title")
-        ui.html('<span id="state" role="status">–</span><span id="time">–</span>', sanitize=False).classes("state")
+        _html('<span id="state" role="status">–</span><span id="time">–</span>').classes("state")
         _button("contrast", "Light or dark", "haptic.theme()")
-        ui.html(
+        _html(
             '<button id="stop" type="button">STOP<small>Esc</small></button>'
-            "<small>no emergency stop: it needs this page and the computer</small>",
-            sanitize=False,
+            "<small>no emergency stop: it needs this page and the computer</small>"
         ).classes("stop")
 
     def _pictures(self, hello: dict[str, Any]) -> None:
@@ -105,7 +99,7 @@ class Controls:
                     _choice(triggers, NO_TRIGGER, "Column that holds the charts", "haptic.arm({column: value})")
                     level = ui.number(placeholder="level").props('dense borderless step=any aria-label="Level"')
                     level.on("update:model-value", js_handler=_JS_LEVEL)
-                    ui.html('<span id="cursor"></span>', sanitize=False)
+                    _html('<span id="cursor"></span>')
                     _choice(SPANS, "5 s", "Time that is shown", "haptic.span(value)")
                 for name, title in CHARTS:
                     with ui.element("div").classes("chart"):
@@ -116,16 +110,16 @@ class Controls:
 
     def _facts(self, hello: dict[str, Any]) -> None:
         rows = "".join(f"<dt>{name}</dt><dd id='fact-{name.replace(' ', '-')}'>–</dd>" for name in FACTS)
-        ui.html(f"<h2>State</h2><dl>{rows}</dl>", sanitize=False).classes("card facts")
+        _html(f"<h2>State</h2><dl>{rows}</dl>").classes("card facts")
 
     def _parameters(self, hello: dict[str, Any]) -> None:
         with ui.element("div").classes("card parameters"):
-            ui.html("<h2>Parameters</h2><p id='role' role='status'></p>", sanitize=False)
-            self._limits = ui.html(_limits(hello), sanitize=False)
+            _html("<h2>Parameters</h2><p id='role' role='status'></p>")
+            self._limits = _html(_limits(hello))
             with ui.element("div").classes("list"):
                 for each in hello["parameters"]:
                     self._parameter(each)
-            ui.html('<p id="answer" role="status" aria-live="polite"></p>', sanitize=False)
+            _html('<p id="answer" role="status" aria-live="polite"></p>')
             with ui.element("div").classes("buttons"):
                 self._steered += [_button("undo", "Back to the values of the file", "haptic.reset()", text="reset")]
                 _button("content_copy", "Copy the command line with these values", "haptic.copy()", text="copy command")
@@ -134,13 +128,13 @@ class Controls:
         """Draw name, number, slider and scale of one parameter."""
         name = told["name"]
         with ui.element("div").classes("parameter") as row:
-            ui.html(f"<label>{escape(name).replace('.', '.<wbr>').replace('_', '_<wbr>')}</label>", sanitize=False)
+            _html(f"<label>{escape(name).replace('.', '.<wbr>').replace('_', '_<wbr>')}</label>")
             number = ui.input(value=rounded_limit(told["value"])).props(
                 f'dense borderless type=number step=any suffix="{told["unit"]}" aria-label="{name}"'
             )
             slider = ui.slider(min=told["low"], max=told["high"], step=told["step"], value=told["value"])
             slider.props(f'dense aria-label="{name}" data-name="{name}"')
-            scale = ui.html(_scale(told), sanitize=False).classes("scale")
+            scale = _html(_scale(told)).classes("scale")
         asked = json.dumps(name)
         slider.on("update:model-value", js_handler=f"(value) => haptic.meant({asked}, value)")
         slider.on("change", js_handler=f"(value) => haptic.change({asked}, value)")
@@ -155,7 +149,7 @@ class Controls:
 
     def _simulation(self, hello: dict[str, Any]) -> None:
         with ui.element("div").classes("card simulation"):
-            ui.html("<h2>Simulation</h2>", sanitize=False)
+            _html("<h2>Simulation</h2>")
             with ui.element("div").classes("buttons"):
                 self._steered += [
                     _button("pause", "Pause or go on (key P)", "haptic.pause()", "pause", text="pause"),
@@ -215,7 +209,7 @@ def _button(icon: str | None, label: str, script: str, name: str = "", *, text: 
 
 def _canvas(kind: str, name: str, label: str) -> None:
     attributes = f'data-kind="{kind}" data-name="{escape(name, quote=True)}" aria-label="{escape(label, quote=True)}"'
-    ui.html(f"<canvas {attributes} role='img' tabindex='0'></canvas>", sanitize=False).classes(f"picture {kind}")
+    _html(f"<canvas {attributes} role='img' tabindex='0'></canvas>").classes(f"picture {kind}")
 
 
 def _limits(hello: dict[str, Any]) -> str:

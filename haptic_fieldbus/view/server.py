@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ WAITING = 64
 """Messages that wait for a page; of more, the oldest are dropped."""
 STEERING_TIME = 5.0
 """Time without an answer after which a page steers no more [s]."""
-STEERING = ("change", "pull", "hand", "scene", "speed", "paused", "step")
+STEERING = ("change", "pull", "hand", "scene", "speed", "paused", "steps")
 """Commands of the page that steers; every page may stop."""
 MOST_COMMANDS = 240.0
 """Commands that a page may send in a second; STOP is always passed on."""
@@ -128,7 +129,7 @@ class Page:
 
     def may_command(self) -> bool:
         """Count a command; False when the page sends too many."""
-        now, before = _now(), self.answered
+        now, before = monotonic(), self.answered
         self.answered = now
         self.credit = min(MOST_COMMANDS, self.credit + MOST_COMMANDS * (now - before))
         self.credit -= self.credit >= 1.0
@@ -165,7 +166,7 @@ class Hub:
 
     def vouch(self) -> None:
         """Say to a run that requires a page that one is shown; called again and again."""
-        shown = sum(_now() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages)
+        shown = sum(monotonic() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages)
         if self.hello.get("required") and shown:
             self._send({"pages": shown})
 
@@ -190,10 +191,8 @@ class Hub:
             each.wake.set()
 
     def _send(self, command: dict[str, Any]) -> None:
-        try:
+        with contextlib.suppress(OSError):  # the run has ended; the thread that follows it says so
             self.run.send(command)
-        except OSError:
-            self.over.set()
 
     # A page.
 
@@ -201,7 +200,7 @@ class Hub:
         """Serve one page until it leaves."""
         await self.known.wait()
         await websocket.accept()
-        page = Page(websocket, websocket.query_params.get("client", ""), answered=_now())
+        page = Page(websocket, websocket.query_params.get("client", ""), answered=monotonic())
         self._pages.append(page)
         self._choose()
         self.tell({"hello": self.hello, "first": self.first, "steers": self._steers is page}, page)
@@ -257,9 +256,8 @@ class Hub:
             page.wake.set()
         if "stop" in command:
             self._send({"stop": True})
-        if "steer" in command and (self._steers is None or _now() - self._steers.answered > STEERING_TIME):
-            self._steers = page
-            self._tell_roles()
+        if "steer" in command and (self._steers is None or monotonic() - self._steers.answered > STEERING_TIME):
+            self._choose(page)
         if page is self._steers:
             passed = {name: command[name] for name in STEERING if name in command}
             if passed and may:
@@ -267,21 +265,13 @@ class Hub:
             elif passed:
                 self.tell({"refused": "too many commands at once; try again"}, page)
 
-    def _choose(self) -> None:
-        """Let the only page steer."""
-        if self._steers is None and len(self._pages) == 1:
-            self._steers = self._pages[0]
-        self._tell_roles()
-
-    def _tell_roles(self) -> None:
+    def _choose(self, chosen: Page | None = None) -> None:
+        """Let the page that was chosen steer, or else the only one; tell all of them."""
+        self._steers = chosen or self._steers or (self._pages[0] if len(self._pages) == 1 else None)
         for page in self._pages:
             self.tell({"steers": page is self._steers}, page)
             if page.client in self.controls:
                 self.controls[page.client].enable(page is self._steers)
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()
 
 
 def listening(host: str, port: int | None) -> socket.socket:

@@ -172,7 +172,7 @@ def test_a_pointer_leads_the_handle_into_the_wall_and_lets_go() -> None:
 
 
 WRONG = [
-    b'"pages": "x"', b'"pages": 1e999', b'"step": 1e999', b'"speed": NaN', b'"speed": [1]', b'"hand": "foot"',
+    b'"pages": "x"', b'"pages": 1e999', b'"steps": 1e999', b'"speed": NaN', b'"speed": [1]', b'"hand": "foot"',
     b'"pull": 5', b'"pull": ["foot", 0.0]', b'"pull": [["handle"], 0.0]', b'"pull": ["handle", NaN]',
     b'"pull": ["handle", -1e999]', b'"pull": ["handle", 1' + b"0" * 400 + b"]", b'"change": {"wall.stiffness": NaN}',
     b'"change": {"wall.stiffness": "1e999"}', b'"change": {"wall.stiffness": ""}',
@@ -224,7 +224,7 @@ def test_what_a_page_has_changed_is_repeated_and_so_is_the_hand_that_it_led(led:
         if led:
             watcher.reader.send({"pull": ["handle", 0.012]})
             watcher.row_where("handle.position", lambda value: value > 0.008)
-            watcher.reader.send({"paused": True, "step": 3, "speed": 5.0})
+            watcher.reader.send({"paused": True, "steps": 3, "speed": 5.0})
             watcher.reader.send({"pull": ["handle", 0.03], "paused": False})
             watcher.row_where("handle.position", lambda value: value > 0.0125)
             watcher.reader.send({"pull": ["handle", None]})
@@ -326,7 +326,7 @@ def test_a_paused_run_goes_on_by_the_periods_that_are_asked_for_and_no_more() ->
         watcher.until("pace")
         for steps in (1, 1, 7):
             before_ns = live.time._until_ns
-            watcher.reader.send({"step": steps})
+            watcher.reader.send({"steps": steps})
             watcher.until("pace")
             until_ns = live.time._until_ns
             last_ns = watcher.row_where("t_ns", lambda at_ns, until_ns=until_ns: at_ns > until_ns - 1_000_000)  # type: ignore[misc]

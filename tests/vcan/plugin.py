@@ -18,7 +18,7 @@ import pytest
 
 GROUP = "vcan"
 INTERFACES = ("vcan0", "vcan1")
-TIME_LIMIT_S = 1500.0
+TIME_LIMIT_S = 3600.0
 """Of all tests in the guest together; a hang ends there."""
 REPORTS_OPTION = "--vcan-reports"
 Reports = dict[str, list[dict[str, object]]]

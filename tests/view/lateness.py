@@ -41,14 +41,15 @@ FLOOD = """
 window.flooding = setInterval(() => {
   for (let number = 0; number < 50; number++) {
     haptic.send({ change: { "wall.stiffness": 1e9 } });
-    haptic.send({ speed: 1, pull: ["handle", 0.01], step: 1 });
+    haptic.send({ speed: 1, pull: ["handle", 0.01], steps: 1 });
   }
 }, 5);
 """
 """Ten thousand commands a second that ask for an unstable wall, and as many that a real drive does not take."""
 TIMER = """
-import sys, time
+import signal, sys, time
 from haptic_fieldbus.running.rights import real_time
+signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # what it has noted last is written too
 with open(sys.argv[1], "wb", buffering=1 << 16) as file, real_time(pinned=False):
     deadline = time.monotonic_ns()
     while True:
@@ -259,7 +260,7 @@ def measured(browser: webdriver.Chrome, rounds: int, place: Path) -> dict[str, T
                 with running(place) as served:
                     _take_all(turns, seen, served, browser, -(-RELOADS // rounds))
         finally:
-            timer.kill()
+            timer.terminate()
     at, late = np.genfromtxt(slept, invalid_raise=False, usecols=(0, 1))[:-1].T
     for each in seen.values():
         for begin_ns, end_ns in each.spans:

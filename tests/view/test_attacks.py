@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.running.ending import EndSignals
@@ -106,7 +106,7 @@ def test_a_page_that_floods_the_run_is_refused_and_neither_delays_stop_nor_fills
     for number in range(3000):
         page.send(json.dumps({"change": {"wall.stiffness": 500 + number % 200}}))
         page.send('{"pull": ["handle", 0.01]}')
-        page.send('{"speed": 1.0, "step": 1, "hand": "none"}')
+        page.send('{"speed": 1.0, "steps": 1, "hand": "none"}')
     assert "too many c" in told(page, "refused")
     grown = [memory_of(pid) - was for pid, was in zip((server, served.process.pid), before, strict=True)]
     assert max(grown) < GROWTH
@@ -141,7 +141,8 @@ def test_a_reader_that_floods_the_run_leaves_its_loop_as_punctual_as_without_it(
     row = tuple(float(number) for number in range(len(columns(found))))
     late: dict[bool, list[float]] = {False: [], True: []}
     with Live(lambda *_: {}) as live, threads_give_way():
-        record = live.record(found, columns(found), BLOCKS * PERIODS)
+        record = Record(columns(found), BLOCKS * PERIODS)
+        live.follow(found, record)
         live.begin(found, Cycle(found), LoopReport(), None, EndSignals())
         words = [sys.executable, "-I", "-c", FLOOD, str(live.path)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as flood:

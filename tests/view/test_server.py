@@ -222,7 +222,7 @@ def test_a_wrong_value_of_a_page_leaves_the_server_with_its_run_and_the_page_ste
     with serving("demo", "--no-browser", "--port", "0") as served:
         page = connected(served, "page")
         begun(page)
-        for wrong in ('{"speed": NaN}', '{"pull": 5}', '{"change": {"wall.stiffness": NaN}}', '{"step": 1e999}'):
+        for wrong in ('{"speed": NaN}', '{"pull": 5}', '{"change": {"wall.stiffness": NaN}}', '{"steps": 1e999}'):
             page.send(wrong)
             assert "expected" in told(page, "refused")
         page.send('{"change": {"wall.stiffness": 700}}')

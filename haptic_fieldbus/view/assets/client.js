@@ -167,7 +167,7 @@ window.haptic = (() => {
   function stop() { stopping = true; send({ stop: 1 }); }
   function scene(name) { answer("", `${name} is being checked …`); send({ scene: name }); }
   function pause() { send({ paused: !paused }); }
-  function step() { send({ paused: true, step: 1 }); }
+  function step() { send({ paused: true, steps: 1 }); }
   function hold() { held = held ? null : rows.slice(); marks = []; arm({}); const place = $("hold"); if (place) place.classList.toggle("held", Boolean(held)); }
   function span(seconds) { shown = seconds; store("span", seconds); changed = true; }
   function theme() { Quasar.Dark.toggle(); store("dark", Quasar.Dark.isActive); setTimeout(restyle, 0); }
