@@ -111,7 +111,7 @@ DOES_WITHOUT = {
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
         "buses.canopen.access": "protocols.canopen.upload",
-        "running.session": "running.direction running.guard_proof running.leading running.rights",
+        "running.session": "running.direction running.guard_proof running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },
 }
@@ -162,7 +162,7 @@ FENCED = {
     ),
     "vcan": ("", "cli.vcan"),
     "view": (
-        "margins.group numerals planning.axis_plan planning.explain planning.live_changes planning.plan"
+        "cycle.laws margins.group numerals planning.axis_plan planning.explain planning.live_changes planning.plan"
         " recordings.tables report.texts running.ring scenes.registry scenes.scene signals",
         "cli.view",
     ),

@@ -71,11 +71,8 @@ def limits_of_parameters(plan: Plan) -> dict[str, float]:
 
     These are the stiffness of the stiffest element of each axis, or the parameters from which it follows.
     """
-    found: dict[str, float] = {}
-    for axis in plan.axes:
-        if axis.group is not None and axis.stability is not None:
-            found |= _limits(axis.group, axis.stability.limit.value)
-    return found
+    judged = [(axis.group, axis.stability.limit.value) for axis in plan.axes if axis.group and axis.stability]
+    return {name: value for each in judged for name, value in _limits(*each).items()}
 
 
 def _limits(group: Group, limit: float) -> dict[str, float]:

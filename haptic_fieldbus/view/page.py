@@ -9,14 +9,11 @@ import json
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import app, ui
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
-
-if TYPE_CHECKING:
-    from haptic_fieldbus.view.server import Hub
 
 ASSETS = Path(__file__).parent / "assets"
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
@@ -30,7 +27,18 @@ FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
 
-def build(hub: "Hub") -> None:
+class Source:
+    """Description of the run from which pages are made, once it is known, and their controls."""
+
+    def __init__(self) -> None:
+        self.hello: dict[str, Any] = {}
+        self.first: dict[str, float] = {}
+        """Values of the parameters in the file of the scene."""
+        self.controls: dict[str, Controls] = {}
+        self.known = asyncio.Event()
+
+
+def build(hub: Source) -> None:
     """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 

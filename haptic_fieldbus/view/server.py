@@ -34,7 +34,7 @@ from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptic_fieldbus.running.ring import LiveReader, RingReader
-from haptic_fieldbus.view.page import Controls, build
+from haptic_fieldbus.view.page import Source, build
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -136,17 +136,13 @@ class Page:
         return self.credit >= 1.0
 
 
-class Hub:
+class Hub(Source):
     """Connection between the run and its pages."""
 
     def __init__(self, path: Path) -> None:
         """Connect to a run; raises OSError."""
+        super().__init__()
         self.run = LiveReader(path)
-        self.hello: dict[str, Any] = {}
-        self.first: dict[str, float] = {}
-        """Values of the parameters in the file of the scene."""
-        self.controls: dict[str, Controls] = {}
-        self.known = asyncio.Event()
         self.over = asyncio.Event()
         self._ring: RingReader
         self._pages: list[Page] = []

@@ -360,7 +360,7 @@ def lying_on_another(browser: webdriver.Chrome) -> list[tuple[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("scene", ["detents", "virtual_coupling", "knob_menu", "virtual_shaft"])
+@pytest.mark.parametrize("scene", ["detents", "virtual_coupling", "knob_menu", "virtual_shaft", "teleoperation"])
 def test_no_word_of_a_picture_lies_on_another_one_at_any_width(browser: webdriver.Chrome, scene: str) -> None:
     with serving("run", scene, "--view", "--view-port", "0", "--hand", "none") as served:
         screen(browser, 1280, 800)
@@ -372,6 +372,14 @@ def test_no_word_of_a_picture_lies_on_another_one_at_any_width(browser: webdrive
                 "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0], 300)))"
             )
             assert lying_on_another(browser) == []
+            assert not browser.execute_script("return document.body.classList.contains('lost')")
+            lowest = "Math.min(...[...document.querySelectorAll('canvas[data-kind]')].map((each) => each.clientHeight))"
+            assert browser.execute_script(f"return {lowest}") >= 85
+            cut = browser.execute_script(
+                "return [...document.querySelectorAll('.parameter input')]"
+                ".filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.ariaLabel + each.value)"
+            )
+            assert cut == []
 
 
 def test_the_first_screen_needs_no_scrolling_and_each_control_has_a_name(page: Page) -> None:

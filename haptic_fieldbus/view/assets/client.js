@@ -346,7 +346,7 @@ window.haptic = (() => {
   }
 
   function dial(pen, width, height, axis, position, asked, given) {
-    const cx = width / 2, cy = height / 2 + 4, radius = Math.min(width * 0.4, height * 0.5 - 44), [low, high] = axis.travel;
+    const cx = width / 2, cy = height / 2 + 6, radius = Math.max(8, Math.min(width * 0.4, height * 0.5 - 48)), [low, high] = axis.travel;
     const canvas = pen.canvas, at = (place, far) => [cx + far * Math.sin(place), cy - far * Math.cos(place)];
     canvas.placeOf = (place) => at(place, radius)[0];
     canvas.centre = [cx, cy];
