@@ -4,11 +4,11 @@ Reference: IEC 61800-7-201 (CiA 402-2).
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from haptic_fieldbus.drive.fields import STRICT, UInt32
+from haptic_fieldbus.drive.fields import Table, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import is_current
@@ -23,14 +23,13 @@ ECHOES = {"demand": Signal.TORQUE_DEMAND, "actual": Signal.TORQUE_ACTUAL, "asked
 
 
 @dataclass(frozen=True)
-class MappedObject:
+class MappedObject(Table):
     """An object that carries a signal, as written in a profile."""
 
     object: Index
     type: DataType
     subindex: Annotated[int, Ge(0), Le(255)] = 0
     unit: str = ""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def entry(self) -> ObjectEntry:
@@ -39,12 +38,11 @@ class MappedObject:
 
 
 @dataclass(frozen=True)
-class OptionCode:
+class OptionCode(Table):
     """An option object and the value that it must hold while force is rendered."""
 
     object: Index
     value: Annotated[int, Ge(-32768), Le(32767)]  # option codes are of the type INTEGER16
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def entry(self) -> ObjectEntry:
@@ -53,14 +51,13 @@ class OptionCode:
 
 
 @dataclass(frozen=True)
-class WrittenObject:
+class WrittenObject(Table):
     """An object that is written before the drive is enabled, and read back."""
 
     object: Index
     type: DataType
     value: Annotated[int, Ge(-0x8000_0000), Le(0xFFFF_FFFF)]
     subindex: Annotated[int, Ge(0), Le(255)] = 0
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def entry(self) -> ObjectEntry:
@@ -69,16 +66,15 @@ class WrittenObject:
 
 
 @dataclass(frozen=True)
-class IdentitySection:
+class IdentitySection(Table):
     """Identity that is compared with 1018h before anything is written; None, or no codes: not compared."""
 
     vendor_id: UInt32 | None = None
     product_codes: tuple[UInt32, ...] = ()
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class TorqueSection:
+class TorqueSection(Table):
     """Torque objects, and the mode of operation in which the drive follows its target torque."""
 
     mode_of_operation: Annotated[int, Ge(-128), Le(127)]
@@ -96,32 +92,28 @@ class TorqueSection:
     """Torque slope (6087h) of a drive that ramps to its target [‰ of rated torque per s]; its value is written."""
     controlword: Annotated[int, Ge(0), Le(0xFFFF)] = 0
     """Bits of the controlword that the mode needs beside those of *enable operation*."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class PositionSection:
+class PositionSection(Table):
     """Object of the position actual value."""
 
     actual: MappedObject
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class VelocitySection:
+class VelocitySection(Table):
     """Object of the velocity actual value."""
 
     actual: MappedObject
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinkLoss:
+class LinkLoss(Table):
     """Options that decide how the drive reacts when its master is gone; None: the drive has no such object."""
 
     abort_connection_option: OptionCode | None = None
     fault_reaction_option: OptionCode | None = None
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +126,6 @@ class Cia402Profile(DriveProfile):
     """Velocity measured by the drive; read only when the drive offers no position."""
     identity: IdentitySection = field(default_factory=IdentitySection)
     link_loss: LinkLoss = field(default_factory=LinkLoss)
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def ramp(self) -> float:

@@ -6,7 +6,7 @@ have are in `drive.plausible`.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le
 
@@ -15,6 +15,12 @@ from haptic_fieldbus.signals import Workspace
 
 STRICT: dict[str, object] = {"extra": "forbid", "allow_inf_nan": False}
 """Pydantic configuration of all tables: unknown keys, infinity and NaN are faults."""
+
+
+class Table:
+    """A table of a profile or a rig, checked by `STRICT`."""
+
+    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)

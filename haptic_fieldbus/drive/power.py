@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, reduce
 from operator import or_
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from annotated_types import Len
 
-from haptic_fieldbus.drive.fields import STRICT, UInt32
+from haptic_fieldbus.drive.fields import Table, UInt32
 
 
 class PowerState(Enum):
@@ -43,7 +43,7 @@ ENERGISED = (
 
 
 @dataclass(frozen=True)
-class PowerRow:
+class PowerRow(Table):
     """A state, the statusword `bits` under `mask` that stand for it, and the controlword to be sent in it."""
 
     mask: UInt32
@@ -52,17 +52,15 @@ class PowerRow:
     controlword: UInt32
     transition: int | None = None
     """Number in the standard of the transition that the controlword requests; None when it requests none."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class PowerTable:
+class PowerTable(Table):
     """All power states of a drive; a statusword that fits no row is *unknown*, and is answered with `off`."""
 
     rows: Annotated[tuple[PowerRow, ...], Len(1)]
     off: UInt32 = 0
     """Controlword that disables the voltage in every state."""
-    __pydantic_config__: ClassVar = STRICT
 
     @cached_property
     def mask(self) -> int:

@@ -9,11 +9,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Len
 
-from haptic_fieldbus.drive.fields import STRICT, Frequency, NonNegativeTime, Time
+from haptic_fieldbus.drive.fields import Frequency, NonNegativeTime, Table, Time
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.signals import Signal
 
@@ -36,7 +36,7 @@ class MappedSignal:
 
 
 @dataclass(frozen=True)
-class DriveSection:
+class DriveSection(Table):
     """Drive model, its protocol, and the evidence for the profile."""
 
     vendor: Annotated[str, Len(1)]
@@ -48,11 +48,10 @@ class DriveSection:
     """False: the profile only documents why the drive cannot render force."""
     commutation_search: bool = False
     """True: the first enabling after power-on may turn the shaft, because the drive looks for its commutation."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class TimingSection:
+class TimingSection(Table):
     """Times of a drive: torque loop, controller, change of mode."""
 
     torque_bandwidth: Frequency
@@ -72,11 +71,10 @@ class TimingSection:
     limit."""
     enabling_timeout: Time = 2.0
     """Longest time that the drive may take to *operation enabled* [s]; a commutation search takes part of it."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveProfile(ABC):
+class DriveProfile(Table, ABC):
     """Profile of one drive model; `name` is the name of the file without suffix, `source` its path."""
 
     schema: Literal[1]
@@ -86,7 +84,6 @@ class DriveProfile(ABC):
     """Origin of each value, by key; the source of a table covers all values in it."""
     name: str = ""
     source: str = ""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def title(self) -> str:

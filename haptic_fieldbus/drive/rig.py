@@ -11,37 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.documents.quantities import Quantity
-from haptic_fieldbus.drive.fields import (
-    STRICT,
-    AnyFloat,
-    Counts,
-    CountsPerRevolution,
-    Current,
-    Damping,
-    Frequency,
-    Friction,
-    GearRatio,
-    HandleAcceleration,
-    HandleEffort,
-    HandleLength,
-    HandleRange,
-    HandleSpeed,
-    Inertia,
-    Interval,
-    Measured,
-    MetresPerRevolution,
-    NonNegativeFloat,
-    NonNegativeTime,
-    PositiveFloat,
-    Power,
-    PulseShare,
-    Ranged,
-    Time,
-    Torque,
-    TorqueConstant,
-    TorqueScale,
-    UInt32,
-)
+from haptic_fieldbus.drive import fields
+from haptic_fieldbus.drive.fields import Table
 from haptic_fieldbus.drive.objects import Identity, digest_of, known_number
 from haptic_fieldbus.signals import Workspace
 
@@ -60,57 +31,53 @@ LARGEST_COGGING = (2.0 * math.pi * 1e4) ** 2
 
 
 @dataclass(frozen=True)
-class CompliantCoupling:
+class CompliantCoupling(Table):
     """A compliant shaft, belt or gear: spring and damper between motor and load, with the encoder on the motor."""
 
-    stiffness: Annotated[PositiveFloat, Measured(Quantity.STIFFNESS)]
+    stiffness: Annotated[fields.PositiveFloat, fields.Measured(Quantity.STIFFNESS)]
     """[N·m/rad]"""
-    load_inertia: Inertia
+    load_inertia: fields.Inertia
     """Load inertia: the part of the axis' inertia behind the spring [kg·m²]."""
-    damping: Damping = 0.0
+    damping: fields.Damping = 0.0
     """Damping parallel to the spring [N·m·s/rad]."""
-    backlash: Annotated[NonNegativeFloat, Measured(Quantity.LENGTH)] = 0.0
+    backlash: Annotated[fields.NonNegativeFloat, fields.Measured(Quantity.LENGTH)] = 0.0
     """Play from one flank to the other [rad]."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Weight:
+class Weight(Table):
     """A weight on the handle."""
 
-    torque: Annotated[AnyFloat, Measured(Quantity.EFFORT)]
+    torque: Annotated[fields.AnyFloat, fields.Measured(Quantity.EFFORT)]
     """Torque of the weight [N·m]. Linear mechanism: constant, positive towards positive angles. Rotary mechanism: the
     largest torque, with the lever horizontal.
     """
-    hanging_at: Annotated[AnyFloat, Measured(Quantity.LENGTH)] = 0.0
+    hanging_at: Annotated[fields.AnyFloat, fields.Measured(Quantity.LENGTH)] = 0.0
     """Angle of a rotary handle at which its lever hangs down [rad], counted from the zero of the simulated encoder."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Cogging:
+class Cogging(Table):
     """Cogging torque of the motor: −torque·sin(periods_per_revolution·θ), with a stable rest at θ = 0."""
 
-    torque: Friction
+    torque: fields.Friction
     """[N·m]"""
     periods_per_revolution: Annotated[int, Gt(0), Le(1_000_000)]
     """Number of stable rest positions per turn of the motor."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Stribeck:
+class Stribeck(Table):
     """Friction in addition to Coulomb and viscous friction, falling with speed: torque·exp(−(ω/velocity)²)."""
 
-    torque: Friction
+    torque: fields.Friction
     """Friction at rest beyond Coulomb friction [N·m]; the shaft breaks away at the sum of both."""
-    velocity: Annotated[PositiveFloat, Measured(Quantity.SPEED)]
+    velocity: Annotated[fields.PositiveFloat, fields.Measured(Quantity.SPEED)]
     """Speed at which the additional friction has fallen to 1/e [rad/s]."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Mechanics:
+class Mechanics(Table):
     """Simulated bench where it differs from the axis. An omitted part is not simulated, an omitted value is the axis'.
     Plans and limits follow from the values of the axis alone.
     """
@@ -119,20 +86,19 @@ class Mechanics:
     gravity: Weight | None = None
     cogging: Cogging | None = None
     stribeck: Stribeck | None = None
-    inertia: Inertia | None = None
+    inertia: fields.Inertia | None = None
     """True inertia [kg·m²]. If omitted: the value of the axis."""
-    viscous_damping: Damping | None = None
+    viscous_damping: fields.Damping | None = None
     """True viscous damping [N·m·s/rad]. If omitted: the value of the axis."""
-    coulomb_friction: Friction | None = None
+    coulomb_friction: fields.Friction | None = None
     """True Coulomb friction [N·m]. If omitted: the value of the axis."""
-    torque_bandwidth: Frequency | None = None
+    torque_bandwidth: fields.Frequency | None = None
     """True bandwidth of the torque loop [Hz]. If omitted: the value of the profile."""
-    encoder_counts_per_revolution: CountsPerRevolution | None = None
+    encoder_counts_per_revolution: fields.CountsPerRevolution | None = None
     """True counts per turn of the motor; the drive is configured as the axis states. If omitted: the value of the
     axis."""
-    torque_scale: TorqueScale = 1.0
+    torque_scale: fields.TorqueScale = 1.0
     """Torque of the motor over the torque that was asked for; the drive reports the torque that was asked for."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def is_rigid(self) -> bool:
@@ -232,17 +198,14 @@ class BusSection:
     channel: Annotated[str, Len(1)]
     """Channel of the interface, in the notation of the interface."""
     protocol: ClassVar[str] = ""
+    stands_for_real: ClassVar[bool] = False
+    """True for a simulated bus in the place of a real one of a rig: the limit is that of the real one."""
     # Further keys are checked by the section of the protocol, which is chosen by `interface`.
     __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "ignore"}
 
     @property
     def simulated(self) -> bool:
         """True when the bus is simulated."""
-        return False
-
-    @property
-    def stands_for_real(self) -> bool:
-        """True for a simulated bus in the place of a real one of a rig: the limit is that of the real one."""
         return False
 
     @property
@@ -262,125 +225,109 @@ class BusSection:
 
 
 @dataclass(frozen=True)
-class LinearMechanism:
+class LinearMechanism(Table):
     """A capstan, belt or screw: the handle moves by `metres_per_revolution` for each turn of the motor."""
 
     kind: Literal["linear"]
     """Chooses this table."""
-    metres_per_revolution: MetresPerRevolution
+    metres_per_revolution: fields.MetresPerRevolution
     """Travel of the handle per turn of the motor [m]."""
     sign: Literal[-1, 1] = 1
     """-1 if the handle moves to its negative side while the drive counts up."""
-    zero: Literal["start"] | Counts = "start"
+    zero: Literal["start"] | fields.Counts = "start"
     """Zero of the handle: "start", its position at enabling (as with `--zero here`), or an encoder count."""
-    __pydantic_config__: ClassVar = STRICT
+    workspace: ClassVar = Workspace.LINEAR
 
     @property
     def ratio(self) -> float:
         """Metres of the handle per radian of the motor."""
         return self.metres_per_revolution / (2 * math.pi)
 
-    @property
-    def workspace(self) -> Workspace:
-        return Workspace.LINEAR
-
 
 @dataclass(frozen=True)
-class RotaryMechanism:
+class RotaryMechanism(Table):
     """A gear, or none: the motor turns `gear_ratio` times as far as the handle."""
 
     kind: Literal["rotary"]
     """Chooses this table."""
-    gear_ratio: GearRatio = 1.0
+    gear_ratio: fields.GearRatio = 1.0
     """Turns of the motor for a turn of the handle."""
     sign: Literal[-1, 1] = 1
     """-1 where the handle goes to its negative side while the drive counts up."""
-    zero: Literal["start"] | Counts = "start"
+    zero: Literal["start"] | fields.Counts = "start"
     """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
-    __pydantic_config__: ClassVar = STRICT
+    workspace: ClassVar = Workspace.ROTARY
 
     @property
     def ratio(self) -> float:
         """Radians of the handle per radian of the motor."""
         return 1.0 / self.gear_ratio
 
-    @property
-    def workspace(self) -> Workspace:
-        return Workspace.ROTARY
-
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Table):
     """Limits of the handle, in its workspace."""
 
-    effort: HandleEffort | None = None
+    effort: fields.HandleEffort | None = None
     """Largest force of the motor at the handle [N or N·m]. None: from its rated torque."""
-    speed: HandleSpeed | None = None
+    speed: fields.HandleSpeed | None = None
     """Speed at which a run trips [m/s or rad/s]. None: the value that `plan` shows."""
-    position: HandleRange | None = None
+    position: fields.HandleRange | None = None
     """Lower and upper position at which a run trips [m or rad]. None: no limit."""
-    drift: HandleLength | None = None
+    drift: fields.HandleLength | None = None
     """Largest uncertainty of a position integrated from velocity [m or rad]; without effect on drives that report their
     position."""
-    acceleration: HandleAcceleration | None = None
+    acceleration: fields.HandleAcceleration | None = None
     """Acceleration at which a run trips [m/s² or rad/s²]. None: the largest acceleration of the inertia by motor and
     hand, if the inertia is known."""
-    power: Power | None = None
+    power: fields.Power | None = None
     """Largest power from the motor to the hand [W]. None: no limit."""
-    stall: Time | None = None
+    stall: fields.Time | None = None
     """Time for which encoder counts may stay constant under torque before the torque limit falls [s]; used if torque
     pulses cannot test the encoder sooner. None: 90 s."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Permissions:
+class Permissions(Table):
     """Permissions for more torque before the motor direction is confirmed; no other key of a rig raises these
     limits."""
 
-    sign_pulse: PulseShare | None = None
+    sign_pulse: fields.PulseShare | None = None
     """Largest share of rated torque before the motor direction is confirmed. None: 0.15."""
-    sign_effort: HandleEffort | None = None
+    sign_effort: fields.HandleEffort | None = None
     """Largest force at the handle before the motor direction is confirmed [N or N·m]. None: 5 N or 0.25 N·m."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Proved:
+class Proved(Table):
     """Result of the last watchdog proof of the drive; a run writes it into the rig file."""
 
     guard: Literal["proved", "none"]
     """"none": the watchdog did not fire in time."""
     profile: Annotated[str, Len(1)]
     """Profile of the drive at the proof; with another profile the proof is not valid."""
-    asked_ms: PositiveFloat
+    asked_ms: fields.PositiveFloat
     """Set time of the watchdog [ms]; for another time the proof is not valid."""
     date: Annotated[str, Len(1)]
     """Date of the entry. (Proved: "Date of the proof."; Seen: "Date of the observation.")"""
-    guard_ms: PositiveFloat | None = None
+    guard_ms: fields.PositiveFloat | None = None
     """Measured time from our last frame until the motor was off [ms]. None: it stayed on."""
-    serial: UInt32 | None = None
+    serial: fields.UInt32 | None = None
     """Serial number of the drive; for another drive the proof is not valid. None: the drive has no serial number."""
-    vendor: UInt32 | None = None
+    vendor: fields.UInt32 | None = None
     """Vendor-ID read from the drive; checked like the serial number."""
-    product: UInt32 | None = None
+    product: fields.UInt32 | None = None
     """Product code read from the drive; checked like the serial number."""
-    revision: UInt32 | None = None
+    revision: fields.UInt32 | None = None
     """Revision read from the drive; after a firmware update the proof is not valid."""
     digest: Annotated[str, Len(1)] | None = None
     """Digest of the values above, of the watchdog settings written to the drive, and of its bus and node. With another
     digest the proof is not valid. None: an earlier version made the proof; it is not valid either."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def drive(self) -> Identity:
         """The drive whose guard was proved."""
-        return Identity(
-            known_number(self.vendor),
-            known_number(self.product),
-            known_number(self.revision),
-            known_number(self.serial),
-        )
+        return Identity(*map(known_number, (self.vendor, self.product, self.revision, self.serial)))
 
     def digest_with(self, written: Iterable[str]) -> str:
         """Return the digest of the values of this table and of what was written for the guard."""
@@ -390,7 +337,7 @@ class Proved:
 
 
 @dataclass(frozen=True)
-class Seen:
+class Seen(Table):
     """Observations on this bench that later runs need not repeat."""
 
     sign: Literal["seen"] | None = None
@@ -399,57 +346,55 @@ class Seen:
     """"confirmed": a person showed that positions grow to the positive side."""
     date: Annotated[str, Len(1)] | None = None
     """When that was."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(Table):
     """Values measured by `haptic-fieldbus identify`, each with its interval of 95 %. They take the place of the values
     of the axis in plans and limits."""
 
-    inertia: Inertia | None = None
+    inertia: fields.Inertia | None = None
     """[kg·m²]"""
-    inertia_interval: Annotated[Interval, Measured(Quantity.MASS)] | None = None
+    inertia_interval: Annotated[fields.Interval, fields.Measured(Quantity.MASS)] | None = None
     """Interval of 95 % of the value above [kg·m²]."""
-    viscous_damping: Damping | None = None
+    viscous_damping: fields.Damping | None = None
     """[N·m·s/rad]"""
-    viscous_damping_interval: Annotated[Interval, Measured(Quantity.DAMPING)] | None = None
+    viscous_damping_interval: Annotated[fields.Interval, fields.Measured(Quantity.DAMPING)] | None = None
     """Interval of 95 % of the value above [N·m·s/rad]."""
-    coulomb_friction: Friction | None = None
+    coulomb_friction: fields.Friction | None = None
     """[N·m]"""
-    coulomb_friction_interval: Annotated[Interval, Measured(Quantity.EFFORT)] | None = None
+    coulomb_friction_interval: Annotated[fields.Interval, fields.Measured(Quantity.EFFORT)] | None = None
     """Interval of 95 % of the value above [N·m]."""
-    delay_and_lag: NonNegativeTime | None = None
+    delay_and_lag: fields.NonNegativeTime | None = None
     """Time from the latch of a sample until its torque acts, with the lag of the torque loop [s]."""
-    delay_and_lag_interval: Annotated[Interval, Measured(Quantity.TIME)] | None = None
+    delay_and_lag_interval: Annotated[fields.Interval, fields.Measured(Quantity.TIME)] | None = None
     """Interval of 95 % of the value above [s]."""
-    torque_lag: NonNegativeTime | None = None
+    torque_lag: fields.NonNegativeTime | None = None
     """Time constant of the torque loop [s]."""
-    torque_lag_interval: Annotated[Interval, Measured(Quantity.TIME)] | None = None
+    torque_lag_interval: Annotated[fields.Interval, fields.Measured(Quantity.TIME)] | None = None
     """Interval of 95 % of the value above [s]."""
     date: Annotated[str, Len(1)] | None = None
     """Date of the measurement."""
     profile: Annotated[str, Len(1)] | None = None
     """Profile of the drive at the measurement."""
-    rate: Frequency | None = None
+    rate: fields.Frequency | None = None
     """Loop rate at the measurement [Hz]."""
-    planned_delay: NonNegativeTime | None = None
+    planned_delay: fields.NonNegativeTime | None = None
     """Delay and lag that the plan of the measurement expected [s]; the difference is kept at other rates. None: the
     measured delay is not used."""
-    serial: UInt32 | None = None
+    serial: fields.UInt32 | None = None
     """Serial number of the drive; a run on another drive is refused. None: the drive has no serial number."""
-    top_speed: NonNegativeFloat | None = None
+    top_speed: fields.NonNegativeFloat | None = None
     """Largest speed of the motor in the measurement [rad/s]."""
-    residual_counts: NonNegativeFloat | None = None
+    residual_counts: fields.NonNegativeFloat | None = None
     """Motion that the fit leaves unexplained, root mean square [counts]."""
     digest: Annotated[str, Len(1)] | None = None
     """Digest of the values above and of the values of the axis on which they rest; with another digest none of them
     counts. None: the values are judged like stated ones."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class RigAxis:
+class RigAxis(Table):
     """One drive with its motor and mechanism; values are at the motor shaft. An omitted value is unknown."""
 
     bus: str
@@ -459,21 +404,21 @@ class RigAxis:
     profile: str
     """Drive profile by name, or a file in the folder of the rig."""
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
-    encoder_counts_per_revolution: CountsPerRevolution
+    encoder_counts_per_revolution: fields.CountsPerRevolution
     """Counts of the position actual value per turn of the motor."""
-    rated_torque: Torque | None = None
+    rated_torque: fields.Torque | None = None
     """Rated torque of the motor [N·m]; compared with the value of the drive."""
-    torque_constant: TorqueConstant | None = None
+    torque_constant: fields.TorqueConstant | None = None
     """Torque constant [N·m/A]; needed only for drives whose torque unit is a current."""
-    rated_current: Current | None = None
+    rated_current: fields.Current | None = None
     """Rated current [A]; needed only for drives whose torque unit is ‰ of the rated current."""
-    peak_current: Current | None = None
+    peak_current: fields.Current | None = None
     """Peak current of the power stage [A]; needed only for drives whose torque unit is a share of it."""
-    inertia: Inertia | None = None
+    inertia: fields.Inertia | None = None
     """Inertia of motor, mechanism and handle together [kg·m²]."""
-    viscous_damping: Damping | None = None
+    viscous_damping: fields.Damping | None = None
     """Viscous friction [N·m·s/rad]; it grows with speed."""
-    coulomb_friction: Friction | None = None
+    coulomb_friction: fields.Friction | None = None
     """Coulomb friction [N·m]; it does not depend on speed. An omitted value is unknown, and not 0."""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive to the loss of its master: the shaft is free, or the drive brakes by quick stop."""
@@ -484,7 +429,7 @@ class RigAxis:
     watchdog."""
     proved: Proved | None = None
     """Watchdog proof: the drive switches off by itself; written by a run, None before the first proof."""
-    i_know: tuple[Ranged, ...] = ()
+    i_know: tuple[fields.Ranged, ...] = ()
     """Keys of this axis whose values are right although they are outside the plausible range, such as `inertia`."""
     limits: Limits = field(default_factory=Limits)
     permissions: Permissions = field(default_factory=Permissions)
@@ -492,17 +437,15 @@ class RigAxis:
     identified: Identified = field(default_factory=Identified)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Simulated bench where it differs from the values of the axis."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Rig:
+class Rig(Table):
     """Bench: buses and axes by name. `source` is the path of the file; empty for the shipped bench."""
 
     bus: Annotated[dict[str, BusSection], Len(1)]
     axis: Annotated[dict[str, RigAxis], Len(1)]
     source: str = ""
-    __pydantic_config__: ClassVar = STRICT
 
     def unproved(self) -> "Rig":
         """Return the same bench without watchdog proofs."""

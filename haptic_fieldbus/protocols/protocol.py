@@ -52,38 +52,23 @@ Members = Mapping[str, tuple[DriveProfile, AxisTraffic]]
 class FieldbusProtocol(Protocol):
     """One fieldbus protocol, as planning uses it; `name` is its name in profile files."""
 
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def profile(self) -> type[DriveProfile]:
-        """Schema of its profile files."""
-
-    @property
-    def section(self) -> type[BusSection]:
-        """Schema of its buses in rig files."""
-
-    @property
-    def nodes(self) -> range:
-        """Numbers that a drive on its bus may have."""
+    name: str
+    profile: type[DriveProfile]
+    """Schema of its profile files."""
+    section: type[BusSection]
+    """Schema of its buses in rig files."""
+    nodes: range
+    """Numbers that a drive on its bus may have."""
+    bus_forms: str
+    """Forms of its bus names with examples, as a part of a sentence."""
+    fits_profiles: bool = False
+    """True when a run fits profiles of no particular drive to the drives that it meets (`BusAccess.fitted`)."""
+    default_drive: str = DEFAULT_DRIVE
+    """Profile of a drive on its buses when none is named."""
 
     def wanted_node(self, node: int, interface: str) -> str:
         """Return what the number of a drive must be on a bus of this interface, in words; empty when `node` is good."""
         return "" if node in self.nodes else f"a whole number from {self.nodes[0]} to {self.nodes[-1]}"
-
-    @property
-    def bus_forms(self) -> str:
-        """Forms of its bus names with examples, as a part of a sentence."""
-
-    @property
-    def fits_profiles(self) -> bool:
-        """True when a run fits profiles of no particular drive to the drives that it meets (`BusAccess.fitted`)."""
-        return False
-
-    @property
-    def default_drive(self) -> str:
-        """Profile of a drive on its buses when none is named."""
-        return DEFAULT_DRIVE
 
     def simulated_bus(self, profile: DriveProfile) -> str:
         """Return the name of a simulated bus on which a drive of its own can be."""

@@ -101,9 +101,7 @@ class CanSection(BusSection):
 class StandInCanSection(CanSection):
     """The simulated bus in the place of a real one of a rig."""
 
-    @property
-    def stands_for_real(self) -> bool:
-        return True
+    stands_for_real: ClassVar[bool] = True
 
 
 def can_section(section: BusSection) -> CanSection:

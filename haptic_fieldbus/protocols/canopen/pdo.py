@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import accumulate, combinations
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from annotated_types import Ge, Le, Len
 
-from haptic_fieldbus.drive.fields import STRICT, UInt32
+from haptic_fieldbus.drive.fields import Table, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import ImageTooLargeError
 from haptic_fieldbus.signals import Signal
@@ -39,13 +39,12 @@ class Direction(Enum):
 
 
 @dataclass(frozen=True)
-class FixedPdo:
+class FixedPdo(Table):
     """A PDO with a mapping that cannot be written, which the drive only lets one switch on."""
 
     number: Annotated[int, Ge(1), Le(512)]
     maps: Annotated[tuple[UInt32, ...], Len(1, 64)]
     """Values of its mapping entries (1600h:01, 1A00h:01 and on): index, sub-index and bits of each object."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def size(self) -> int:

@@ -5,13 +5,13 @@ The dataclasses are the schema of a profile file with `protocol = "canopen"`.
 
 import re
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.documents import Document, KeyPath
 from haptic_fieldbus.drive.cia402 import ECHOES, Cia402Profile, Index, LinkLoss, WrittenObject
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
+from haptic_fieldbus.drive.fields import NonNegativeTime, Table, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import (
@@ -124,7 +124,7 @@ Entries = Annotated[int, Ge(0), Le(64)]
 
 
 @dataclass(frozen=True)
-class PdoSection:
+class PdoSection(Table):
     """PDOs of a drive: their number, size and transmission types."""
 
     tpdo_types: Annotated[tuple[TransmissionType, ...], Len(1)]
@@ -146,7 +146,6 @@ class PdoSection:
     """The same for RPDOs."""
     inhibit_time_default: Annotated[float, Ge(0), Le(6.5535)] = 0.0
     """Inhibit time of a TPDO after power-on [s]; 1800h:03 has 16 bits of 100 µs."""
-    __pydantic_config__: ClassVar = STRICT
 
     def room(self, direction: Direction) -> dict[int, int]:
         """Return the number of mapping entries of each PDO of a direction, by the number of the PDO."""
@@ -172,19 +171,17 @@ class LinkLossSection(LinkLoss):
     deadline: Annotated[float, Gt(0), Ge(0.001), Le(65.535)] = 0.05
     """Longest time without a proof of the master's life [s]; written to the heartbeat consumer, in ms of 16 bits, or
     as the life time."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class SetupSection:
+class SetupSection(Table):
     """Objects that the drive needs to hold before its mode is set, in the order in which they are written."""
 
     writes: tuple[WrittenObject, ...] = ()
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class SyncSection:
+class SyncSection(Table):
     """Objects that tell the drive the period of the loop, and the periods that it takes."""
 
     interpolation_time: Index | None = None
@@ -197,11 +194,10 @@ class SyncSection:
     """1006h, communication cycle period [µs]."""
     shortest_period: NonNegativeTime = 0.0
     """Shortest period that the drive takes [s]; 0: none is known."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class ShownObject:
+class ShownObject(Table):
     """A value that only the vendor's tool can set, which is read and shown."""
 
     name: Annotated[str, Len(1)]
@@ -211,7 +207,6 @@ class ShownObject:
     unit: str = ""
     needed: bool = False
     """True: with 0 the drive was never commissioned, and is refused."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def entry(self) -> ObjectEntry:
@@ -220,16 +215,15 @@ class ShownObject:
 
 
 @dataclass(frozen=True)
-class CommissioningSection:
+class CommissioningSection(Table):
     """Settings that a person makes with the vendor's tool: motor data, commutation, current loop, I²t."""
 
     tool: str = ""
     shown: tuple[ShownObject, ...] = ()
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class SimulatedObject:
+class SimulatedObject(Table):
     """One sub-index of the simulated drive as the real drive has it; None: as the simulated drive has it anyway.
 
     The values are those of an EDS. `value` is the power-on value; "$NODEID+0x180" contains the node-ID.
@@ -243,11 +237,10 @@ class SimulatedObject:
     low: int | None = None
     high: int | None = None
     mappable: bool | None = None
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class SimulationSection:
+class SimulationSection(Table):
     """Deviations of this drive from the standards, for the simulation alone; the master meets them as on a real drive.
 
     `sim.canopen.slave` implements each of them, and names a drive that has it.
@@ -275,7 +268,6 @@ class SimulationSection:
     """Differences of the drive from the simulated one, by index and sub-index, each a number or a range: "6007", …"""
     differs: dict[str, Annotated[str, Len(1)]] = field(default_factory=dict)
     """Why the simulated drive differs from the vendor's file all the same, by index, or index and sub-index."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,7 +280,6 @@ class CanopenProfile(Cia402Profile):
     commissioning: CommissioningSection = field(default_factory=CommissioningSection)
     link_loss: LinkLossSection = field(default_factory=LinkLossSection)
     simulation: SimulationSection = field(default_factory=SimulationSection)
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def guarded(self) -> bool:

@@ -80,9 +80,7 @@ class ModbusSection(BusSection):
 class StandInModbusSection(ModbusSection):
     """The simulated line in the place of a real one of a rig."""
 
-    @property
-    def stands_for_real(self) -> bool:
-        return True
+    stands_for_real: ClassVar[bool] = True
 
 
 def modbus_section(section: BusSection) -> ModbusSection:

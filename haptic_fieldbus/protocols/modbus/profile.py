@@ -8,13 +8,13 @@ Reference: Modbus application protocol 1.1b3 (function codes); Modbus over seria
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.documents import Document, KeyPath
 from haptic_fieldbus.drive.cia402 import Index
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, Torque, UInt32
+from haptic_fieldbus.drive.fields import NonNegativeTime, Table, Torque, UInt32
 from haptic_fieldbus.drive.objects import NAMES, DataType, Order
 from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
@@ -47,7 +47,7 @@ ECHOES = {"demand": Signal.TORQUE_DEMAND, "actual": Signal.TORQUE_ACTUAL}
 
 
 @dataclass(frozen=True)
-class Register:
+class Register(Table):
     """One register, or two for a value of 32 bits."""
 
     address: Address
@@ -56,7 +56,6 @@ class Register:
     unit: str = ""
     object: Index | None = None
     """CiA 402 object with the same value as the register."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def count(self) -> int:
@@ -72,11 +71,10 @@ class WrittenRegister(Register):
     """Register that is written before the drive is enabled, and read back."""
 
     value: Annotated[int, Ge(-0x8000_0000), Le(0xFFFF_FFFF)] = field(kw_only=True)
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineSection:
+class LineSection(Table):
     """Line of the drive: its function codes and its timing."""
 
     transports: Annotated[tuple[Transport, ...], Len(1)]
@@ -102,7 +100,6 @@ class LineSection:
     """After power-on."""
     silence: NonNegativeTime | None = None
     """Silence that the drive needs between two frames [s]. None: 3.5 characters, and 1.75 ms above 19200 bit/s."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def reading(self) -> int | None:
@@ -120,7 +117,7 @@ class LineSection:
 
 
 @dataclass(frozen=True)
-class ModbusTorque:
+class ModbusTorque(Table):
     """Torque registers, and the register that shows whether set-points act."""
 
     target: Register
@@ -137,30 +134,27 @@ class ModbusTorque:
     """Torque at 32767 [N·m], for the unit full_scale/32767."""
     echo: Literal["demand", "actual", "none"] = "none"
     """Register that returns the set-point; the loop uses it to check that its set-points act."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class ModbusMotion:
+class ModbusMotion(Table):
     """Register of a measured motion."""
 
     actual: Register
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class ModeSection:
+class ModeSection(Table):
     """Register that selects the torque mode; it is written before the drive is enabled."""
 
     write: Register
     value: Annotated[int, Ge(-0x8000), Le(0xFFFF)]
     display: Register | None = None
     """Register in which the drive confirms the mode."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class WatchdogSection:
+class WatchdogSection(Table):
     """Drive watchdog: the register of its time, and its reaction when requests stop."""
 
     time: Register
@@ -172,11 +166,10 @@ class WatchdogSection:
     """Registers that choose the reaction."""
     fault: UInt32 | None = None
     """Code in `power.error` for a lost master. None: the drive has no such code."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class PowerSection:
+class PowerSection(Table):
     """Registers that command the power stage, and the meaning of their values."""
 
     status: Register
@@ -193,7 +186,6 @@ class PowerSection:
     """Command that clears a fault; only with `rows`. It is sent only after a watchdog proof."""
     error: Register | None = None
     """Code of the fault."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
@@ -203,7 +195,6 @@ class IdentityRegister(Register):
     name: str = field(kw_only=True)
     values: tuple[UInt32, ...] = field(default=(), kw_only=True)
     """Accepted values; without any, the value is only shown."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +214,6 @@ class ModbusProfile(DriveProfile):
     identity: tuple[IdentityRegister, ...] = ()
     serial: Register | None = None
     """Serial number."""
-    __pydantic_config__: ClassVar = STRICT
 
     @property
     def guarded(self) -> bool:
