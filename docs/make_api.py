@@ -190,7 +190,7 @@ def _written(annotation: ast.expr) -> str:
         return annotation.value
     if isinstance(annotation, ast.Subscript) and ast.unparse(annotation.value) == "Annotated":
         return ast.unparse(annotation.slice.elts[0]) if isinstance(annotation.slice, ast.Tuple) else ""
-    return ast.unparse(annotation)
+    return ast.unparse(annotation).replace("fields.", "")  # of a rig, which names its types by their module
 
 
 Row = tuple[str, str, str, str]

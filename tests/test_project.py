@@ -395,7 +395,6 @@ SAME_QUESTION = {
     "sample": "a device under the delayed hold",
     "stability": "the command and the API behind it",
     "sweep": "the command and the API behind it",
-    "traffic_of": "the traffic of the one bus of a part of a plan, by its protocol",
     "translate": "the errors of a library or the system as ours, by its protocol",
 }
 

@@ -7,10 +7,11 @@ that the buses work side by side.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.traffic import BusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
 
@@ -130,6 +131,17 @@ class StepwiseBus(Bus, Protocol):
 
     def leave(self) -> bool:
         """End `stop`: leave the drives; True when all confirmed that their motors are off. Raises nothing."""
+
+
+OfProtocol = TypeVar("OfProtocol", bound=BusTraffic)
+
+
+def traffic_of(plan: Plan, kind: type[OfProtocol]) -> OfProtocol:
+    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
+    (bus,) = plan.buses
+    if not isinstance(bus.traffic, kind):
+        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
+    return bus.traffic
 
 
 class InSteps:

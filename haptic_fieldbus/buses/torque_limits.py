@@ -57,16 +57,16 @@ def check_rating(
 
 
 class DriveValue(Protocol):
-    """A value of a drive: an object or a register."""
+    """A value of a drive, an object or a register; its text is its name."""
 
     @property
     def type(self) -> DataType: ...
 
+    @property
+    def unit(self) -> str: ...
+
 
 Entry = TypeVar("Entry", bound=DriveValue)
-"""An object or a register that holds a limit; its text is its name."""
-
-
 ServerRequest = TypeVar("ServerRequest", contravariant=True)
 
 
@@ -80,6 +80,18 @@ class LimitedDrive(Protocol[ServerRequest]):
 
     def write(self, entry: ServerRequest, value: int, /) -> None:
         """Write and read back; raises BusConfigurationError when the drive refuses."""
+
+
+def checked_rated_torque(drive: LimitedDrive[Entry], title: str, axis: AxisPlan, entry: Entry | None) -> float | None:
+    """Return the drive's rated torque [N·m], which scales every command; None when its profile names no entry for it.
+
+    Raises BusError, BusConfigurationError when it is not that of the rig.
+    """
+    if entry is None:
+        return None
+    rated = rated_torque(title, str(entry), entry.unit, drive.read(entry))
+    check_rating(drive.label, axis, str(entry), "torque", rated, axis.rig.rated_torque, "N·m")
+    return rated
 
 
 @dataclass

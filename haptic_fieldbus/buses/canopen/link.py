@@ -7,7 +7,6 @@ from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 from haptic_fieldbus.signals import LinkFlag, Signal
 
 # TPDOs as answers to SYNC: which of them is the sample of this period.
@@ -295,14 +294,6 @@ class OutgoingPdo:
 def _wanted(pdo: Pdo) -> tuple[slice, ...] | None:
     """Return the octets of the payload that the image has; None: all of them."""
     return tuple(place for *_, place in pdo.needed) if pdo.unneeded else None
-
-
-def traffic_of(plan: Plan) -> CanTraffic:
-    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
-    (bus,) = plan.buses
-    if not isinstance(bus.traffic, CanTraffic):
-        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
-    return bus.traffic
 
 
 def statusword_places(plan: Plan) -> tuple[int, ...]:

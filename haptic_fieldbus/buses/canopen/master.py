@@ -15,30 +15,22 @@ parts of `open`, `read` and `stop` one by one, each on all buses.
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import can
 
-from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.bus import traffic_of
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
-from haptic_fieldbus.buses.canopen.link import (
-    BUS_OFF,
-    EXCEPTION,
-    Exchange,
-    Link,
-    OutgoingPdo,
-    statusword_places,
-    traffic_of,
-)
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, OutgoingPdo, statusword_places
 from haptic_fieldbus.buses.canopen.node import REPEATED, NmtState, Node
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
-from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, Setup
+from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, NodeSetup
 from haptic_fieldbus.buses.canopen.target_readback import TargetReadback
 from haptic_fieldbus.buses.canopen.wire import CanPort, Wire
-from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, check_cleared, other_fault
+from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, ReleasedBus, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
@@ -103,7 +95,7 @@ REFUSED_WRITES = 3
 """Periods in a row with refused set-points that make an exception; a single one only holds the torque longer."""
 
 
-class CanopenBus(InSteps):
+class CanopenBus(ReleasedBus[Release]):
     """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down.
 
     `echoes` tells that the interface gives back the frames one sends, without marking them. `port` is a way to the bus
@@ -120,19 +112,16 @@ class CanopenBus(InSteps):
         echoes: bool = False,
         port: CanPort | None = None,
     ) -> None:
-        self.facts: dict[str, DriveFacts] = {}
-        self.warnings: list[str] = []
+        super().__init__()
         self._can_bus = can_bus if owned else None
         self._clock = clock
         self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes, port=port)
-        self._plan: Plan | None = None
-        self._setups: tuple[Setup, ...] = ()
+        self._setups: tuple[NodeSetup, ...] = ()
         self._links: tuple[Link, ...] = ()
         self._exchange = Exchange()
         self._image = bytearray()
         self._outputs: tuple[OutgoingPdo, ...] = ()
         self._askings: tuple[TargetReadback, ...] = ()
-        self._release: Release | None = None
         self._synced = False
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
@@ -147,7 +136,7 @@ class CanopenBus(InSteps):
         self._wire.mute()
         self._wire.unfocus()
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
-        traffic = traffic_of(plan)
+        traffic = traffic_of(plan, CanTraffic)
         guarded = [member.traffic.node for member in traffic.members if member.traffic.life_guarding]
         one = OneMaster([axis.node for axis in plan.axes], traffic.master_node, guarded)
         heard = listen(self._wire, traffic.listening, one, self._wire.name)
@@ -164,7 +153,8 @@ class CanopenBus(InSteps):
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
         self._exchange.begun, self._refused_writes = False, 0
-        self._proofs = ProofsOfLife(traffic_of(plan), [setup.node for setup in self._setups], plan.period_ns)
+        nodes = [setup.node for setup in self._setups]
+        self._proofs = ProofsOfLife(traffic_of(plan, CanTraffic), nodes, plan.period_ns)
         for setup, link in zip(self._setups, self._links, strict=True):
             link.forget()
             setup.configure()
@@ -183,7 +173,7 @@ class CanopenBus(InSteps):
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
-        traffic = traffic_of(plan)
+        traffic = traffic_of(plan, CanTraffic)
         self._setups = tuple(self._setup_of(axis, traffic.member(axis.name), traffic, plan) for axis in plan.axes)
         self._image = image
         self._links = tuple(
@@ -213,13 +203,13 @@ class CanopenBus(InSteps):
         )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
-    def _setup_of(self, axis: AxisPlan, member: BusMember, traffic: CanTraffic, plan: Plan) -> Setup:
+    def _setup_of(self, axis: AxisPlan, member: BusMember, traffic: CanTraffic, plan: Plan) -> NodeSetup:
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
         permille, real = 1e-3 * axis.rated_effort, not plan.simulated
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
-        return Setup(node, axis, traffic, member, limits, self.warnings.append)
+        return NodeSetup(node, axis, traffic, member, limits, self.warnings.append)
 
-    def _asking_of(self, setup: Setup, start: int, period: float) -> TargetReadback:
+    def _asking_of(self, setup: NodeSetup, start: int, period: float) -> TargetReadback:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
         offset = start + sum(pdo.image_size for pdo in setup.member.traffic.tpdos)
         target = setup.member.profile.torque.target.entry
@@ -229,13 +219,13 @@ class CanopenBus(InSteps):
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
-        partings = [
-            NodeRelease(setup.node, self._wire, link, self._word_at(place), setup.parting)
+        drives = [
+            NodeRelease(setup, self._wire, link, self._word_at(place))
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
         free = [(output.cob_id, output.torque_free) for output in self._outputs]
         guard = max(traffic.guard(axis.name) for axis in plan.axes)
-        return Release(self._wire, partings, free, self._sync_once, feedback_time=traffic.feedback_time, guard=guard)
+        return Release(self._wire, drives, free, self._sync_once, feedback_time=traffic.feedback_time, guard=guard)
 
     def _word_at(self, place: int) -> Callable[[], int]:
         return lambda: self._image[place] | self._image[place + 1] << 8
@@ -305,29 +295,9 @@ class CanopenBus(InSteps):
         if self._plan is not None and self._release is not None:
             self._release.begin()
 
-    def settle(self) -> bool:
-        """Check once more whether the drives are free; True when they are, or the time is over. Raises nothing."""
-        return self._release is None or self._release.look()
-
-    def leave(self) -> bool:
-        """Set the nodes pre-operational; True when every drive confirmed that its motor is off. Raises nothing.
-
-        True also when nothing had been written. A drive that did not confirm keeps its watch on our heartbeat.
-        """
-        if self._plan is None or self._release is None:
-            return True
-        confirmed = self._release.leave()
-        for setup in self._setups:
-            if self._release.undone(setup.node):
-                setup.torque_limits.restored()
-        told = [
-            *self._release.warnings,
-            *(REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated),
-            *self._wire.sentences,
-        ]
-        self.warnings += [sentence for sentence in told if sentence not in self.warnings]
-        self._plan = None
-        return confirmed
+    def _observed(self) -> Iterator[str]:
+        yield from (REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated)
+        yield from self._wire.sentences
 
     @property
     def causes(self) -> dict[str, tuple[LinkFlag, int]]:
@@ -343,7 +313,6 @@ class CanopenBus(InSteps):
     def close(self) -> None:
         """Stop unless already stopped, and shut down the python-can bus if it is owned; raises no BusError."""
         self.stop()
-        self._plan = None
         if self._can_bus is not None:
             self._can_bus.shutdown()
             self._can_bus = None

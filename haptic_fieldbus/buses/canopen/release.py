@@ -22,8 +22,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from haptic_fieldbus.buses.canopen.link import Link
-from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, NmtState, Node, address, request
-from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
+from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, NmtState, address, request
+from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD, NodeSetup
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.release import BusRelease, DriveRelease
 from haptic_fieldbus.drive.objects import ObjectEntry
@@ -49,12 +49,10 @@ ASK: Command = (STATUSWORD, None)
 class NodeRelease(DriveRelease[Command]):
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
-    def __init__(
-        self, node: Node, wire: Wire, link: Link, word: Callable[[], int], last: Callable[[], Sequence[Command]]
-    ) -> None:
-        """Take a function for the statusword received last, and one for the downloads to a drive that is free."""
-        super().__init__(node.label, last)
-        self.node, self.link = node, link
+    def __init__(self, setup: NodeSetup, wire: Wire, link: Link, word: Callable[[], int]) -> None:
+        """Take a function for the statusword received last."""
+        super().__init__(setup.node.label, setup)
+        self.node, self.link = setup.node, link
         self._wire, self._word = wire, word
         self._written = b""
         """Octets that the next entry must hold when it is read back."""
@@ -111,7 +109,7 @@ class Release(BusRelease[NodeRelease]):
     def __init__(
         self,
         wire: Wire,
-        partings: Sequence[NodeRelease],
+        drives: Sequence[NodeRelease],
         set_points: Sequence[tuple[int, bytearray]],
         sync: Callable[[int], None],
         *,
@@ -122,7 +120,7 @@ class Release(BusRelease[NodeRelease]):
 
         `feedback_time` is that of SYNC and all TPDOs, `guard` the longest guard of the drives.
         """
-        super().__init__(wire.clock, partings)
+        super().__init__(wire.clock, drives)
         self._wire = wire
         self._torque_free = tuple(set_points)
         self._sync = sync
@@ -134,36 +132,28 @@ class Release(BusRelease[NodeRelease]):
         """Send everything that frees the drives and needs no answer."""
         now_ns = self._clock.now_ns()
         self._end_ns, self._looks, self._begun = now_ns + self._longest_ns, 0, True
-        for parting in self._partings:
-            parting.begin()
+        for drive in self._drives:
+            drive.begin()
         self._send_set_points()
         self._step(now_ns)
 
-    def look(self) -> bool:
-        """Ask and listen for one slice; True when all drives are settled, the time is over, or nothing was begun."""
-        if not self._begun:
-            return True
+    def _go_on(self) -> None:
         deadline_ns = self._clock.now_ns() + self._slice_ns
         if self._looks:
             self._send_set_points()
         if self._looks == LOOKS_BEFORE_NMT:
-            for parting in self._partings:
-                if not parting.free:
-                    self._to_pre_operational(parting)
+            for drive in self._drives:
+                if not drive.free:
+                    self._to_pre_operational(drive)
         self._looks += 1
         if not self._try("no answer from the drives", partial(self._listen, deadline_ns)):
             self._clock.sleep_until(deadline_ns)  # a bus that is gone waits for nothing by itself
-        return self._over()
 
     def leave(self) -> bool:
         """Set the nodes pre-operational; True when every drive reported its motor off, or nothing was begun."""
-        for parting in self._partings:
-            self._to_pre_operational(parting)
-        return self._confirmed()
-
-    def undone(self, node: Node) -> bool:
-        """Whether all that was written to a node for the time of the run was undone."""
-        return any(parting.node is node and parting.settled and not parting.refused for parting in self._partings)
+        for drive in self._drives:
+            self._to_pre_operational(drive)
+        return super().leave()
 
     def _send_set_points(self) -> None:
         """Send target torque 0 and controlword *disable voltage*."""
@@ -179,11 +169,11 @@ class Release(BusRelease[NodeRelease]):
             self._wire.pump(deadline_ns)
 
     def _step(self, now_ns: int) -> None:
-        for parting in self._partings:
-            self._try(f"6040h = 0 by SDO was not sent to {parting.label}", partial(parting.step, now_ns))
+        for drive in self._drives:
+            self._try(f"6040h = 0 by SDO was not sent to {drive.label}", partial(drive.step, now_ns))
 
-    def _to_pre_operational(self, parting: NodeRelease) -> None:
-        self._try(f"pre-operational was not sent to {parting.label}", parting.to_pre_operational)
+    def _to_pre_operational(self, drive: NodeRelease) -> None:
+        self._try(f"pre-operational was not sent to {drive.label}", drive.to_pre_operational)
 
     def _try(self, failure: str, action: Callable[[], object]) -> bool:
         """Do one thing whose failure must not stop the rest; False, and a warning, when it failed."""

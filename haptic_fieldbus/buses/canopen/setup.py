@@ -15,14 +15,14 @@ from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.buses.canopen.target_readback import check_asked
-from haptic_fieldbus.buses.release import FAULTS, poll
-from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
+from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
+from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, checked_rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, Identity, ObjectEntry, known_number
 from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.drive.rig import COUNTS
-from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import first_enabling
@@ -135,19 +135,6 @@ def _other_counts(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterat
         )
 
 
-def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> float | None:
-    """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object.
-
-    Raises BusError, BusConfigurationError when it is not that of the rig.
-    """
-    mapped = profile.torque.rated
-    if mapped is None:
-        return None
-    rated = rated_torque(profile.title, str(mapped.entry), mapped.unit, node.read(mapped.entry))
-    check_rating(node.label, axis, str(mapped.entry), "torque", rated, axis.rig.rated_torque, "N·m")
-    return rated
-
-
 # The PDOs of one drive, configured by SDO: those that the plan uses are mapped and switched on, the others are off.
 #
 # A mapping that is fixed in the drive is read and compared instead of written, and of the other parameters of its PDO
@@ -242,7 +229,7 @@ DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
 
 
 @dataclass(frozen=True)
-class Setup:
+class NodeSetup:
     """Setup of one axis of the plan on its node; `bus` is the traffic of the whole bus, `member` that of this axis."""
 
     node: Node
@@ -261,19 +248,21 @@ class Setup:
         vendor, product = self._check_identity()
         self._check_no_fault()
         self._check_sync()
-        revision, serial = self.node.optional(REVISION), self.node.optional(SERIAL)
-        identity = Identity(known_number(vendor), known_number(product), known_number(revision), known_number(serial))
+        numbers = (vendor, product, self.node.optional(REVISION), self.node.optional(SERIAL))
+        identity = Identity(*map(known_number, numbers))
         self.torque_limits.inspect(identity, self.node.optional)
         if self.member.traffic.asked:
             check_asked(self.node, self.member.profile.torque.target.entry)
+        profile = self.member.profile
+        rated = None if profile.torque.rated is None else profile.torque.rated.entry
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,
-            title=self.member.profile.title,
+            title=profile.title,
             identity=identity,
-            rated_torque=check_rated_torque(self.node, self.member.profile, self.axis),
+            rated_torque=checked_rated_torque(self.node, profile.title, self.axis, rated),
             link_loss=self._link_loss_words(),
-            changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile, self.axis)),
+            changes=(*self.torque_limits.sentences, *commissioned(self.node, profile, self.axis)),
         )
 
     def configure(self) -> None:
@@ -339,12 +328,8 @@ class Setup:
         statusword = self.node.read(STATUSWORD)
         if CIA402.state(statusword) not in FAULTS:
             return
-        code = self.node.optional(ERROR_CODE)
-        cause = "" if code is None else f", error code {code:04X}h (603Fh)"
-        raise DriveFaultError(
-            f"{self.node.label} is in the state {CIA402.state(statusword).value}{cause}. Remove the cause, then reset "
-            "the fault: switch the drive off and on, or write 6040h = 0 and then 80h with the drive's own tool"
-        )
+        way = "write 6040h = 0 and then 80h with the drive's own tool"
+        raise standing_fault(self.node.label, CIA402.state(statusword), self.node.optional(ERROR_CODE), "603Fh", way)
 
     def _check_sync(self) -> None:
         sync = self.node.optional(SYNC_ID)
@@ -405,7 +390,7 @@ class Setup:
         section, bus = self.member.profile.link_loss, self.bus
         return Guard(self.node, section, self._deadline_ms, bus.master_node, bus.node_heartbeat_ms)
 
-    def parting(self) -> tuple[tuple[ObjectEntry, int], ...]:
+    def final_writes(self) -> tuple[tuple[ObjectEntry, int], ...]:
         """Return the entries to write at the end: they switch the guard off and restore the former limits."""
         return (*self.guard.disarming, *self.torque_limits.restoring)
 

@@ -7,7 +7,6 @@ from struct import Struct
 from haptic_fieldbus.buses.modbus.framing import FrameForm, Question
 from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection, ModbusProfile
 from haptic_fieldbus.protocols.modbus.register_traffic import Block, RegisterRequest, RegisterTraffic
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
@@ -276,14 +275,6 @@ def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, 
             open_copy = (place, start, end)
     if open_copy is not None:
         yield open_copy
-
-
-def traffic_of(plan: Plan) -> ModbusTraffic:
-    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
-    (bus,) = plan.buses
-    if not isinstance(bus.traffic, ModbusTraffic):
-        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
-    return bus.traffic
 
 
 def times_of(traffic: ModbusTraffic, profile: ModbusProfile, request: RegisterRequest) -> Times:

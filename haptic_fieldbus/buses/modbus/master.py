@@ -22,24 +22,16 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over seria
 
 from collections.abc import Iterator
 
-from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.bus import traffic_of
 from haptic_fieldbus.buses.modbus.exchange import Turns, listen
 from haptic_fieldbus.buses.modbus.framing import Question
-from haptic_fieldbus.buses.modbus.link import (
-    Reading,
-    StoredSetPoint,
-    TargetReading,
-    UnitLink,
-    offsets_of,
-    times_of,
-    traffic_of,
-)
+from haptic_fieldbus.buses.modbus.link import Reading, StoredSetPoint, TargetReading, UnitLink, offsets_of, times_of
 from haptic_fieldbus.buses.modbus.release import LineRelease, UnitRelease
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.setup import SetUp
+from haptic_fieldbus.buses.modbus.setup import UnitSetup
 from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
-from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, check_cleared, other_fault
+from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, ReleasedBus, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import PowerTable
@@ -86,19 +78,16 @@ ANSWER_TIME = 0.01
 """[s]; so long an answer beside the exchange is waited for at least."""
 
 
-class ModbusBus(InSteps):
+class ModbusBus(ReleasedBus[LineRelease]):
     """A Modbus master on any transport; `section` is its bus in the rig."""
 
     def __init__(self, transport: Transport, clock: Clock, section: ModbusSection) -> None:
-        self.facts: dict[str, DriveFacts] = {}
-        self.warnings: list[str] = []
+        super().__init__()
         self._transport, self._clock, self._section = transport, clock, section
         self._requester = Requester(transport, clock, echo=section.echo)
-        self._plan: Plan | None = None
-        self._set_ups: tuple[SetUp, ...] = ()
+        self._setups: tuple[UnitSetup, ...] = ()
         self._links: tuple[UnitLink, ...] = ()
-        self._partings: tuple[UnitRelease, ...] = ()
-        self._release: LineRelease | None = None
+        self._drives: tuple[UnitRelease, ...] = ()
         self._exchange: Turns
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
@@ -107,24 +96,24 @@ class ModbusBus(InSteps):
         Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was written,
         BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
         """
-        traffic = traffic_of(plan)
+        traffic = traffic_of(plan, ModbusTraffic)
         if self._section.serial:
             self._transport.tune(*characters(self._section, [member.profile for member in traffic.members]))
         self._requester.silence_ns = round(1e9 * traffic.wire.silence)
         listened = listen(self._requester)
         self._bind(plan, traffic, image)
-        self.facts = {each.axis.name: each.inspect(listened) for each in self._set_ups}
+        self.facts = {each.axis.name: each.inspect(listened) for each in self._setups}
 
     def configure(self, plan: Plan) -> None:
         """Configure all inspected drives; raises BusError, ForeignMasterError when another master commands by now."""
         self._exchange.forget()
         self._plan = plan  # from here on `stop` has something to undo
-        for each in self._set_ups:
+        for each in self._setups:
             each.configure()
 
     def start(self) -> None:
         """Arm the watchdogs; from now on set-points must come. Raises BusError."""
-        for each in self._set_ups:
+        for each in self._setups:
             each.start()
         self._requester.forget()
         self._requester.keep_silence()  # it is no part of the first period
@@ -132,7 +121,7 @@ class ModbusBus(InSteps):
     def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
         """Prepare all requests and offsets, so that the loop looks nothing up."""
         axes = tuple(zip(plan.axes, plan.image.axes, strict=True))
-        self._set_ups = tuple(self._set_up_of(axis, traffic, plan) for axis in plan.axes)
+        self._setups = tuple(self._setup_of(axis, traffic, plan) for axis in plan.axes)
         self._links = tuple(self._link_of(axis, places, traffic, image) for axis, places in axes)
         readings = tuple(
             reading
@@ -148,19 +137,17 @@ class ModbusBus(InSteps):
         self._exchange = Turns(
             self._requester, readings, image, period_ns=plan.period_ns, writes=writes, targets=targets
         )
-        self._partings = tuple(
-            UnitRelease(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
-        )
+        self._drives = tuple(map(UnitRelease, self._setups))
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
-        guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._set_ups)
-        self._release = LineRelease(self._requester, self._partings, exchange=longest, guard=guard)
+        guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._setups)
+        self._release = LineRelease(self._requester, self._drives, exchange=longest, guard=guard)
 
-    def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, plan: Plan) -> SetUp:
+    def _setup_of(self, axis: AxisPlan, traffic: ModbusTraffic, plan: Plan) -> UnitSetup:
         profile = traffic.member(axis.name).profile
         unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
         section = profile.watchdog
         watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
-        return SetUp(unit, axis, profile, watchdog, self._limits_of(unit, axis, profile, plan))
+        return UnitSetup(unit, axis, profile, watchdog, self._limits_of(unit, axis, profile, plan))
 
     def _limits_of(
         self, unit: UnitClient, axis: AxisPlan, profile: ModbusProfile, plan: Plan
@@ -246,15 +233,15 @@ class ModbusBus(InSteps):
     def causes(self) -> dict[str, tuple[LinkFlag, int]]:
         """By axis, the fault that a drive reported while it was freed, unless it is that of having lost us."""
         found = {}
-        for each, parting in zip(self._set_ups, self._partings, strict=True):
+        for each, drive in zip(self._setups, self._drives, strict=True):
             watchdog = each.profile.watchdog
-            if parting.fault and (watchdog is None or parting.fault != watchdog.fault):
-                found[each.axis.name] = (LinkFlag.EMERGENCY, parting.fault)
+            if drive.fault and (watchdog is None or drive.fault != watchdog.fault):
+                found[each.axis.name] = (LinkFlag.EMERGENCY, drive.fault)
         return found
 
     def ask(self, axis: str) -> int | None:
         """Read the statusword of an axis; None without an answer in some milliseconds."""
-        each = next(each for each in self._set_ups if each.axis.name == axis)
+        each = next(each for each in self._setups if each.axis.name == axis)
         status = each.profile.power.status
         self._requester.ask(each.unit.reading(status))
         longest = max(ANSWER_TIME, 4e-9 * self._requester.silence_ns)
@@ -266,7 +253,7 @@ class ModbusBus(InSteps):
 
     def acknowledge(self) -> None:
         """Clear the faults by which the stopped drives say that they lost us; raises DriveFaultError or BusError."""
-        for each in self._set_ups:
+        for each in self._setups:
             acknowledge(each.unit, each.profile, each.axis.power)
 
     def release(self) -> None:
@@ -274,53 +261,27 @@ class ModbusBus(InSteps):
         if self._plan is not None and self._release is not None:
             self._release.begin([link.missing for link in self._links])
 
-    def settle(self) -> bool:
-        """Free the drives for some milliseconds; True when they are, or the time is over. Raises nothing."""
-        return self._release is None or self._release.look()
-
-    def leave(self) -> bool:
-        """End the way to zero; True when every drive confirmed that its motor is off, or nothing had been written."""
-        if self._plan is None or self._release is None:
-            return True
-        confirmed = self._release.leave()
-        for each, parting in zip(self._set_ups, self._partings, strict=True):
-            if parting.settled and not parting.refused:
-                each.torque_limits.restored()
+    def _observed(self) -> Iterator[str]:
+        """Yield what is told of answers: dropped, too late for their period, and with positions that are torn."""
         dropped = ", ".join(f"{number} {kind.value}" for kind, number in self._requester.surprises.items())
         self._requester.surprises.clear()
-        told = [
-            *self._release.warnings,
-            *([f"{self._transport.name}: answers were dropped: {dropped}"] if dropped else []),
-            *self._late(),
-            *self._torn(),
-        ]
-        self.warnings += [sentence for sentence in told if sentence not in self.warnings]
-        self._plan = None
-        return confirmed
-
-    def _late(self) -> list[str]:
-        """Return a sentence about answers that came too late for their period."""
+        if dropped:
+            yield f"{self._transport.name}: answers were dropped: {dropped}"
         exchange = self._exchange
-        if not exchange.late:
-            return []
-        slowest = in_unit(1e-9 * exchange.slowest_ns, "s")
-        return [
-            f"{self._transport.name}: {exchange.late} answers came too late for their period, the slowest after "
-            f"{slowest}. The line is slower than the plan assumes. Measure round_trip with haptic-fieldbus doctor and "
-            "write it into the rig, or use a lower rate"
-        ]
-
-    def _torn(self) -> list[str]:
-        """Return a sentence for each unit that tore positions."""
-        return [
-            f"unit {link.unit} sent {link.torn} positions with jumps of about 65536 counts (their two registers are "
-            "of different instants); these samples were dropped"
-            for link in self._links
-            if link.torn
-        ]
+        if exchange.late:
+            yield (
+                f"{self._transport.name}: {exchange.late} answers came too late for their period, the slowest after "
+                f"{in_unit(1e-9 * exchange.slowest_ns, 's')}. The line is slower than the plan assumes. Measure "
+                "round_trip with haptic-fieldbus doctor and write it into the rig, or use a lower rate"
+            )
+        for link in self._links:
+            if link.torn:
+                yield (
+                    f"unit {link.unit} sent {link.torn} positions with jumps of about 65536 counts (their two "
+                    "registers are of different instants); these samples were dropped"
+                )
 
     def close(self) -> None:
         """Stop unless already stopped, and close the line; raises no BusError."""
         self.stop()
-        self._plan = None
         self._transport.close()

@@ -18,12 +18,13 @@ from functools import partial
 
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
 from haptic_fieldbus.buses.modbus.requester import Requester
+from haptic_fieldbus.buses.modbus.setup import UnitSetup
 from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK
-from haptic_fieldbus.buses.modbus.unit import UnitClient, from_words
+from haptic_fieldbus.buses.modbus.unit import from_words
 from haptic_fieldbus.buses.release import FAULTS, NO_CODE, BusRelease, DriveRelease
-from haptic_fieldbus.drive.power import ENERGISED, PowerTable
+from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.errors import BusError
-from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
+from haptic_fieldbus.protocols.modbus.profile import Register
 
 # One drive on its way to zero torque, one request after another.
 #
@@ -46,16 +47,14 @@ class _Move:
 
 
 class UnitRelease(DriveRelease[Undone]):
-    """One drive on its way to zero torque; calling `last` gives the values to restore."""
+    """One drive on its way to zero torque."""
 
-    def __init__(
-        self, unit: UnitClient, profile: ModbusProfile, power: PowerTable, last: Callable[[], Sequence[Undone]]
-    ) -> None:
-        super().__init__(unit.label, last)
-        self.unit = unit
+    def __init__(self, setup: UnitSetup) -> None:
+        super().__init__(setup.unit.label, setup)
+        self.unit = unit = setup.unit
         self.fault: int | None = None
         """Code of the fault in which the drive was when it was first asked; 0 without a code."""
-        self._profile, self._power = profile, power
+        self._profile, self._power = profile, power = setup.profile, setup.axis.power
         self._order = profile.line.word_order
         self._status = unit.reading(profile.power.status)
         self._zero = unit.writing(profile.torque.target, 0)
@@ -165,16 +164,16 @@ GRACE = 0.05
 class LineRelease(BusRelease[UnitRelease]):
     """The release of all drives of one line."""
 
-    def __init__(self, requester: Requester, partings: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
+    def __init__(self, requester: Requester, drives: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
         """Take the longest times of a request with its answer and of a watchdog [s]."""
-        super().__init__(requester.clock, partings)
+        super().__init__(requester.clock, drives)
         self._requester = requester
         self._slice_ns = round(1e9 * max(SLICE, 2.0 * exchange))
         self._patience_ns = round(1e9 * max(PATIENCE, 2.0 * exchange))
         self._held_ns = 0 if requester.transport.serial else round(1e9 * DELAYED_ACK)
         # The watchdog runs from the last write of zero torque.
-        zeros_ns = MOST_ZEROS * QUESTIONS * len(self._partings) * self._patience_ns
-        self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns + len(self._partings) * self._held_ns
+        zeros_ns = MOST_ZEROS * QUESTIONS * len(self._drives) * self._patience_ns
+        self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns + len(self._drives) * self._held_ns
         self._waiting_until_ns = 0
         self._asked: UnitRelease | None = None
         self._dead = False
@@ -186,54 +185,50 @@ class LineRelease(BusRelease[UnitRelease]):
         one whose answer is outstanding comes last.
         """
         awaited = None if self._requester.outstanding is None else self._requester.outstanding.question.unit
-        owing = zip(self._partings, missing, strict=True)
+        owing = zip(self._drives, missing, strict=True)
         ordered = sorted(owing, key=lambda each: (each[0].unit.id == awaited, each[1]))
-        self._partings = tuple(parting for parting, _ in ordered)
+        self._drives = tuple(drive for drive, _ in ordered)
         self._end_ns, self._begun, self._dead, self._asked = self._clock.now_ns() + self._longest_ns, True, False, None
-        for parting in self._partings:
-            parting.begin()
+        for drive in self._drives:
+            drive.begin()
         if self._requester.transport.serial and self._requester.outstanding is not None:
             self._try(lambda: self._requester.answer(self._requester.sent_ns + self._patience_ns))
         self._try(self._ask)
 
-    def look(self) -> bool:
-        """Go on for one slice; True when all drives are settled, the time is over, or nothing was begun."""
-        if not self._begun:
-            return True
+    def _go_on(self) -> None:
         end_ns = self._clock.now_ns() + self._slice_ns
         while not self._settled and self._clock.now_ns() < end_ns:
             if self._dead and not self._try(self._open_again):
                 self._clock.sleep_until(end_ns)
             elif not self._try(lambda: self._step(end_ns)):
                 self._clock.sleep_until(min(end_ns, self._clock.now_ns() + 1_000_000))
-        return self._over()
 
     def leave(self) -> bool:
         """Issue the remaining warnings; True when every drive reported its motor off, or nothing was begun."""
         if self._begun:
             self._requester.forget()
-        return self._confirmed()
+        return super().leave()
 
     def _ask(self) -> None:
         """Send the next question: to the drives that were not freed yet before all others."""
-        unsettled = [parting for parting in self._partings if not parting.settled]
+        unsettled = [drive for drive in self._drives if not drive.settled]
         after = unsettled[1:] + unsettled[:1] if self._asked is not None and unsettled[0] is self._asked else unsettled
-        parting = min(after, key=lambda each: each.freed)
-        self._asked = parting
-        question = parting.question()
-        held_ns = self._held_ns if parting.zeroed and not question.values else 0
+        drive = min(after, key=lambda each: each.freed)
+        self._asked = drive
+        question = drive.question()
+        held_ns = self._held_ns if drive.zeroed and not question.values else 0
         self._waiting_until_ns = self._clock.now_ns() + self._patience_ns + held_ns
         self._requester.ask(question)
 
     def _step(self, end_ns: int) -> None:
         """Wait for an answer until the end of the slice; ask the next question when it came, or patience is over."""
-        parting = self._asked
-        if parting is not None:
+        drive = self._asked
+        if drive is not None:
             answer = self._requester.answer(min(end_ns, self._waiting_until_ns))
             if answer is None and self._clock.now_ns() < self._waiting_until_ns:
                 return
             self._requester.forget()
-            parting.take(answer)
+            drive.take(answer)
         if not self._settled:
             self._ask()
 
@@ -243,8 +238,8 @@ class LineRelease(BusRelease[UnitRelease]):
         self._requester.forget()
         self._requester.transport.reopen()
         self._dead = False
-        for parting in self._partings:
-            parting.again()
+        for drive in self._drives:
+            drive.again()
 
     def _try(self, action: Callable[[], object]) -> bool:
         """Do one thing whose failure must not stop the rest; False, and a warning, when it failed."""

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.modbus.exchange import refuse_unrest
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient
-from haptic_fieldbus.buses.release import FAULTS, poll
-from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, rated_torque
+from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
+from haptic_fieldbus.buses.torque_limits import TorqueLimits, checked_rated_torque
 from haptic_fieldbus.drive.objects import Identity, known_number
-from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 
@@ -25,7 +25,7 @@ UNGUARDED = "on link loss the motor keeps its torque until its power is cut"
 
 
 @dataclass(frozen=True)
-class SetUp:
+class UnitSetup:
     """Set-up of one axis of the plan on its unit."""
 
     unit: UnitClient
@@ -43,15 +43,14 @@ class SetUp:
         self._check_fault()
         known = self._check_identity()
         refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
-        serial = None if self.profile.serial is None else self.unit.optional(self.profile.serial)
-        identity = self._identity(known, serial)
+        identity = self._identity(known)
         self.torque_limits.inspect(identity, self.unit.optional)
         return DriveFacts(
             axis=self.axis.name,
             node=self.unit.id,
             title=self.profile.title,
             identity=identity,
-            rated_torque=self._check_rated_torque(),
+            rated_torque=checked_rated_torque(self.unit, self.profile.title, self.axis, self.profile.torque.rated),
             link_loss=UNGUARDED if self.watchdog is None else self.watchdog.words,
             changes=tuple(self.torque_limits.sentences),
             listened=listened,
@@ -78,7 +77,7 @@ class SetUp:
         if self.watchdog is not None:
             self.watchdog.arm()
 
-    def parting(self) -> tuple[tuple[Register, int], ...]:
+    def final_writes(self) -> tuple[tuple[Register, int], ...]:
         """Return the entries to write at the end: they switch the watchdog off and restore the former limits."""
         return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.restoring)
 
@@ -90,12 +89,9 @@ class SetUp:
             raise BusTimeoutError(f"{error}: {ADVICE[self.unit.requester.transport.serial]}") from error
         if state not in FAULTS:
             return
-        code = None if self.profile.power.error is None else self.unit.optional(self.profile.power.error)
-        cause = "" if code is None else f", error code {code:04X}h ({self.profile.power.error})"
-        raise DriveFaultError(
-            f"{self.unit.label} is in the state {state.value}{cause}. Remove the cause, then reset the fault: switch "
-            "the drive off and on, or use its own tool"
-        )
+        register = self.profile.power.error
+        code = None if register is None else self.unit.optional(register)
+        raise standing_fault(self.unit.label, state, code, register, "use its own tool")
 
     def _check_identity(self) -> dict[str, int]:
         """Return the values by which the drive tells its model; raises BusConfigurationError for another model."""
@@ -110,27 +106,15 @@ class SetUp:
                 )
         return known
 
-    def _identity(self, known: dict[str, int], serial: int | None) -> Identity:
+    def _identity(self, known: dict[str, int]) -> Identity:
         """Return the identity of the drive from registers that its profile names; Modbus itself defines none."""
-        types = {each.name: each.type for each in self.profile.identity}
+        types, register = {each.name: each.type for each in self.profile.identity}, self.profile.serial
         vendor, product, revision = (
             known_number(known[name], types[name]) if name in known else None
             for name in ("vendor", "product code", "revision")
         )
-        return Identity(
-            vendor,
-            product,
-            revision,
-            None if self.profile.serial is None else known_number(serial, self.profile.serial.type),
-        )
-
-    def _check_rated_torque(self) -> float | None:
-        register = self.profile.torque.rated
-        if register is None:
-            return None
-        rated = rated_torque(self.profile.title, str(register), register.unit, self.unit.read(register))
-        check_rating(self.unit.label, self.axis, str(register), "torque", rated, self.axis.rig.rated_torque, "N·m")
-        return rated
+        serial = None if register is None else known_number(self.unit.optional(register), register.type)
+        return Identity(vendor, product, revision, serial)
 
     def _set_mode(self) -> None:
         mode = self.profile.mode

@@ -5,8 +5,10 @@ from struct import pack
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.link import WideValue, times_of, traffic_of
+from haptic_fieldbus.buses.bus import traffic_of
+from haptic_fieldbus.buses.modbus.link import WideValue, times_of
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest
+from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from tests.buses.modbus.benches import PROFILE, plan_of
 
 PERIOD_NS = 7_000_000
@@ -68,7 +70,7 @@ def test_the_times_of_a_request_are_those_of_its_characters(silence: float) -> N
     """19,200 bit/s and 11 bits a character, as Modbus over Serial Line V1.02, 2.5.1, has them."""
     character = 11 / 19_200
     line = {"baud": 19_200, "parity": "even", "stop_bits": 1, "silence": silence}
-    traffic = traffic_of(plan_of("sim-modbus-rtu", section=line, rate=20.0))
+    traffic = traffic_of(plan_of("sim-modbus-rtu", section=line, rate=20.0), ModbusTraffic)
     request = next(each for each in traffic.of("handle").reading if each.read is not None)
     assert request.read is not None
     profile = replace(PROFILE, line=replace(PROFILE.line, answer_time=0.003))
