@@ -58,7 +58,7 @@ DOES_WITHOUT = {
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots planning.explain"
         " api.model api.open_loop api.provenance api.stability_limits planning.selection",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue sim.canopen.simulated_eds documents"
-        " protocols.canopen.profile protocols.canopen.eds_draft sim.canopen.eds_proof",
+        " protocols.canopen.profile sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
         "cli.replay": "api.provenance api.replaying recordings.reading report.plot",
@@ -110,7 +110,6 @@ DOES_WITHOUT = {
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
-        "buses.canopen.access": "protocols.canopen.upload",
         "running.session": "running.direction running.guard_proof running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
     from haptic_fieldbus.protocols.canopen.eds_check import Comparison
-    from haptic_fieldbus.protocols.canopen.eds_draft import Draft
+    from haptic_fieldbus.protocols.canopen.from_eds import Draft
 
 
 # The parts of `profiles check` and `profiles new` that read a vendor's EDS.
@@ -92,8 +92,7 @@ def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool)
     """
     from haptic_fieldbus.documents import is_path
     from haptic_fieldbus.eds import load_eds
-    from haptic_fieldbus.protocols.canopen.eds_draft import draft_of
-    from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
+    from haptic_fieldbus.protocols.canopen.from_eds import draft_of, profile_from_eds
 
     profile = profile_from_eds(load_eds(eds))
     if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):

@@ -11,21 +11,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from haptic_fieldbus import documents
 from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
-from haptic_fieldbus.documents import (
-    Document,
-    KeyPath,
-    check_kind,
-    file_names,
-    file_of,
-    is_eds,
-    is_path,
-    knows,
-    read_document,
-    schema_of,
-    suggestion,
-    table_of,
-)
+from haptic_fieldbus.documents import Document, KeyPath, is_path, schema_of, suggestion
 from haptic_fieldbus.documents.safe_read import IMPOSSIBLE_NAME
 from haptic_fieldbus.drive.plausible import check_plausible
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -53,7 +41,7 @@ def profile_folder() -> Path:
 
 def profile_names() -> list[str]:
     """Return the names of the shipped profiles, sorted."""
-    return file_names(profile_folder())
+    return documents.file_names(profile_folder())
 
 
 def own_files(profiles: str | Path | None = None) -> dict[str, Path]:
@@ -90,7 +78,7 @@ def profile_file(name: str | Path, profiles: str | Path | None = None) -> Path:
     """
     own = own_files(profiles)
     if is_path(name) or name not in own:
-        return file_of("profile", name, profile_folder(), own)
+        return documents.file_of("profile", name, profile_folder(), own)
     path, shipped = own[str(name)], profile_folder() / f"{name}.toml"
     if not path.is_file():  # a pipe would be waited for
         raise UsageError(f'profile "{name}": {path} is not a file')
@@ -124,15 +112,15 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
     variable HAPTIC_FIELDBUS_PROFILES may name the folder. Raises ProfileError or EdsError with all faults of the file,
     UsageError for an unknown name and for one that is both a shipped and an own one.
     """
-    if is_eds(name_or_path):
+    if documents.is_eds(name_or_path):
         return protocol_named(DEFAULT_PROTOCOL).vendor_profile(name_or_path)
     path = profile_file(name_or_path, profiles)
     return _shipped(path) if path.parent == profile_folder() else _profile_of(path)
 
 
 def _profile_of(path: Path) -> DriveProfile:
-    document = read_document(path, ProfileError)
-    check_kind(document, "drive")
+    document = documents.read_document(path, ProfileError)
+    documents.check_kind(document, "drive")
     protocol = _protocol_of(document)
     profile = document.validate(protocol.profile, loaded=PROFILE_LOADED)
     document.integers(("schema",))  # Pydantic takes 1.0 and true for the literal 1
@@ -195,8 +183,8 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     """
     if not isinstance(path, str | Path):
         raise wrong_kind("path", "that of a rig file", path)
-    document = read_document(Path(path), RigError)
-    check_kind(document, "bus")
+    document = documents.read_document(Path(path), RigError)
+    documents.check_kind(document, "bus")
     for table in document.table("bus").values():
         channel = table.get("channel") if isinstance(table, dict) else None
         # Interfaces that count their channels read the number from a text. `type`, not `isinstance`: true is an int
@@ -233,8 +221,8 @@ def check_rig(rig: Rig) -> None:
     Its profiles are looked up later, since a run may have fitted them to its drives.
     """
     document = Document(rig.source or "the rig", "", RigError)
-    document.data["bus"] = {name: table_of(section) for name, section in rig.bus.items()}
-    document.data["axis"] = {name: table_of(axis) for name, axis in rig.axis.items()}
+    document.data["bus"] = {name: documents.table_of(section) for name, section in rig.bus.items()}
+    document.data["axis"] = {name: documents.table_of(axis) for name, axis in rig.axis.items()}
     nodes: dict[tuple[object, object], str] = {}
     for name, section in rig.bus.items():
         document.validate(type(section), ("bus", name))
@@ -289,16 +277,16 @@ def _check_sources(document: Document, schema: type[DriveProfile]) -> None:
     """
     sources = document.table("sources")
     for section in document.data.keys() - UNSOURCED:
-        if isinstance(document.data[section], list) and section not in sources and knows(schema, (section,)):
+        if isinstance(document.data[section], list) and section not in sources and documents.knows(schema, (section,)):
             document.fault((section,), f'no source; expected an entry "{section}" in [sources]')
         for key, value in document.table(section).items():
             for path in _unsourced((section, key), value, sources):
-                if knows(schema, path):
+                if documents.knows(schema, path):
                     document.fault(path, f'no source; expected an entry "{".".join(path)}" in [sources]', also=True)
     # Keys of the file serve the suggestion; the schema also has keys that the file leaves out.
     keys = {".".join(path) for path in _keys(document.data) if path[0] != "sources"}
     for name in sources:
-        if name not in keys and not knows(schema, tuple(name.split("."))):
+        if name not in keys and not documents.knows(schema, tuple(name.split("."))):
             document.fault(("sources", name), f"source of an unknown key{suggestion(name, keys)}")
 
 

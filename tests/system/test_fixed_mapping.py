@@ -15,7 +15,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusConfigurationError, ImageTooLargeError
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.protocols.canopen.eds_draft import draft_of
+from haptic_fieldbus.protocols.canopen.from_eds import draft_of
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus

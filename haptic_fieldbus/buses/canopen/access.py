@@ -31,7 +31,7 @@ from haptic_fieldbus.protocols.canopen.bus import (
 )
 from haptic_fieldbus.protocols.canopen.eds_values import PER_AXIS, axes_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
-from haptic_fieldbus.protocols.canopen.fitting import fitted
+from haptic_fieldbus.protocols.canopen.fitting import fitted, uploaded
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import MASTER_NODES
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -230,9 +230,6 @@ def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
 
     Raises BusError, and BusConfigurationError when the node is no CiA 402 drive.
     """
-    # Imported here, because a run with the profile of a drive needs no reader of object dictionaries.
-    from haptic_fieldbus.protocols.canopen.upload import uploaded
-
     try:
         return fitted(profile, uploaded(profile, node.found))
     except EdsError as error:

@@ -21,17 +21,8 @@ from haptic_fieldbus.drive.rig import PERMILLE, PERMILLE_OF_CURRENT
 from haptic_fieldbus.eds import Eds, EdsEntry
 from haptic_fieldbus.errors import Fault
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.protocols.canopen.eds_pdos import (
-    COMMUNICATION,
-    MAPPING,
-    carries,
-    default_types,
-    fixed_pdos,
-    inhibit_time,
-    is_mappable,
-    pdo_room,
-    type_limits,
-)
+from haptic_fieldbus.protocols.canopen import eds_pdos, eds_values
+from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, carries, fixed_pdos, pdo_room
 from haptic_fieldbus.protocols.canopen.eds_values import (
     BY_KEY,
     OBJECTS,
@@ -39,13 +30,8 @@ from haptic_fieldbus.protocols.canopen.eds_values import (
     Finding,
     StandardObject,
     Use,
-    data_type,
-    identity,
     number_of,
-    position_unit,
-    supported_modes,
     value_at,
-    velocity_unit,
 )
 from haptic_fieldbus.protocols.canopen.from_eds import AGAINST, LEFT_OUT
 from haptic_fieldbus.protocols.canopen.pdo import Direction
@@ -152,13 +138,13 @@ def finding_of(key: str, entry: ObjectEntry, use: Use, eds: Eds) -> Finding:
 
 
 def _fault(where: str, entry: ObjectEntry, found: EdsEntry, use: Use, eds: Eds) -> str:
-    if data_type(found) is not entry.type:
+    if eds_values.data_type(found) is not entry.type:
         type = found.type.name if found.type is not None else "of a type that only the drive defines"
         return f'{where} is {type}, the profile says "{entry.type.value}"'
     if not use.permits(found):
         return f"{where} cannot be {use.words}: its AccessType is {found.access}, expected {' or '.join(use.access)}"
     way = use.direction
-    if way is not None and not is_mappable(found, way) and not carries(eds, way, found):
+    if way is not None and not eds_pdos.is_mappable(found, way) and not carries(eds, way, found):
         return f"{where} cannot be {use.words}: its PDOMapping is 0, expected 1"
     return ""
 
@@ -180,7 +166,7 @@ def _in_limits(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[F
     yield Finding(key, takes, found.line, "" if low <= value <= high else f"{value}; {takes}")
 
 
-_UNITS = {"position.actual.unit": position_unit, "velocity.actual.unit": velocity_unit}
+_UNITS = {"position.actual.unit": eds_values.position_unit, "velocity.actual.unit": eds_values.velocity_unit}
 """Key of a unit → unit that the file gives."""
 
 
@@ -220,7 +206,7 @@ def mode_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     outside = (low is not None and mode < low) or (high is not None and mode > high)
     takes = "[6060] has no limit for it" if low is None and high is None else f"[6060] accepts {low} to {high}"
     yield Finding(MODE_KEY, takes, line, f"{mode}; {takes}" if outside else "")
-    modes, entry = supported_modes(eds), eds.find(0x6502)
+    modes, entry = eds_values.supported_modes(eds), eds.find(0x6502)
     if modes and entry is not None:
         named = modes & _MANUFACTURER_BITS if mode < 0 else modes >> mode - 1 & 1 if mode else 0
         fault = "" if named else f"{mode}, which is not in 6502h = {modes:X}h; expected a mode of 6502h"
@@ -235,7 +221,7 @@ def identity_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     section = profile.identity
     vendors = () if section.vendor_id is None else (section.vendor_id,)
     for subindex, name, own in ((1, "vendor_id", vendors), (2, "product_codes", section.product_codes)):
-        shown = identity(eds, subindex)
+        shown = eds_values.identity(eds, subindex)
         if shown is None:
             continue
         words = f"1018h:{subindex:02X} or [DeviceInfo] is {shown:X}h"
@@ -250,7 +236,7 @@ def pdo_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
         yield _count(profile, eds, direction)
         yield from _rooms(profile, eds, direction)
         yield from _types(profile, eds, direction)
-    own, shown = profile.pdo.inhibit_time_default, inhibit_time(eds)
+    own, shown = profile.pdo.inhibit_time_default, eds_pdos.inhibit_time(eds)
     fault = "" if abs(own - shown) < 1e-6 else f"{exactly(own)} s; the longest 1800h:03 is {exactly(shown)} s"
     shows = f"1800h:03 {exactly(shown)} s at most"
     yield Finding("pdo.inhibit_time_default", shows, _line(eds, 0x1800), fault)
@@ -292,10 +278,10 @@ def _rooms(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[
 def _types(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[Finding]:
     """Yield the transmission types: types after power-on are permitted, types beyond a limit of the file are not."""
     own = profile.pdo.tpdo_types if direction is Direction.TPDO else profile.pdo.rpdo_types
-    low, high = type_limits(eds, direction)
+    low, high = eds_pdos.type_limits(eds, direction)
     place = f"{COMMUNICATION[direction].start:04X}h:02"
     beyond = [f"{kind}; {place} accepts {low} to {high}" for kind in own if not low <= kind <= high]
-    missing = sorted(default_types(eds, direction) - set(own))
+    missing = sorted(eds_pdos.default_types(eds, direction) - set(own))
     for fault in (
         *beyond,
         *(f"without {kind}, the value of {place} or a later one after power-on" for kind in missing),

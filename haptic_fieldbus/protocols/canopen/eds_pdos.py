@@ -4,18 +4,8 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.drive.cia402 import VelocitySection
 from haptic_fieldbus.eds import Eds, EdsEntry
-from haptic_fieldbus.protocols.canopen.eds_values import (
-    OBJECTS,
-    USABLE,
-    StandardObject,
-    Use,
-    axes_in,
-    axes_words,
-    number_of,
-    object_name,
-    position_unit,
-    supported_modes,
-)
+from haptic_fieldbus.protocols.canopen import eds_values
+from haptic_fieldbus.protocols.canopen.eds_values import OBJECTS, USABLE, StandardObject, Use, number_of, object_name
 from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo
 from haptic_fieldbus.protocols.canopen.profile import PdoSection
 
@@ -184,18 +174,21 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
         # Without a position it is integrated from the velocity.
         if row.is_needed and (velocity is None or row.key != "position.actual"):
             yield from _object_lacks(eds, row) or _mapping_lacks(eds, row)
-    if velocity is None and position_unit(eds) is None:
+    if velocity is None and eds_values.position_unit(eds) is None:
         code = (number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF
         yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
-    several = axes_in(eds)
+    several = eds_values.axes_in(eds)
     if several:
-        yield axes_words(several), eds.objects[several[0]].line
+        yield eds_values.axes_words(several), eds.objects[several[0]].line
     for direction in (Direction.RPDO, Direction.TPDO):
         if not records(eds, direction):
             yield f"there is no {direction.value} ({_first_records(direction)})", None
     if not mode and not torque_mode(eds):
         modes = eds.find(0x6502)
-        yield f"{object_name(0x6502)} {supported_modes(eds):X}h names no torque mode", modes.line if modes else None
+        yield (
+            f"{object_name(0x6502)} {eds_values.supported_modes(eds):X}h names no torque mode",
+            modes.line if modes else None,
+        )
 
 
 def torque_mode(eds: Eds) -> int:
@@ -203,7 +196,7 @@ def torque_mode(eds: Eds) -> int:
 
     If the file does not state the supported drive modes, the cyclic mode is assumed.
     """
-    modes = supported_modes(eds)
+    modes = eds_values.supported_modes(eds)
     if not modes:
         return CYCLIC_TORQUE
     # Bit n − 1 of 6502h stands for mode n.

@@ -6,19 +6,21 @@ actual value as the echo, life guarding. Nothing takes the place of a guard that
 the torque, or is refused (decision 0036).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from enum import Enum
-from typing import TypeVar
+from typing import Any
 
-from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, PositionSection, TorqueSection
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.eds import Eds
-from haptic_fieldbus.protocols.canopen.eds_pdos import carries, torque_mode
-from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, number_of, supported_modes
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode
+from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.protocols.canopen import eds_values
+from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, MOST_ENTRIES, carries, torque_mode
+from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, Use, data_type, number_of, value_at
 from haptic_fieldbus.protocols.canopen.from_eds import LEFT_OUT, profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, LinkLossSection, SyncSection
+from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, SyncSection
 
 # Which profiles fit a device, by what it says of itself, and how sure that is.
 
@@ -58,16 +60,17 @@ def _sureness(
     return MatchQuality.MODEL if model in name.casefold() else MatchQuality.VENDOR
 
 
-Named = TypeVar("Named", MappedObject, OptionCode)
+# The profile with what the drive has.
+
 _TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value", "torque.echo",
          "position.actual.unit", "pdo.tpdos", "pdo.rpdos", "pdo.tpdo_fixed", "pdo.rpdo_fixed",
          "pdo.inhibit_time_default", "sync.interpolation_time", "sync.powers", "sync.values",
          "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
 """Keys whose values the drive tells."""
-_LACKED = ("torque.actual", "torque.demand", "torque.rated", "torque.rated_current",
-           "link_loss.abort_connection_option", "link_loss.fault_reaction_option",
-           "link_loss.heartbeat_consumer")  # fmt: skip
-"""Keys whose objects the drive may lack."""
+_CONSUMER = "link_loss.heartbeat_consumer"
+_OPTIONAL = ("torque.rated", "torque.rated_current", "link_loss.abort_connection_option",
+             "link_loss.fault_reaction_option", _CONSUMER)  # fmt: skip
+"""Keys whose objects a drive may lack, beside those of the signals."""
 
 
 def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
@@ -75,90 +78,180 @@ def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
 
     It is not usable for force where the drive lacks what force needs. Raises EdsError for no CiA 402 drive.
     """
-    mode, modes = profile.torque.mode_of_operation, supported_modes(eds)
+    mode, modes = profile.torque.mode_of_operation, eds_values.supported_modes(eds)
     if mode > 0 and modes and not modes >> mode - 1 & 1:  # the drive names its modes, and not this one
         mode = torque_mode(eds)
     made = profile_from_eds(eds, mode)
-    position = _position(profile, made, eds)
+    lacked = _lacked(profile, eds)
+    torque, guard, echo = profile.torque, profile.link_loss, profile.torque.echo
+    if echo in ("demand", "actual") and (value_at(torque, echo) is None or f"torque.{echo}" in lacked):
+        echo = made.torque.echo
+    position = profile.position
+    if position is not None and eds.find(position.actual.object, position.actual.subindex) is None:
+        position = None
+    elif position is not None and made.position is not None and number_of(eds, 0x60A8):
+        position = made.position  # in the unit that the drive tells
     own = replace(
         profile,
         drive=replace(profile.drive, usable=made.drive.usable),
-        torque=_torque(profile.torque, made.torque, eds),
+        torque=replace(
+            torque, mode_of_operation=made.torque.mode_of_operation, echo=echo, slope=torque.slope or made.torque.slope
+        ),
         position=position,
         velocity=profile.velocity or (made.velocity if position is None else None),
         pdo=replace(
-            profile.pdo,
-            tpdos=made.pdo.tpdos,
-            rpdos=made.pdo.rpdos,
-            tpdo_entries=made.pdo.tpdo_entries,
-            rpdo_entries=made.pdo.rpdo_entries,
-            tpdo_fixed=made.pdo.tpdo_fixed,
-            rpdo_fixed=made.pdo.rpdo_fixed,
-            inhibit_time_default=made.pdo.inhibit_time_default,
+            made.pdo,
+            tpdo_types=profile.pdo.tpdo_types,
+            rpdo_types=profile.pdo.rpdo_types,
+            rpdo_acts=profile.pdo.rpdo_acts,
+            entries=profile.pdo.entries,
         ),
         sync=made.sync if profile.sync == SyncSection() else profile.sync,
-        link_loss=_link_loss(profile.link_loss, made.link_loss, eds),
+        # The guard is that of the profile, else life guarding, else none.
+        link_loss=replace(
+            guard, life_guarding=guard.life_guarding or (_CONSUMER in lacked and made.link_loss.life_guarding)
+        ),
     )
-    return replace(own, sources={**profile.sources, **dict(_sources(profile, own, made))})
+    for key in lacked:
+        own = _without(own, key)
+    return replace(own, sources={**profile.sources, **dict(_sources(own, made, lacked))})
 
 
-def _torque(own: TorqueSection, made: TorqueSection, eds: Eds) -> TorqueSection:
-    demand, actual = _sent(own.demand, eds), _sent(own.actual, eds)
-    has_echo = {"demand": demand is not None, "actual": actual is not None}.get(own.echo, True)
-    return replace(
-        own,
-        mode_of_operation=made.mode_of_operation,
-        actual=actual,
-        rated=_kept(own.rated, eds),
-        demand=demand,
-        echo=own.echo if has_echo else made.echo,
-        rated_current=_kept(own.rated_current, eds),
-        slope=own.slope or made.slope,
-    )
+def _lacked(profile: CanopenProfile, eds: Eds) -> dict[str, ObjectEntry]:
+    """Return, by key, the objects of the profile that the drive does not have, or that no TPDO of it can carry."""
+    found: dict[str, ObjectEntry] = {}
+    for row in (BY_KEY[key] for key in ("torque.actual", "torque.demand", *_OPTIONAL)):
+        named = row.named(profile)
+        entry = None if named is None else eds.find(named.object, named.subindex)
+        has = entry is not None and (row.use is not Use.SENT or carries(eds, Direction.TPDO, entry))
+        if named is not None and not has:
+            found[row.key] = named
+    return found
 
 
-def _position(profile: CanopenProfile, made: CanopenProfile, eds: Eds) -> PositionSection | None:
-    """Return the position of the profile, in the unit that the drive tells; None where the drive has none."""
-    if profile.position is None or _kept(profile.position.actual, eds) is None:
-        return None
-    is_told = made.position is not None and number_of(eds, 0x60A8)
-    return made.position if is_told else profile.position
+def _without(table: Any, key: str) -> Any:
+    """Return a profile, or a table of it, without the value at a key."""
+    name, _, rest = key.partition(".")
+    return replace(table, **{name: _without(getattr(table, name), rest) if rest else None})
 
 
-def _link_loss(own: LinkLossSection, made: LinkLossSection, eds: Eds) -> LinkLossSection:
-    """Return the guard that the drive has: the one of the profile, else life guarding, else none."""
-    index = own.heartbeat_consumer
-    has_consumer = index is not None and eds.find(index, 1) is not None
-    return replace(
-        own,
-        heartbeat_consumer=index if has_consumer else None,
-        life_guarding=own.life_guarding or (index is not None and not has_consumer and made.life_guarding),
-        abort_connection_option=_kept(own.abort_connection_option, eds),
-        fault_reaction_option=_kept(own.fault_reaction_option, eds),
-    )
-
-
-def _kept(named: Named | None, eds: Eds) -> Named | None:
-    """Return the objects of the profile that the drive has."""
-    subindex = named.subindex if isinstance(named, MappedObject) else 0
-    return named if named is not None and eds.find(named.object, subindex) is not None else None
-
-
-def _sent(named: MappedObject | None, eds: Eds) -> MappedObject | None:
-    """Return the objects of the profile that a TPDO of the drive carries or can carry."""
-    entry = eds.find(named.object, named.subindex) if named is not None else None
-    return named if entry is not None and carries(eds, Direction.TPDO, entry) else None
-
-
-def _sources(profile: CanopenProfile, own: CanopenProfile, made: CanopenProfile) -> Iterator[tuple[str, str]]:
+def _sources(own: CanopenProfile, made: CanopenProfile, lacked: Mapping[str, ObjectEntry]) -> Iterator[tuple[str, str]]:
     """Yield key and source of each value that the drive has told, with the reason of each that is left out."""
     if not own.drive.usable:
         yield "drive.usable", made.sources["drive.usable"]
-    for key in _LACKED:
-        before = BY_KEY[key].named(profile)
-        if before is not None and BY_KEY[key].named(own) is None:
-            # The sub-index of a signal is that of its axis, and is not told.
-            subindex = BY_KEY[key].subindex
-            yield key, f"{NO_SUCH}{ObjectEntry(before.object, DataType.UINT8, subindex)}"
+    for key, entry in lacked.items():
+        # The sub-index of a signal is that of its axis, and is not told.
+        yield key, f"{NO_SUCH}{ObjectEntry(entry.object, DataType.UINT8, BY_KEY[key].subindex)}"
     told = {key: made.sources[key] for key in _TOLD if key in made.sources}
     yield from ((key, source) for key, source in told.items() if not source.startswith(LEFT_OUT))
+
+
+# The part of a drive's object dictionary that a profile of no particular drive depends on, as the drive tells it.
+#
+# An upload shows whether an object is there, its size and its value, but neither its access type nor whether a PDO may
+# carry it. These are taken from CiA 301 and CiA 402-2; a drive that has them otherwise refuses the write or the
+# mapping, and is refused itself, before there is torque.
+#
+# One sign shows that a mapping is fixed: the record has no entry beyond those that it uses. Where PDOs like this carry
+# all that force needs, in both directions, they are used as they are (decision 0041).
+
+Upload = Callable[[int, int], bytes | None]
+"""Function that uploads an index and sub-index; None: it does not exist, empty: it cannot be read."""
+SOURCE = "the drive"
+_NUMBERS = {own: type for type in EdsType if (own := data_type(EdsEntry(0, 0, "", type, "ro"))) is not None}
+"""Type of profiles → the same type of an EDS."""
+_GAP = 8
+"""PDOs that are missing in a row before the search for more ends; some drives have only every other one."""
+
+
+def uploaded(profile: CanopenProfile, upload: Upload) -> Eds:
+    """Return the objects of the standards, and those that the profile names, which the drive has, with their values."""
+    found: dict[int, dict[int, EdsEntry]] = {}
+    for entry in _wanted(profile):
+        data = upload(entry.index, entry.subindex)
+        if data is not None:
+            found.setdefault(entry.index, {})[entry.subindex] = _as_it_is(entry, data)
+    held = {direction: _held(direction, upload) for direction in Direction}
+    # The objects that force needs in the PDOs of each direction.
+    needed = {Direction.TPDO: {0x6041, 0x6064 if 0x6064 in found else 0x606C}, Direction.RPDO: {0x6040, 0x6071}}
+    carried = {way: {value >> 16 for values in mappings.values() for value in values} for way, mappings in held.items()}
+    is_fixed = all(needed[direction] <= carried[direction] for direction in Direction)
+    for direction in Direction:
+        for entry in _pdos(held[direction], upload, profile.pdo.entries, is_fixed=is_fixed):
+            found.setdefault(entry.index, {})[entry.subindex] = entry
+    objects = {index: EdsObject(index, "", ObjectCode.RECORD, entries) for index, entries in found.items()}
+    return Eds(objects, source=SOURCE)
+
+
+def _wanted(profile: CanopenProfile) -> Iterator[EdsEntry]:
+    """Yield the objects of the standards, those of PDOs first, then the others that the profile names."""
+    standard = sorted(
+        (row for row in OBJECTS if row.types),
+        key=lambda row: (row.use is not Use.SENT, row.use is not Use.RECEIVED, row.index, row.subindex),
+    )
+    for row in standard:
+        access = {Use.SENT: "ro", Use.RECEIVED: "rww"}.get(row.use, "rw")
+        yield _entry(row.index, row.subindex, row.types[0], access, mappable=row.use.direction is not None)
+    for own in (*profile.entries().values(), *(BY_KEY[key].named(profile) for key in _OPTIONAL)):
+        if own is not None and all(own.object != row.index for row in standard):
+            yield _entry(own.object, own.subindex, _NUMBERS[own.type], "rw", mappable=True)
+
+
+def _held(direction: Direction, upload: Upload) -> dict[int, tuple[int, ...]]:
+    """Return the mapping of each PDO with no mapping entry beyond those that it uses, by its communication parameter.
+
+    The others have entries that are free, so their mapping can be written, and are here without any.
+    """
+    found: dict[int, tuple[int, ...]] = {}
+    for index in _present(direction, upload):
+        count = int.from_bytes(upload(index + MAPPING, 0) or b"", "little")
+        is_full = 0 < count <= MOST_ENTRIES
+        with suppress(BusConfigurationError):  # an abort code of the vendor's own: the entry is not there
+            is_full = is_full and upload(index + MAPPING, count + 1) is None
+        octets = [upload(index + MAPPING, each) or b"" for each in range(1, count + 1)] if is_full else []
+        found[index] = tuple(int.from_bytes(each, "little") for each in octets)
+    return found
+
+
+def _pdos(held: Mapping[int, tuple[int, ...]], upload: Upload, entries: int, *, is_fixed: bool) -> Iterator[EdsEntry]:
+    """Yield the communication and the mapping parameters of the PDOs of a direction.
+
+    With `is_fixed` a mapping without a free entry is taken as it is; else each has room for `entries`.
+    """
+    for index, values in held.items():
+        yield _entry(index, 1, EdsType.UNSIGNED32, "rw")
+        yield _entry(index, 2, EdsType.UNSIGNED8, "rw")
+        inhibit = upload(index, 3) if index in COMMUNICATION[Direction.TPDO] else None
+        if inhibit:
+            yield _as_it_is(_entry(index, 3, EdsType.UNSIGNED16, "rw"), inhibit)
+        if values and is_fixed:
+            for subindex, value in enumerate((len(values), *values)):
+                yield replace(_entry(index + MAPPING, subindex, EdsType.UNSIGNED32, "ro"), default=value)
+            continue
+        yield _entry(index + MAPPING, 0, EdsType.UNSIGNED8, "rw")
+        yield from (_entry(index + MAPPING, each, EdsType.UNSIGNED32, "rw") for each in range(1, entries + 1))
+
+
+def _present(direction: Direction, upload: Upload) -> list[int]:
+    """Return the communication parameters of the PDOs that have a mapping parameter too."""
+    records, found = COMMUNICATION[direction], list[int]()
+    index = after = records.start
+    while index < min(after + _GAP, records.stop):
+        if upload(index, 1) is not None and upload(index + MAPPING, 0) is not None:
+            found.append(index)
+            after = index + 1
+        index += 1
+    return found
+
+
+def _entry(index: int, subindex: int, type: EdsType, access: str, *, mappable: bool = False) -> EdsEntry:
+    return EdsEntry(index, subindex, "", type, access, mappable=mappable)
+
+
+def _as_it_is(entry: EdsEntry, data: bytes) -> EdsEntry:
+    """Return an entry with the size and the value that were uploaded; nothing was of one that can only be written."""
+    signed = entry.type is not None and entry.type.signed
+    sized = {type.size: type for type in _NUMBERS.values() if type.signed is signed}
+    if not data:
+        return replace(entry, access="wo")
+    return replace(entry, type=sized.get(len(data)), default=int.from_bytes(data, "little", signed=signed))

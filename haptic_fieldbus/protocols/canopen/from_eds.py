@@ -1,4 +1,5 @@
-"""Conversion of an EDS or DCF to a drive profile; the file is completed by the standards and by named assumptions.
+"""Conversion of an EDS or DCF to a drive profile, and its draft as a file; what the file of the vendor lacks is
+completed by the standards and by named assumptions.
 
 An EDS names objects, types and PDOs, but no units, times or reactions. Units are therefore those of CiA 402-2 (torque
 in ‰ of rated torque, rated torque in mN·m); this is ASSUMED, and not every drive keeps to it. A file of no CiA 402
@@ -6,48 +7,23 @@ drive is refused. The profile of a drive that lacks what force needs is not usab
 missing; such a drive can still be simulated.
 """
 
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from enum import Enum
 from pathlib import Path
 
-from haptic_fieldbus.drive.cia402 import (
-    IdentitySection,
-    MappedObject,
-    OptionCode,
-    PositionSection,
-    TorqueSection,
-    VelocitySection,
-    WrittenObject,
-)
+from haptic_fieldbus.documents.edits import quoted, value_text
+from haptic_fieldbus.drive import cia402
+from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, TorqueSection, VelocitySection, WrittenObject
 from haptic_fieldbus.drive.profile import ASSUMED, DriveSection, TimingSection
 from haptic_fieldbus.drive.rig import COUNTS
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.errors import EdsError, Fault
-from haptic_fieldbus.protocols.canopen.eds_pdos import (
-    MAPPING,
-    PROFILE_TORQUE,
-    Lack,
-    automaton_lacks,
-    carries,
-    force_lacks,
-    pdo_section,
-    records,
-    torque_mode,
-)
-from haptic_fieldbus.protocols.canopen.eds_values import (
-    BY_KEY,
-    OBJECTS,
-    STEEPEST,
-    USABLE,
-    Use,
-    data_type,
-    identity,
-    number_of,
-    position_unit,
-    supported_modes,
-    value_at,
-    velocity_unit,
-)
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.canopen import eds_pdos, eds_values
+from haptic_fieldbus.protocols.canopen.eds_pdos import MAPPING, PROFILE_TORQUE, Lack, carries, records, torque_mode
+from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, STEEPEST, USABLE, Use, number_of, value_at
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, SyncSection
 
@@ -73,13 +49,13 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
 
     `mode` is the mode of operation; None: a torque mode of 6502h.
     """
-    faults = [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in automaton_lacks(eds)]
+    faults = [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in eds_pdos.automaton_lacks(eds)]
     if faults:
         raise EdsError(eds.source, faults)
     velocity = _velocity(eds)
-    lacks = tuple(force_lacks(eds, mode, velocity))
-    device = eds.device
-    vendor, product = identity(eds, 1), identity(eds, 2)
+    lacks = tuple(eds_pdos.force_lacks(eds, mode, velocity))
+    device, unit = eds.device, eds_values.position_unit(eds) or COUNTS
+    vendor, product = eds_values.identity(eds, 1), eds_values.identity(eds, 2)
     profile = EdsProfile(
         schema=1,
         name=Path(eds.source).stem,
@@ -91,12 +67,12 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
             evidence="vendor-data",
             usable=not lacks,
         ),
-        identity=IdentitySection(vendor, () if product is None else (product,)),
+        identity=cia402.IdentitySection(vendor, () if product is None else (product,)),
         torque=_torque(eds, mode or (torque_mode(eds) if BY_KEY["torque.target"].index in eds else 0)),
         # A drive without torque may have no position either; it is simulated with that of the standard.
-        position=None if velocity else PositionSection(_standard("position.actual", position_unit(eds) or COUNTS)),
+        position=None if velocity else cia402.PositionSection(_standard("position.actual", unit)),
         velocity=velocity,
-        pdo=pdo_section(eds),
+        pdo=eds_pdos.pdo_section(eds),
         sync=_sync(eds),
         link_loss=_link_loss(eds),
         # Usual figures for servo drives: an EDS has none. `sources_of` declares them as assumed.
@@ -119,7 +95,7 @@ def _mapped(eds: Eds, key: str) -> MappedObject | None:
     entry = row.found(eds)
     if entry is None or (row.use is Use.SENT and not (entry.type in row.types and carries(eds, Direction.TPDO, entry))):
         return None
-    type = data_type(entry)  # None for a type that profiles do not have
+    type = eds_values.data_type(entry)  # None for a type that profiles do not have
     return None if type is None else MappedObject(row.index, type, unit=row.unit)
 
 
@@ -142,7 +118,7 @@ def _slope(eds: Eds) -> WrittenObject | None:
     """Return the steepest torque slope; None for a drive that has none to be written."""
     row = BY_KEY["torque.slope"]
     entry = row.found(eds)
-    type = data_type(entry) if entry is not None and row.is_usable(eds) else None
+    type = eds_values.data_type(entry) if entry is not None and row.is_usable(eds) else None
     if entry is None or type is None:
         return None
     return WrittenObject(row.index, type, min(_limit(entry.high, STEEPEST), type.limits[1], STEEPEST))
@@ -150,7 +126,7 @@ def _slope(eds: Eds) -> WrittenObject | None:
 
 def _velocity(eds: Eds) -> VelocitySection | None:
     """Return the velocity section, for a drive with 606Ch and without 6064h; None when its unit is unknown."""
-    unit, actual = velocity_unit(eds), _mapped(eds, "velocity.actual")
+    unit, actual = eds_values.velocity_unit(eds), _mapped(eds, "velocity.actual")
     if BY_KEY["position.actual"].index in eds or actual is None or unit is None:
         return None
     return VelocitySection(replace(actual, unit=unit))
@@ -235,12 +211,16 @@ def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
         if number_of(eds, 0x1018, subindex):
             yield f"identity.{key}", f"{found}, [1018sub{subindex}] DefaultValue"
         else:
-            given = identity(eds, subindex) is not None
+            given = eds_values.identity(eds, subindex) is not None
             yield f"identity.{key}", f"{found}, [DeviceInfo] {name}" if given else f"{LEFT_OUT}: not in {found}"
 
 
 def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
-    mode = f"{found}, [6502] DefaultValue" if supported_modes(eds) else f"{ASSUMED}: {found} has no value for 6502h"
+    mode = (
+        f"{found}, [6502] DefaultValue"
+        if eds_values.supported_modes(eds)
+        else f"{ASSUMED}: {found} has no value for 6502h"
+    )
     yield "torque.mode_of_operation", mode
     for key in ("torque.target", "torque.actual", "torque.rated", "torque.demand"):
         index = BY_KEY[key].index
@@ -312,3 +292,101 @@ def _written_sources(profile: CanopenProfile, section: str, found: str) -> Itera
         if value and row.values:
             yield "sync.powers", f"{found}, [60C2sub2]: within its limits, else its default"
             yield "sync.values", f"{found}, [60C2sub1]: within its limits, else 1 to 255"
+
+
+# The TOML of a profile that is made from an EDS: a beginning, which says of each value where it comes from.
+
+SECTIONS = ("drive", "identity", "torque", "position", "velocity", "pdo", "sync", "link_loss", "timing")
+HEXADECIMAL = ("object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes",
+               "maps")  # fmt: skip
+"""Keys whose numbers are written as in vendors' manuals."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A value that no EDS can know, as it is written, and the reason for it."""
+
+    key: str
+    value: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Draft:
+    """The text of a profile, and what has to be found out before it moves a motor."""
+
+    text: str
+    assumed: tuple[Assumption, ...]
+    known: int
+    """Number of values with a source other than an assumption."""
+
+
+def draft_of(profile: EdsProfile, file: str) -> Draft:
+    """Return the draft of a profile; `file` is the name of the vendor's file."""
+    written = {section: _section(profile, section) for section in SECTIONS}
+    values = {f"{section}.{key}": text for section, items in written.items() for key, text in items.items()}
+    # The source of a value belongs into the file, and the reason for one that is not there.
+    sources = {
+        key: text
+        for key, text in profile.sources.items()
+        if text.startswith(LEFT_OUT) or key == USABLE or ".".join(key.split(".")[:2]) in values
+    }
+    assumed = tuple(
+        Assumption(key, _toml(key.rpartition(".")[2], value_at(profile, key)), text)
+        for key, text in sources.items()
+        if ASSUMED in text
+    )
+    lines = [*_head(profile, file, assumed), "schema = 1", ""]
+    for section, items in (*written.items(), ("sources", {quoted(key): quoted(text) for key, text in sources.items()})):
+        if items or section == "sources":
+            lines += [f"[{section}]", *(f"{key} = {text}" for key, text in items.items()), ""]
+    left_out = sum(text.startswith(LEFT_OUT) for text in sources.values())
+    return Draft("\n".join(lines), assumed, len(sources) - len(assumed) - left_out)
+
+
+def _section(profile: EdsProfile, section: str) -> dict[str, str]:
+    """Return the values of a section as TOML, by key: those with a source, and those other than the usual."""
+    table = getattr(profile, section)
+    found: dict[str, str] = {}
+    for each in fields(table) if table is not None else ():
+        value, key = getattr(table, each.name), f"{section}.{each.name}"
+        told = any(name == key or name.startswith(f"{key}.") for name in profile.sources)
+        if value not in (None, ()) and (told or value != each.default):
+            found[each.name] = _toml(each.name, value)
+    return found
+
+
+def _toml(key: str, value: object) -> str:
+    """Return a value as TOML."""
+    return value_text(_plain(value), _number, key)
+
+
+def _plain(value: object) -> object:
+    """Return a value without dataclasses; sub-index 0 and an empty unit are left out, as most objects have no other."""
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    if not is_dataclass(value):
+        return value.value if isinstance(value, Enum) else value
+    items = {name: _plain(each) for name, each in vars(value).items() if each not in ("", None)}
+    return {name: each for name, each in items.items() if (name, each) != ("subindex", 0)}
+
+
+def _number(key: str, number: int | float) -> str:
+    if isinstance(number, float):
+        return exactly(number)
+    return f"0x{number:04X}" if key in HEXADECIMAL else str(number)
+
+
+def _head(profile: EdsProfile, file: str, assumed: tuple[Assumption, ...]) -> Iterator[str]:
+    """Yield the comment at the top: what the drive is, and what is still to be found out."""
+    yield _comment(f"{profile.title} on CANopen, drafted from {file}. Not tested on hardware.")
+    yield "#"
+    if not profile.drive.usable:
+        yield _comment(f"Not usable for force: {profile.sources[USABLE]}.")
+        yield "#"
+    yield _comment("An EDS does not contain the following; see the vendor's manual, or measure on the bench:")
+    yield from (_comment(f"- {each.key} = {each.value}") for each in assumed)
+
+
+def _comment(text: str) -> str:
+    return "# " + re.sub(r"[\x00-\x1f\x7f]", " ", text)

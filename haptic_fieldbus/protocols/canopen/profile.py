@@ -10,18 +10,11 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.documents import Document, KeyPath
+from haptic_fieldbus.drive import rig
 from haptic_fieldbus.drive.cia402 import ECHOES, Cia402Profile, Index, LinkLoss, WrittenObject
 from haptic_fieldbus.drive.fields import NonNegativeTime, Table, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import (
-    COUNTS,
-    MILLIAMPERE,
-    RATED_TORQUE_UNITS,
-    TENTH_DEGREE,
-    TORQUE_UNITS,
-    VELOCITY_UNITS,
-)
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo
 from haptic_fieldbus.protocols.protocol import check_echo, check_motion, check_types, check_units, check_usable
@@ -37,13 +30,13 @@ _TYPES: dict[KeyPath, tuple[str, ...]] = {
     ("velocity", "actual"): ("int32",),
 }
 _UNITS: dict[KeyPath, tuple[str, ...]] = {
-    ("torque", "target"): TORQUE_UNITS,
-    ("torque", "actual"): TORQUE_UNITS,
-    ("torque", "demand"): TORQUE_UNITS,
-    ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
-    ("torque", "rated_current"): (MILLIAMPERE,),
-    ("position", "actual"): (COUNTS, TENTH_DEGREE),
-    ("velocity", "actual"): VELOCITY_UNITS,
+    ("torque", "target"): rig.TORQUE_UNITS,
+    ("torque", "actual"): rig.TORQUE_UNITS,
+    ("torque", "demand"): rig.TORQUE_UNITS,
+    ("torque", "rated"): tuple(rig.RATED_TORQUE_UNITS),
+    ("torque", "rated_current"): (rig.MILLIAMPERE,),
+    ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE),
+    ("velocity", "actual"): rig.VELOCITY_UNITS,
 }
 _PLACE = re.compile(r"[0-9A-Fa-f]{4}(-[0-9A-Fa-f]{4})?(:[0-9A-Fa-f]{1,2}(-[0-9A-Fa-f]{1,2})?)?")
 """Key of an object, or of several."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.protocols.modbus import register_traffic
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
 from haptic_fieldbus.protocols.modbus.register_traffic import (
@@ -15,8 +16,6 @@ from haptic_fieldbus.protocols.modbus.register_traffic import (
     RegisterTraffic,
     Transaction,
     blocks,
-    serial_line,
-    tcp_line,
 )
 from haptic_fieldbus.signals import Signal
 
@@ -36,13 +35,13 @@ def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> LineTi
             has = " and ".join(profile.line.transports).upper()
             raise PlanError(f"{profile.title} supports Modbus {has}, but {section.interface} is {transport.upper()}")
     if not section.serial:
-        return tcp_line(section.round_trip)
+        return register_traffic.tcp_line(section.round_trip)
     baud, parity, stops = characters(section, profiles)
     bits = FRAME_BITS + int(parity != "none") + stops
     own = [each.line.silence for each in profiles]
-    silences = [serial_line(baud, bits, silence).silence for silence in own]
+    silences = [register_traffic.serial_line(baud, bits, silence).silence for silence in own]
     silence = max(silences) if section.silence is None else section.silence
-    return serial_line(baud, bits, silence, section.round_trip or 0.0)
+    return register_traffic.serial_line(baud, bits, silence, section.round_trip or 0.0)
 
 
 def characters(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> tuple[int, Parity, int]:

@@ -13,22 +13,13 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.documents import Document, KeyPath
+from haptic_fieldbus.drive import rig
 from haptic_fieldbus.drive.cia402 import Index
 from haptic_fieldbus.drive.fields import NonNegativeTime, Table, Torque, UInt32
 from haptic_fieldbus.drive.objects import NAMES, DataType, Order
 from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
-from haptic_fieldbus.drive.rig import (
-    ABSOLUTE_TORQUE_UNITS,
-    COUNTS,
-    FULL_SCALE,
-    METRES,
-    RATED_TORQUE_UNITS,
-    TENTH_DEGREE,
-    TORQUE_UNITS,
-    VELOCITY_UNITS,
-    is_current,
-)
+from haptic_fieldbus.drive.rig import FULL_SCALE, METRES, is_current
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.protocol import check_echo, check_motion, check_types, check_units, check_usable
 from haptic_fieldbus.signals import Signal
@@ -278,13 +269,13 @@ _TYPES: dict[KeyPath, tuple[str, ...]] = {
 }
 """Register → types that the master can scale or compare; all others may have any of a register."""
 _UNITS: dict[KeyPath, tuple[str, ...]] = {
-    ("torque", "target"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
-    ("torque", "actual"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
-    ("torque", "demand"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
-    ("torque", "limit"): TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS,
-    ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
-    ("position", "actual"): (COUNTS, TENTH_DEGREE, *METRES),
-    ("velocity", "actual"): VELOCITY_UNITS,
+    ("torque", "target"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
+    ("torque", "actual"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
+    ("torque", "demand"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
+    ("torque", "limit"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
+    ("torque", "rated"): tuple(rig.RATED_TORQUE_UNITS),
+    ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE, *METRES),
+    ("velocity", "actual"): rig.VELOCITY_UNITS,
     ("watchdog", "time"): ("ms", "s"),
 }
 _READ: tuple[KeyPath, ...] = (

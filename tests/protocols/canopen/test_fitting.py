@@ -10,9 +10,8 @@ import pytest
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import EdsError
-from haptic_fieldbus.protocols.canopen.fitting import fitted
+from haptic_fieldbus.protocols.canopen.fitting import fitted, uploaded
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile
-from haptic_fieldbus.protocols.canopen.upload import uploaded
 from tests.builders import canopen
 
 GENERIC = canopen("generic_cia402")

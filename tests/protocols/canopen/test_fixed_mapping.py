@@ -7,13 +7,11 @@ import pytest
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, ImageTooLargeError, ProfileError
 from haptic_fieldbus.protocols.canopen.eds_check import compare
-from haptic_fieldbus.protocols.canopen.eds_draft import draft_of
-from haptic_fieldbus.protocols.canopen.fitting import fitted
-from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
+from haptic_fieldbus.protocols.canopen.fitting import fitted, uploaded
+from haptic_fieldbus.protocols.canopen.from_eds import draft_of, profile_from_eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction, FixedPdo, Pdo, bits_beyond, lay_out
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.traffic import PdoTraffic
-from haptic_fieldbus.protocols.canopen.upload import uploaded
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Signal
 from tests.builders import PROFILE, canopen

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.eds import DeviceInfo, Eds
-from haptic_fieldbus.protocols.canopen.eds_draft import draft_of
-from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, draft_of, profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.eds.peculiar import DRIVES
