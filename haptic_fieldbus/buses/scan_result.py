@@ -3,13 +3,24 @@
 Nothing here has been written to a drive. Protocols that lack a quantity leave it None.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from statistics import quantiles
 
-from haptic_fieldbus.numerals import rounded
-from haptic_fieldbus.protocols.traffic import Json
+from haptic_fieldbus.numerals import OutputRow, rounded
 from haptic_fieldbus.signals import Signal
+
+COLUMNS = {
+    "node": "node", "vendor_id": "vendor", "product_code": "product", "revision": "revision", "serial": "serial",
+    "name": "name", "nmt_state": "NMT", "power_state": "state", "profile": "profile",
+}  # fmt: skip
+"""Key of a node → heading of its column, in the order of the columns."""
+HEXADECIMAL = ("vendor_id", "product_code", "revision", "serial")
+NOBODY_ANSWERS = (
+    "no node answered: check the power of the drives, the wiring, both 120 Ω terminators and the bit rate; run doctor "
+    "to check the adapter"
+)
+PASSED = {True: "ok", False: "not ok", None: "-"}
 
 
 @dataclass(frozen=True)
@@ -31,8 +42,13 @@ class FoundNode:
     power_state: str | None = None
     """State of the drive by its statusword; None for a device that is no drive."""
 
-    def to_json(self) -> Json:
-        return asdict(self)
+    def rows(self) -> Iterator[OutputRow]:
+        """Yield a row for each column of its line, and one about its profile, which is told below the table."""
+        for key, heading in COLUMNS.items():
+            value = getattr(self, key)
+            shown = "" if value is None else f"{value:08X}h" if key in HEXADECIMAL else str(value)
+            yield OutputRow(heading, [shown], key, value)
+        yield OutputRow(f"node {self.node}", [] if self.sure is None else [self.sure], "sure", self.sure)
 
 
 @dataclass(frozen=True)
@@ -46,9 +62,12 @@ class Scan:
     masters: str = ""
     """Sentence about another master. Nothing was asked then, and `nodes` are those that were heard."""
 
-    def to_json(self) -> dict[str, Json]:
-        nodes: list[Json] = [node.to_json() for node in self.nodes]
-        return {"bus": self.bus, "nodes": nodes, "listened": self.listened, "masters": self.masters or None}
+    def rows(self) -> Iterator[OutputRow]:
+        """Yield what was heard on the bus; the nodes have rows of their own."""
+        yield OutputRow(key="bus", value=self.bus)
+        yield OutputRow("bus", [self.listened], "listened", self.listened)
+        yield OutputRow("listened", filter(None, [self.masters]), "masters", self.masters or None)
+        yield OutputRow("none", [] if self.nodes else [NOBODY_ANSWERS])
 
 
 @dataclass(frozen=True)
@@ -61,8 +80,12 @@ class Check:
     advice: str = ""
     """Remedy for a failed check; empty when the check passed."""
 
-    def to_json(self) -> Json:
-        return {"name": self.name, "ok": self.ok, "measured": self.measured, "advice": self.advice or None}
+    @property
+    def row(self) -> OutputRow:
+        """The check in words, and as an object of JSON."""
+        told = {"name": self.name, "ok": self.ok, "measured": self.measured, "advice": self.advice or None}
+        words = f"{self.name.replace('_', ' ')}: {self.measured}"
+        return OutputRow(PASSED[self.ok], filter(None, [words, self.advice]), self.name, told)
 
 
 @dataclass(frozen=True)
@@ -91,6 +114,9 @@ def another_master(sentence: str) -> tuple[Check, Check]:
 
 # The way to a device and back: is it short enough for a loop, and does it take equally long each time?
 
+QUESTIONS = 200
+ANSWER_NS = 100_000_000
+"""Time for which an answer is waited for [ns]."""
 LONGEST_ROUND_TRIP = 5e-3
 """[s]; adapters that hold octets back, as USB serial ports do, take longer."""
 JITTER_SHARE = 0.5

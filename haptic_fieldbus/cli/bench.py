@@ -24,23 +24,20 @@ from haptic_fieldbus.cli.options import (
     refuse_beside_rig,
     seconds,
 )
-from haptic_fieldbus.cli.screen import console, json_text, print_json, show, show_table
+from haptic_fieldbus.cli.screen import console, json_text, plain, print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import KEY_WIDTH, OutputRow, in_unit, lines_of, rounded
+from haptic_fieldbus.numerals import KEY_WIDTH, in_unit, lines_of, object_of, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest
-    from haptic_fieldbus.buses.scan_result import FoundNode, Scan
     from haptic_fieldbus.running.watch import View
 
 
 # Command `scan`: the nodes of a bus, by reading alone.
 
-NOBODY_ANSWERS = (
-    "no node answered: check the power of the drives, the wiring, both 120 Ω terminators and the bit rate; run doctor "
-    "to check the adapter"
-)
+KEYS = ("node", "vendor_id", "product_code", "revision", "serial", "name", "profile", "sure")
+"""First keys of a node in `--json`, in their order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,37 +89,20 @@ def scan(options: ScanOptions) -> None:
     show(note_assumed_bitrate(options.bus), sys.stderr)
     found = list(scans(options.bench(), options.nodes()))
     if options.as_json:
-        nodes = [{**node.to_json(), "bus": each.bus} for each in found for node in each.nodes]  # type: ignore[dict-item]
-        buses = [{"bus": each.bus, "listened": each.listened, "masters": each.masters or None} for each in found]
-        print_json({"nodes": nodes, "buses": buses})  # type: ignore[dict-item]
+        nodes = [{**object_of(node.rows(), KEYS), "bus": each.bus} for each in found for node in each.nodes]
+        print_json({"nodes": plain(nodes), "buses": plain([object_of(each.rows()) for each in found])})
         return
     for each in found:
-        _tell_of(each)
-
-
-def _tell_of(found: "Scan") -> None:
-    """Print the traffic heard on one bus, and a table of its nodes."""
-    heard = [OutputRow("bus", [found.listened]), OutputRow("listened", filter(None, [found.masters]))]
-    show(lines_of([*heard, OutputRow("none", [] if found.nodes else [NOBODY_ANSWERS])]))
-    if found.nodes:
-        show_table(
-            ("node", "vendor", "product", "revision", "serial", "name", "NMT", "state", "profile"),
-            (list(_cells(node)) for node in found.nodes),
-        )
-        show((f"node {node.node}", node.sure) for node in found.nodes if node.sure is not None)
-
-
-def _cells(node: "FoundNode") -> Iterator[str]:
-    yield str(node.node)
-    for number in (node.vendor_id, node.product_code, node.revision, node.serial):
-        yield "" if number is None else f"{number:08X}h"
-    for text in (node.name, node.nmt_state, node.power_state, node.profile):
-        yield text or ""
+        show(lines_of(each.rows()))
+        if each.nodes:
+            *columns, sure = zip(*(node.rows() for node in each.nodes), strict=True)
+            cells = zip(*([" ".join(row.note) for row in column] for column in columns), strict=True)
+            show_table([column[0].label for column in columns], cells)
+            show(lines_of(sure))
 
 
 # Command `doctor`: is this computer, its adapter and its bus fit for a loop?
 
-WORDS = {True: "ok", False: "not ok", None: "-"}
 FAILED = ("adapter", "round_trip")
 """Checks whose failure is a failure of the bus; all others are advice."""
 
@@ -156,12 +136,11 @@ def doctor(options: DoctorOptions) -> None:
 
     show(note_assumed_bitrate(options.bus), sys.stderr)
     checks = examined(options.bench())
+    rows = [check.row for check in checks]
     if options.as_json:
-        print_json({"checks": [check.to_json() for check in checks]})
+        print_json({"checks": plain([row.value for row in rows])})
     else:
-        for check in checks:
-            told = f"{check.name.replace('_', ' ')}: {check.measured}"
-            show(lines_of([OutputRow(WORDS[check.ok], filter(None, [told, check.advice]))]))
+        show(lines_of(rows))
     if any(check.ok is False and check.name in FAILED for check in checks):
         raise typer.Exit(1)
 

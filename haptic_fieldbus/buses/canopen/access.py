@@ -1,39 +1,38 @@
-"""Opening CANopen buses on any python-can interface."""
+"""Opening CANopen buses on any python-can interface; drives found, watched and measured by reading alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
+from haptic_fieldbus.buses import scan_result
 from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
+from haptic_fieldbus.buses.canopen import setup
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.master import CanopenBus
-from haptic_fieldbus.buses.canopen.node import Node, nmt_state_name, request
+from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Node, nmt_state_name, request
 from haptic_fieldbus.buses.canopen.opening import adapter_checks, open_can
-from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, OneMaster, frame_words, listen
-from haptic_fieldbus.buses.canopen.scanning import scan_bus
-from haptic_fieldbus.buses.canopen.setup import DEVICE_TYPE, ERROR_CODE, NO_ANSWER_ADVICE
+from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, FrameCounts, OneMaster, frame_words, listen
+from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
 from haptic_fieldbus.buses.release import FAULTS
-from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan, another_master, timing_checks
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.clock import Clock, MonotonicClock
-from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, EdsError
-from haptic_fieldbus.protocols.canopen.bus import (
-    NODES,
-    SDO_REQUEST_COB_ID,
-    SDO_RESPONSE_COB_ID,
-    CanSection,
-    can_section,
-)
+from haptic_fieldbus.protocols.canopen import bus
+from haptic_fieldbus.protocols.canopen.bus import NODES, CanSection, can_section
 from haptic_fieldbus.protocols.canopen.eds_values import PER_AXIS, axes_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
-from haptic_fieldbus.protocols.canopen.fitting import fitted, uploaded
+from haptic_fieldbus.protocols.canopen.fitting import MatchQuality, fitted, fitting, uploaded
+from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import MASTER_NODES
+from haptic_fieldbus.protocols.canopen.watch_traffic import GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
@@ -122,16 +121,9 @@ def _error_code(node: Node, values: Mapping[Signal, int]) -> int | None:
     if CIA402.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS:
         return None
     try:
-        return node.read(ERROR_CODE, ANSWER_TIMEOUT)
+        return node.read(setup.ERROR_CODE, ANSWER_TIMEOUT)
     except (BusConfigurationError, BusTimeoutError):
         return node.emergency or None
-
-
-def _has_axes(node: Node, index: int) -> bool:
-    try:
-        return all(node.found(index, subindex) is not None for subindex in (1, 2))
-    except (BusConfigurationError, BusTimeoutError):
-        return False
 
 
 def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:
@@ -144,25 +136,22 @@ def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:
 # A round trip holds the adapter twice, the bus and the SDO server of the drive, which a drive runs beside its control
 # loop. So the least one bounds what the adapter takes, and the spread is that of both.
 
-QUESTIONS = 200
-ANSWER_NS = 100_000_000
 SLOW = (
     "the adapter delays frames, or the drive answers late: use a SocketCAN adapter instead of a serial one, and see "
     "usb_latency_timer"
 )
 
 
-def round_trips(wire: Wire, node: int, questions: int = QUESTIONS) -> list[float]:
+def round_trips(wire: Wire, node: int, questions: int = scan_result.QUESTIONS) -> list[float]:
     """Return the times of so many round trips [s]; those without an answer are missing. Raises BusError."""
     answered: list[int] = []
-    wire.listen(SDO_RESPONSE_COB_ID + node, lambda data: answered.append(wire.clock.now_ns()))
+    wire.listen(bus.SDO_RESPONSE_COB_ID + node, lambda data: answered.append(wire.clock.now_ns()))
     times: list[float] = []
     for _ in range(questions):
         answered.clear()
         asked_ns = wire.clock.now_ns()
-        wire.send(SDO_REQUEST_COB_ID + node, request(DEVICE_TYPE, None))
-        while not answered and wire.pump(asked_ns + ANSWER_NS):
-            pass
+        wire.send(bus.SDO_REQUEST_COB_ID + node, request(setup.DEVICE_TYPE, None))
+        wire.pump_until(asked_ns + scan_result.ANSWER_NS, lambda: bool(answered))
         if answered:
             times.append((answered[0] - asked_ns) * 1e-9)
         elif not times:
@@ -173,7 +162,172 @@ def round_trips(wire: Wire, node: int, questions: int = QUESTIONS) -> list[float
 def round_trip_checks(node: int, times: list[float], asked: int, rate: float) -> tuple[Check, Check]:
     """Return the checks of the usual round trip and of its jitter, for a loop of this rate [Hz]."""
     silent = f"{NO_ANSWER_ADVICE}; `haptic-fieldbus scan` lists the nodes"
-    return timing_checks(f"node {node}", times, asked, rate, silent=silent, slow=SLOW)
+    return scan_result.timing_checks(f"node {node}", times, asked, rate, silent=silent, slow=SLOW)
+
+
+# Finding the nodes of a bus by reading alone: first listen, then ask every node-ID, then those that answered.
+#
+# All 127 node-IDs are asked for their device type (1000h), which every device has, and answers are collected
+# meanwhile: a node-ID that nobody has costs no time-out. The NMT state comes from a heartbeat. A node that sends none
+# is asked once by node guarding, unless it is set up for life guarding, which the question would begin.
+#
+# When another master commands on the bus nothing is asked, since two clients would mix up each other's answers. The
+# nodes are then those whose frames were heard.
+#
+# Reference: CiA 301 7.2.4 (SDO), 7.2.8 (NMT), 7.5.2.1 (1000h), 7.5.2.7 (1008h), 7.5.2.21 (1018h).
+
+NOBODY = 0
+"""Node-ID in the place of our own: a heartbeat of any node-ID may be that of a device."""
+NAME = 0x1008
+BITS_OF_A_QUESTION = 300
+"""Bits of a request and its answer, stuffing and some air included."""
+LATEST_ANSWER_NS = 300_000_000
+LONGEST_HEARTBEAT_NS = 2_000_000_000
+"""Time for which a heartbeat is waited for at most."""
+Value = TypeVar("Value")
+
+
+def scan_bus(
+    wire: Wire, listening: float, bitrate: int, profiles: Sequence[CanopenProfile], nodes: Sequence[int] = NODES
+) -> Scan:
+    """Listen for so long [s], then ask these node-IDs; `profiles` are those that may fit. Raises BusError."""
+    one, states = OneMaster(NODES, NOBODY), dict[int, int]()
+
+    def note_state(node: int, data: bytes | bytearray) -> None:
+        if data:
+            states[node] = data[0] & HEARTBEAT_STATE
+
+    for node in NODES:
+        wire.listen(HEARTBEAT_COB_ID + node, partial(note_state, node))
+    heard = listen(wire, listening, one, wire.name)
+    heard.refuse_noise()
+    if heard.masters:
+        words = ", ".join(frame_words(can_id) for can_id in sorted(heard.masters))
+        told = f"another master on {wire.name}: {words}. No requests were sent; the list shows received frames only"
+        return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), told)
+    others: list[str] = []
+    foreign = ForeignMaster(wire, one, others.append)
+    answered = _answering(wire, bitrate, nodes)
+    found = {node: FoundNode(node, nmt_state=nmt_state_name(state)) for node, state in states.items()}
+    for node in answered:
+        if others or foreign.cob_id is not None:
+            found.setdefault(node, FoundNode(node))
+            continue
+        found[node] = _found(Node(wire, node, f"node {node}"), states.get(node), profiles)
+    began = [] if foreign.cob_id is None else [f"another master on {wire.name}: {frame_words(foreign.cob_id)}"]
+    in_order = tuple(found[node] for node in sorted(found))
+    return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
+
+
+def _heard_nodes(heard: FrameCounts, states: dict[int, int]) -> Iterable[FoundNode]:
+    """Yield the nodes whose frames were heard, in the order of their node-IDs."""
+    bases = {base + node: node for base in bus.FROM_A_NODE for node in NODES}
+    for node in sorted({bases[can_id] for can_id in heard.frames if can_id in bases}):
+        yield FoundNode(node, nmt_state=nmt_state_name(states[node]) if node in states else None)
+
+
+def _answering(wire: Wire, bitrate: int, nodes: Sequence[int]) -> list[int]:
+    """Ask these node-IDs for their device type, and return those that answered."""
+    found: set[int] = set()
+
+    def note(node: int, data: bytes | bytearray) -> None:
+        found.add(node)
+
+    for node in nodes:
+        wire.listen(bus.SDO_RESPONSE_COB_ID + node, partial(note, node))
+    gap_ns = max(1_000_000, round(BITS_OF_A_QUESTION * 1e9 / bitrate))
+    for node in nodes:
+        wire.send(bus.SDO_REQUEST_COB_ID + node, request(setup.DEVICE_TYPE, None))
+        wire.pump_until(wire.clock.now_ns() + gap_ns)
+    wire.pump_until(wire.clock.now_ns() + LATEST_ANSWER_NS)
+    return sorted(found)
+
+
+def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) -> FoundNode:
+    """Read the remaining facts of a node that answered."""
+    device_type = _unless_refused(lambda: node.read(setup.DEVICE_TYPE))
+    vendor, product, revision, serial = (_unless_refused(partial(node.read, entry)) for entry in setup.IDENTITY)
+    name = _unless_refused(lambda: node.text(NAME))
+    drives = device_type is not None and device_type & 0xFFFF == setup.DRIVE_PROFILE
+    statusword = _unless_refused(lambda: node.read(setup.STATUSWORD)) if drives else None
+    profile, sure = _profile_of(node, fitting(profiles, vendor, product, name) if drives else [])
+    state = _nmt_state(node) if state is None else state
+    return FoundNode(
+        node.id,
+        vendor,
+        product,
+        revision,
+        serial,
+        name or None,
+        profile,
+        sure if drives else "not a CiA 402 drive" if device_type is not None else None,
+        None if state is None else nmt_state_name(state),
+        None if statusword is None else CIA402.state(statusword).value,
+    )
+
+
+def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]]) -> tuple[str | None, str | None]:
+    """Return the first profile whose objects the node has, and how sure it is; None and the reason without one.
+
+    A profile that cannot render force is named as such and not proposed.
+    """
+    lacking = {profile.name: _lacking(node, profile) for profile, _ in candidates}
+    whole = [(profile, sureness) for profile, sureness in candidates if not lacking[profile.name]]
+    useless = [f"{profile.name} ({sureness.value})" for profile, sureness in whole if not profile.drive.usable]
+    usable = [(profile, sureness) for profile, sureness in whole if profile.drive.usable]
+    told = f"; it cannot render force by {', '.join(useless)}" if useless else ""
+    if not usable:
+        missing = [f"{', '.join(map(str, each))} of {name} missing" for name, each in lacking.items() if each]
+        reasons = "; ".join(missing) or ("none" if useless else "no profile has this vendor and product")
+        return None, f"no matching profile: {reasons}{told}{_axes_of(node)}"
+    best, sureness = usable[0]
+    equal = [profile.name for profile, other in usable[1:] if other is sureness]
+    also = f"; {', '.join(equal)} would match too" if equal else ""
+    has = "the objects that force needs" if best.drive.evidence == STANDARD else "all objects of the profile"
+    return best.name, f"{sureness.value}; it has {has}{also}{told}"
+
+
+def _axes_of(node: Node) -> str:
+    """Return what to do about a node with several axes in the sub-indices of its objects; empty for any other."""
+    found = [index for index in PER_AXIS if _has_axes(node, index)]
+    return f"; {axes_words(found)}" if found else ""
+
+
+def _has_axes(node: Node, index: int) -> bool:
+    """Return whether a node has a value of each of two axes in the sub-indices of an object."""
+    entries = [ObjectEntry(index, DataType.UINT16, subindex) for subindex in (1, 2)]
+    return all(_unless_refused(partial(node.read, entry)) is not None for entry in entries)
+
+
+def _lacking(node: Node, profile: CanopenProfile) -> list[ObjectEntry]:
+    """Return the entries that force needs by a profile, and that the node does not let us read."""
+    unread = {Signal.CONTROLWORD} if profile.drive.usable else {Signal.CONTROLWORD, Signal.TARGET_TORQUE}
+    if profile.drive.evidence == STANDARD:
+        unread |= {Signal.TORQUE_ACTUAL, Signal.TORQUE_DEMAND}  # a run does without them
+    entries = [entry for signal, entry in profile.entries().items() if signal not in unread]
+    return [entry for entry in entries if _unless_refused(partial(node.read, entry)) is None]
+
+
+def _nmt_state(node: Node) -> int | None:
+    """Return the NMT state of a node by its next heartbeat, else by an answer to node guarding; None: neither came."""
+    period = _unless_refused(lambda: node.read(PRODUCER_HEARTBEAT))
+    if period:
+        node.wait_for_state(min(2 * period * 1_000_000, LONGEST_HEARTBEAT_NS))
+        return node.state
+    # A request of node guarding begins life guarding where it is set up, and its end would then be a fault.
+    watched = [_unless_refused(partial(node.read, entry)) or 0 for entry in (GUARD_TIME, LIFE_TIME_FACTOR)]
+    if not all(watched):
+        node.ask_state()
+        node.wait_for_state(GUARDING_NS)
+    return node.state
+
+
+def _unless_refused(ask: Callable[[], Value]) -> Value | None:
+    """Return an answer; None when the node refuses or stays silent."""
+    try:
+        return ask()
+    except (BusConfigurationError, BusTimeoutError):
+        return None
 
 
 class CanopenAccess(BusAccess):
@@ -243,14 +397,20 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
 
     Raises UsageError or BusError.
     """
-    name = f"{section.interface}:{section.channel}"
+    # A multicast bus that cannot be kept apart from others says so in its own name.
+    name = "" if section.interface in ECHOING else f"{section.interface}:{section.channel}"
     if section.simulated:
         section = replace(section, channel=",".join(f"{axis.profile}@{axis.node}" for axis in axes.values()))
+    with _opened(section, name) as wire:
+        yield wire
+
+
+@contextmanager
+def _opened(section: CanSection, name: str = "") -> Iterator[Wire]:
+    """Open a bus for as long as the block lasts; without a name it has its own."""
     can_bus = open_can(section)
-    # A multicast bus that cannot be kept apart from others says so in its name.
-    name = can_bus.channel_info if section.interface in ECHOING else name
     try:
-        yield Wire(can_bus, MonotonicClock(), name, echoes=section.interface in ECHOING)
+        yield Wire(can_bus, MonotonicClock(), name or can_bus.channel_info, echoes=section.interface in ECHOING)
     finally:
         can_bus.shutdown()
 
@@ -261,17 +421,14 @@ def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfi
 
     Raises UsageError, BusError or ForeignMasterError.
     """
-    can_bus = open_can(section)
-    try:
-        wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info, echoes=section.interface in ECHOING)
-        guarded = [axis.node for axis, profile in drives.values() if profile.link_loss.life_guarding]
-        one = OneMaster([axis.node for axis, _ in drives.values()], section.master_node or MASTER_NODES[0], guarded)
-        listen(wire, section.listen, one, wire.name).refuse(one.master_node)
-        yield {name: Node(wire, axis.node, f"node {axis.node} (axis {name})") for name, (axis, _) in drives.items()}
-    except BusTimeoutError as error:
-        raise BusTimeoutError(f"{error}; {NO_ANSWER_ADVICE}") from error
-    finally:
-        can_bus.shutdown()
+    guarded = [axis.node for axis, profile in drives.values() if profile.link_loss.life_guarding]
+    one = OneMaster([axis.node for axis, _ in drives.values()], section.master_node or MASTER_NODES[0], guarded)
+    with _opened(section) as wire:
+        try:
+            listen(wire, section.listen, one, wire.name).refuse(one.master_node)
+            yield {name: Node(wire, axis.node, f"node {axis.node} (axis {name})") for name, (axis, _) in drives.items()}
+        except BusTimeoutError as error:
+            raise BusTimeoutError(f"{error}; {NO_ANSWER_ADVICE}") from error
 
 
 def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
@@ -281,10 +438,10 @@ def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], ra
     heard = listen(wire, section.listen, OneMaster(nodes, master_node), wire.name)
     heard.refuse_noise()
     if heard.masters:
-        return another_master(heard.sentence())
+        return scan_result.another_master(heard.sentence())
     alone = Check("other_masters", True, "none heard")
     node = nodes[0]
-    return alone, *round_trip_checks(node, round_trips(wire, node), QUESTIONS, rate)
+    return alone, *round_trip_checks(node, round_trips(wire, node), scan_result.QUESTIONS, rate)
 
 
 ACCESS = CanopenAccess()

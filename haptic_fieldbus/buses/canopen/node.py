@@ -279,9 +279,8 @@ class Node:
         while self.state != state and self.now_ns() < deadline_ns:
             if self.guarded:
                 self._wire.send(*self.guarding_request)
-                self._await(state, min(self.now_ns() + GUARDING_NS, deadline_ns))
-            else:
-                self._await(state, deadline_ns)
+            until_ns = min(self.now_ns() + GUARDING_NS, deadline_ns) if self.guarded else deadline_ns
+            self._wire.pump_until(until_ns, lambda: self.state == state)
         if self.state != state:
             said = "none came" if self.state is None else f"the last one reports {nmt_state_name(self.state)}"
             sign = "answer to node guarding" if self.guarded else "heartbeat"
@@ -290,20 +289,13 @@ class Node:
                 f"{said}. A raised error register (1001h) can keep a node from starting"
             )
 
-    def _await(self, state: NmtState, deadline_ns: int) -> None:
-        """Receive until the node says that it is in this state, or the deadline [ns] is reached."""
-        while self.state != state and self._wire.pump(deadline_ns):
-            pass
-
     def ask_state(self) -> None:
         """Ask for the NMT state by node guarding, once; raises BusError."""
         self._wire.send(*self.guarding_request)
 
     def wait_for_state(self, duration_ns: int) -> None:
         """Receive until the node tells its NMT state, this time [ns] at most."""
-        deadline_ns = self.now_ns() + duration_ns
-        while self.state is None and self._wire.pump(deadline_ns):
-            pass
+        self._wire.pump_until(self.now_ns() + duration_ns, lambda: self.state is not None)
 
     def take_answers(self) -> None:
         """Receive the SDO responses of the node from now on; after a release, which takes them for itself."""
@@ -314,9 +306,7 @@ class Node:
 
     def wait(self, duration_ns: int) -> None:
         """Receive frames for this time [ns]."""
-        deadline_ns = self.now_ns() + duration_ns
-        while self._wire.pump(deadline_ns):
-            pass
+        self._wire.pump_until(self.now_ns() + duration_ns)
 
     def _on_heartbeat(self, data: bytes | bytearray) -> None:
         if not data or (self.guarded and self._repeats(data[0])):

@@ -210,7 +210,8 @@ def _communication(direction: Direction, number: int, kind: DataType, subindex: 
 
 DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
 SYNC_ID = ObjectEntry(0x1005, DataType.UINT32)
-VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL = (ObjectEntry(0x1018, DataType.UINT32, sub) for sub in range(1, 5))
+IDENTITY = tuple(ObjectEntry(0x1018, DataType.UINT32, subindex) for subindex in range(1, 5))
+VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL = IDENTITY
 ERROR_CODE = ObjectEntry(0x603F, DataType.UINT16)
 CONTROLWORD = ObjectEntry(0x6040, DataType.UINT16)
 STATUSWORD = ObjectEntry(0x6041, DataType.UINT16)

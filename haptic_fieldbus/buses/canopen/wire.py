@@ -364,6 +364,11 @@ class Wire:
             self._log = None
             raise
 
+    def pump_until(self, deadline_ns: int, done: Callable[[], bool] = bool) -> None:
+        """Receive until `done` returns True, by default until the deadline [ns]. Raises BusError."""
+        while not done() and self.pump(deadline_ns):
+            pass
+
     def drain(self, deadline_ns: int) -> None:
         """Handle all frames that have already arrived, without waiting; in a flood, stop at the deadline [ns]."""
         while self.pump(0):

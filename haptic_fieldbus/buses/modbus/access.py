@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from haptic_fieldbus.buses import scan_result
 from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
 from haptic_fieldbus.buses.modbus.framing import Question
@@ -17,7 +18,7 @@ from haptic_fieldbus.buses.modbus.setup import ADVICE
 from haptic_fieldbus.buses.modbus.transport import SerialTransport, TcpTransport, Transport
 from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
 from haptic_fieldbus.buses.release import FAULTS
-from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan, another_master, timing_checks
+from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.buses.torque_limits import rated_torque
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
@@ -36,8 +37,6 @@ from haptic_fieldbus.signals import Signal
 
 # Checks of a Modbus line: the rights to a serial port, its latency timer, and the way to a unit and back.
 
-QUESTIONS = 200
-ANSWER_NS = 100_000_000
 SLOW = {
     True: "the adapter delays octets, or the drive answers late: see usb_latency_timer, and the delay set in the drive",
     False: "the network or the drive answers late: connect the drive directly to this computer",
@@ -72,15 +71,17 @@ def round_trip_checks(
     Raises BusError when the line is dead.
     """
     times: list[float] = []
-    for _ in range(QUESTIONS):
+    for _ in range(scan_result.QUESTIONS):
         requester.ask(unit.reading(profile.power.status))
-        if requester.answer(requester.sent_ns + ANSWER_NS) is not None:
+        if requester.answer(requester.sent_ns + scan_result.ANSWER_NS) is not None:
             times.append((requester.arrived_ns - requester.sent_ns) * 1e-9)
         elif not times:
             break  # a unit that is not there
         requester.forget()
     serial = requester.transport.serial
-    return timing_checks(f"unit {unit.id}", times, QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial])
+    return scan_result.timing_checks(
+        f"unit {unit.id}", times, scan_result.QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial]
+    )
 
 
 # Looking at drives without touching them: their registers are read, and nothing is written.
@@ -355,7 +356,7 @@ def _on_the_line(requester: Requester, axis: RigAxis, profile: ModbusProfile, ra
     try:
         alone = Check("other_masters", True if requester.transport.serial else None, listen(requester))
     except ForeignMasterError as error:
-        return another_master(str(error))
+        return scan_result.another_master(str(error))
     unit = UnitClient(requester, axis.node, f"unit {axis.node}", profile.line)
     return alone, *round_trip_checks(requester, unit, profile, rate)
 

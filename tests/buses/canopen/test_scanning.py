@@ -6,7 +6,7 @@ from dataclasses import replace
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen.scanning import scan_bus
+from haptic_fieldbus.buses.canopen.access import scan_bus
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.scan_result import Scan
 from haptic_fieldbus.clock import VirtualClock
