@@ -1,6 +1,7 @@
 """A simulated bus with its drives, for one test: any program of the process can open it."""
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ from enum import Enum
 from itertools import count
 from pathlib import Path
 from random import SystemRandom
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import can
 import canopen
@@ -22,6 +23,7 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import AccessRefused
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import DriveFault, DriveFaultKind, Fault, HostFault, LineFault, load_faults, toml_of
@@ -31,17 +33,73 @@ from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
 
 # A simulated drive as a test sees it: from inside, beside the wire.
 
+Answer = TypeVar("Answer")
 
-class SimulatedDrive:
-    """One drive of a `VirtualCanBus`; what is read of it is the truth at this moment, not what it says on the bus."""
+
+class DriveInside(ABC):
+    """A simulated drive from inside; what is read of it is the truth at this moment, not what it says on the bus."""
+
+    profile: DriveProfile
+    number_word: ClassVar = "node"
+
+    @property
+    @abstractmethod
+    def node(self) -> int:
+        """Return the node-ID or the unit id."""
+
+    @abstractmethod
+    def _ask(self, read: Callable[[Drive], Answer], *, moved: bool = False) -> Answer:
+        """Return what is read of the drive now; with `moved`, after its shaft has moved until now."""
+
+    @abstractmethod
+    def happen(self, fault: DriveFaultKind) -> None:
+        """Let a fault of this drive happen; its `at` counts from now."""
+
+    def __repr__(self) -> str:
+        return f"<simulated {self.profile.title}, {self.number_word} {self.node}: {self.state}>"
+
+    @property
+    def state(self) -> str:
+        """Return the state of CiA 402 by its name in the standard, such as "operation enabled"."""
+        return self._ask(lambda drive: drive.power.state.value)
+
+    @property
+    def torque(self) -> float:
+        """Return the torque of the motor [N·m]."""
+        return self._ask(lambda drive: drive.plant.torque, moved=True)
+
+    @property
+    def position(self) -> float:
+        """Return the angle of the shaft [rad]."""
+        return self._ask(lambda drive: drive.plant.position, moved=True)
+
+    @property
+    def velocity(self) -> float:
+        """Return the speed of the shaft [rad/s]."""
+        return self._ask(lambda drive: drive.plant.velocity, moved=True)
+
+    @property
+    def rated_torque(self) -> float:
+        """Return the rated torque of the motor [N·m]; on CAN 6071h and 6077h refer to it."""
+        return self._ask(lambda drive: drive.objects.rated_torque)
+
+    @property
+    def error_code(self) -> int:
+        """Return the code of the fault that stands, as in 603Fh; 0 when there is none."""
+        return self._ask(lambda drive: drive.objects.error_code.value)
+
+    def fail(self, code: int = 0x2310) -> None:
+        """Let the drive detect a fault now, with the code that it tells; 2310h is an over-current."""
+        self.happen(DriveFault("drive_fault", 0.0, code))
+
+
+class SimulatedDrive(DriveInside):
+    """One drive of a `VirtualCanBus`."""
 
     def __init__(self, world: World, slave: Slave, profile: DriveProfile) -> None:
         self._world = world
         self._slave = slave
         self.profile = profile
-
-    def __repr__(self) -> str:
-        return f"<simulated {self.profile.title}, node {self.node}: {self.state}>"
 
     @property
     def node(self) -> int:
@@ -49,42 +107,10 @@ class SimulatedDrive:
         return self._slave.node.number
 
     @property
-    def state(self) -> str:
-        """Return the state of CiA 402 by its name in the standard, such as "operation enabled"."""
-        with self._world.pace.held():
-            return self._slave.drive.power.state.value
-
-    @property
     def nmt_state(self) -> str:
         """Return the NMT state: "initialising", "pre-operational", "operational" or "stopped"."""
         with self._world.pace.held():
             return self._slave.node.state.name.lower().replace("_", "-")
-
-    @property
-    def torque(self) -> float:
-        """Return the torque of the motor [N·m]."""
-        return self._shaft()[2]
-
-    @property
-    def position(self) -> float:
-        """Return the angle of the shaft [rad]."""
-        return self._shaft()[0]
-
-    @property
-    def velocity(self) -> float:
-        """Return the speed of the shaft [rad/s]."""
-        return self._shaft()[1]
-
-    @property
-    def rated_torque(self) -> float:
-        """Return the rated torque of the motor [N·m], to which 6071h and 6077h refer."""
-        return self._slave.drive.objects.rated_torque
-
-    @property
-    def error_code(self) -> int:
-        """Return the code of the fault that stands, as in 603Fh; 0 when there is none."""
-        with self._world.pace.held():
-            return self._slave.drive.objects.error_code.value
 
     def value(self, index: int, subindex: int = 0) -> int:
         """Return a number of the object dictionary, as an upload would; raises LookupError when there is none."""
@@ -96,10 +122,6 @@ class SimulatedDrive:
                 raise LookupError(f"the simulated {self.profile.title} has no {index:04X}h:{subindex:02X}") from None
             return entry.fetch() if entry.fetch is not None else entry.value
 
-    def fail(self, code: int = 0x2310) -> None:
-        """Let the drive detect a fault now; `code` is that of its emergency message, 2310h is an over-current."""
-        self.happen(DriveFault("drive_fault", 0.0, code))
-
     def happen(self, fault: DriveFaultKind | LineFault) -> None:
         """Let a fault of this drive or of its bus happen; its `at` counts from now."""
         if not isinstance(fault, DriveFaultKind | LineFault):
@@ -107,11 +129,11 @@ class SimulatedDrive:
         with self._world.pace.held():
             self._world.let_happen(self.node, fault)
 
-    def _shaft(self) -> tuple[float, float, float]:
+    def _ask(self, read: Callable[[Drive], Answer], *, moved: bool = False) -> Answer:
         with self._world.pace.held():
-            drive = self._slave.drive
-            drive.servo.advance(self._world.clock.now_ns())
-            return drive.plant.position, drive.plant.velocity, drive.plant.torque
+            if moved:
+                self._slave.drive.servo.advance(self._world.clock.now_ns())
+            return read(self._slave.drive)
 
 
 # The faults of a test's bench: of a file, of a list, or drawn from a seed.

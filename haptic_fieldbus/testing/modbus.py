@@ -9,24 +9,23 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from threading import Event, Thread
-from typing import TypeVar
 
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.modbus.bus import modbus_section, parse_bus
 from haptic_fieldbus.protocols.modbus.layout import line_of
-from haptic_fieldbus.protocols.modbus.profile import modbus_profile
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.hosting import Server, device, listen
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.testing.bench import DriveRequest, FaultPlan
+from haptic_fieldbus.testing.bench import Answer, DriveInside, DriveRequest, FaultPlan
 
-Answer = TypeVar("Answer")
 FREE_PORT = "modbus-tcp:127.0.0.1:0"
 _LONGEST = 100_000
 """Least number of latest motion segments that are kept."""
@@ -132,50 +131,19 @@ class VirtualModbusLine:
                 await server.close()
 
 
-class SimulatedUnit:
-    """One drive of a `VirtualModbusLine`; what is read of it is the truth at this moment, not what it answers."""
+class SimulatedUnit(DriveInside):
+    """One drive of a `VirtualModbusLine`."""
+
+    number_word = "unit"
 
     def __init__(self, line: VirtualModbusLine, server: Server, unit: Unit, clock: MonotonicClock) -> None:
         self._line, self._server, self._unit, self._clock = line, server, unit, clock
-        self.profile = unit.profile
-
-    def __repr__(self) -> str:
-        return f"<simulated {self.profile.title}, unit {self.node}: {self.state}>"
+        self.profile: ModbusProfile = unit.profile
 
     @property
     def node(self) -> int:
         """Return the unit id."""
         return self._unit.number
-
-    @property
-    def state(self) -> str:
-        """Return the state of CiA 402 by its name in the standard, such as "operation enabled"."""
-        return self._now(lambda: self._unit.drive.power.state.value)
-
-    @property
-    def torque(self) -> float:
-        """Return the torque of the motor [N·m]."""
-        return self._now(lambda: self._unit.drive.plant.torque)
-
-    @property
-    def position(self) -> float:
-        """Return the angle of the shaft [rad]."""
-        return self._now(lambda: self._unit.drive.plant.position)
-
-    @property
-    def velocity(self) -> float:
-        """Return the speed of the shaft [rad/s]."""
-        return self._now(lambda: self._unit.drive.plant.velocity)
-
-    @property
-    def rated_torque(self) -> float:
-        """Return the rated torque of the motor [N·m]."""
-        return self._now(lambda: self._unit.drive.objects.rated_torque)
-
-    @property
-    def error_code(self) -> int:
-        """Return the code of the fault that stands; 0 when there is none."""
-        return self._now(lambda: self._unit.drive.objects.error_code.value)
 
     def registers(self, address: int, count: int = 1) -> list[int]:
         """Return the values of registers, as a request would read them; raises LookupError when it would be refused."""
@@ -185,15 +153,14 @@ class SimulatedUnit:
             raise LookupError(f"the simulated {self.profile.title} has no {count} registers at {address:04X}h")
         return found
 
-    def fail(self, code: int = 0x2310) -> None:
-        """Let the drive detect a fault now; `code` is what its register of the fault says, 2310h is an over-current."""
-        self.happen(faults.DriveFault("drive_fault", 0.0, code))
-
     def happen(self, fault: faults.DriveFaultKind | faults.AnswerFault) -> None:
         """Let a fault of this drive or of its answers happen; its `at` counts from now."""
         if fault.kind not in KINDS or not isinstance(fault, faults.DriveFaultKind | faults.AnswerFault):
             raise ValueError(f'fault "{fault.kind}" cannot begin while the line runs')
         self._now(lambda: self._server.desk.rack.let_happen(fault, self.node, self._clock.now_ns()))
+
+    def _ask(self, read: Callable[[Drive], Answer], *, moved: bool = False) -> Answer:
+        return self._now(lambda: read(self._unit.drive))
 
     def _now(self, action: Callable[[], Answer]) -> Answer:
         def at_present() -> Answer:
