@@ -10,8 +10,8 @@ all matrices are found in one call. Any other point costs a plan. `loop` simulat
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import lru_cache
 from typing import Any, cast
 
@@ -27,7 +27,7 @@ from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.margins.closed_loop import environment_of
-from haptic_fieldbus.margins.group import Member
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.margins.passivity import spread_of, weight
 from haptic_fieldbus.margins.plant import quantisation_limit
@@ -143,11 +143,6 @@ def task_at(job: SweepJob, point: Mapping[str, Value]) -> Task:
     return replace(job.task, rig=rig, settings={**(job.task.settings or {}), **settings}, **asked)
 
 
-def _points(columns: Columns) -> Iterator[dict[str, Value]]:
-    for values in zip(*columns.values(), strict=True):
-        yield dict(zip(columns, values, strict=True))
-
-
 def evaluate(job: SweepJob, columns: Columns) -> Rows:
     """Return the rows of some points."""
     return ENGINES[job.engine](job, columns)
@@ -158,16 +153,14 @@ def evaluate(job: SweepJob, columns: Columns) -> Rows:
 
 def verdict_rows(job: SweepJob, columns: Columns) -> Rows:
     """Return verdict, growth a period, and the share of the damping of the device that passive hands need."""
-    count = len(next(iter(columns.values())))
-    rows: Rows = {name: [None] * count for name in ("outcome", "message", "verdict", "growth", "damping_share")}
-    shared, alone = _shared_walls(job, columns, rows) if _lone_wall(job) else ([], [*range(count)])
+    rows, shared, alone = _begun(job, columns, "verdict", "growth", "damping_share")
     for loop, stiffness, damping, places in shared:
         grown, share = loop.growth(stiffness, damping), loop.damping_share(stiffness, damping)
         found: Rows = {"verdict": loop.verdicts(stiffness, damping, grown, share), "outcome": [DONE] * len(places)}
         _fill(rows, places, found | {"growth": grown.tolist(), "damping_share": share.tolist()})
-    points = list(_points(columns)) if alone else []
     for at in alone:
-        _fill(rows, [at], {name: [value] for name, value in _judged(task_at(job, points[at])).items()})
+        row = _judged(task_at(job, _point(columns, at)))
+        _fill(rows, [at], {name: [value] for name, value in row.items()})
     return rows
 
 
@@ -252,13 +245,14 @@ Shared = tuple[WallLoop, Array, Array, list[int]]
 """Common part of some walls, their stiffness and damping, and their places among the points."""
 
 
-def _shared_walls(job: SweepJob, columns: Columns, rows: Rows) -> tuple[list[Shared], list[int]]:
-    """Return the walls that share a plan, and the places of points that need their own; fill the rows of refusals."""
-    wall = cast(Wall, _lone_wall(job))
-    count = len(next(iter(columns.values())))
-    own = {f"{wall.name}.{name}": name for name in ("stiffness", "damping")}
-    numbers = {name: _numbers(columns.get(key, [getattr(wall, name)] * count)) for key, name in own.items()}
-    stiffness, damping = numbers["stiffness"], numbers["damping"]
+def _begun(job: SweepJob, columns: Columns, *figures: str) -> tuple[Rows, list[Shared], list[int]]:
+    """Return rows with refusals alone, the walls that share a plan, and the places of points that need their own."""
+    count, wall = len(next(iter(columns.values()))), _lone_wall(job)
+    rows: Rows = {name: [None] * count for name in ("outcome", "message", *figures)}
+    if wall is None:
+        return rows, [], [*range(count)]
+    own = {f"{wall.name}.{name}": [getattr(wall, name)] * count for name in ("stiffness", "damping")}
+    stiffness, damping = (_numbers(columns.get(name, values)) for name, values in own.items())
     possible = _usual(Quantity.STIFFNESS, stiffness) & ((damping == 0.0) | _usual(Quantity.DAMPING, damping))
     others = {name: values for name, values in columns.items() if name not in own}
     groups: dict[tuple[Any, ...], list[int]] = {}
@@ -266,12 +260,12 @@ def _shared_walls(job: SweepJob, columns: Columns, rows: Rows) -> tuple[list[Sha
         if possible[at]:
             groups.setdefault(key, []).append(at)
     found, alone = list[Shared](), np.flatnonzero(~possible).tolist()
-    for key, places in groups.items():
+    for (*values, damped), places in groups.items():
+        point = dict(zip(others, values, strict=True))
         try:
-            loop = _wall_loop(_Key(job, tuple(zip(others, key, strict=False)), key[-1]))
+            loop = _wall_loop(_Bench(job.digest, repr(point), damped, job, point))
         except PlanError as error:  # of rate, bus or drive, whatever the wall is
-            for at in places:
-                rows["outcome"][at], rows["message"][at] = REFUSED, str(error)
+            _fill(rows, places, {"outcome": [REFUSED] * len(places), "message": [str(error)] * len(places)})
             continue
         except (HapticFieldbusError, TypeError):
             loop = None
@@ -279,7 +273,11 @@ def _shared_walls(job: SweepJob, columns: Columns, rows: Rows) -> tuple[list[Sha
             alone += places
         else:
             found.append((loop, stiffness[places], damping[places], places))
-    return found, alone
+    return rows, found, alone
+
+
+def _point(columns: Columns, at: int) -> dict[str, Value]:
+    return {name: values[at] for name, values in columns.items()}
 
 
 def _usual(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
@@ -293,39 +291,31 @@ def _numbers(values: Sequence[Value]) -> Array:
     return np.array([float(each) if type(each) in (int, float) else math.nan for each in values])
 
 
-@dataclass(frozen=True, eq=False)
-class _Key:
-    """A job and the parameters of some of its points beside the wall; equal for equal inputs."""
+@dataclass(frozen=True)
+class _Bench:
+    """What walls must have in common to share a plan: bench, rate and rendering, and whether they are damped."""
 
-    job: SweepJob
-    point: tuple[tuple[str, Value], ...]
+    digest: str
+    others: str
+    """Parameters of the points beside the wall, as a text, in which 1, 1.0 and True differ."""
     damped: bool
-
-    def __hash__(self) -> int:
-        return hash((self.job.digest, self.point, self.damped))
-
-    def __eq__(self, other: object) -> bool:
-        mine = (self.job.digest, repr(self.point), self.damped)
-        return isinstance(other, _Key) and mine == (other.job.digest, repr(other.point), other.damped)
+    job: SweepJob = field(compare=False)
+    point: Mapping[str, Value] = field(compare=False)
 
 
 @lru_cache(maxsize=256)
-def _wall_loop(key: _Key) -> WallLoop | None:
+def _wall_loop(bench: _Bench) -> WallLoop | None:
     """Return what the walls on this bench have in common; None where a point needs a plan of its own."""
-    wall = cast(Wall, _lone_wall(key.job))
-    usual = {f"{wall.name}.stiffness": 1.0, f"{wall.name}.damping": 1.0 if key.damped else 0.0}
-    task = task_at(key.job, {**usual, **dict(key.point)})
+    name = cast(Wall, _lone_wall(bench.job)).name
+    usual = {f"{name}.stiffness": 1.0, f"{name}.damping": 1.0 if bench.damped else 0.0}
+    task = task_at(bench.job, {**usual, **bench.point})
     check_request(rate=task.rate)
-    return _shared(select(task).plan)
-
-
-def _shared(plan: Plan) -> WallLoop | None:
-    (axis,) = plan.axes
-    group = axis.group
-    if group is None or group.members[0].bodies or group.members[0].plant.tachometer:
+    plan = select(task).plan
+    group = _rigid(plan)
+    if group is None:
         return None
     (member,), environment = group.members, group.environment()
-    wall, (low, high) = cast(Wall, axis.elements[0]), member.travel
+    wall, (low, high) = cast(Wall, plan.axes[0].elements[0]), member.travel
     if not isinstance(environment, Places) or not low < wall.position < high:
         return None  # a wall at an end of the travel or beyond it, which the handle may not reach
     (states,), (device,) = environment.together, group.loop.devices
@@ -335,6 +325,14 @@ def _shared(plan: Plan) -> WallLoop | None:
     leaves = wall.sides == "unilateral" and states.estimator is not None
     least = growth(device, states.free) if leaves else 0.0
     return WallLoop(free, spring, damper, states, member, group.period, factor, least)
+
+
+def _rigid(plan: Plan) -> Group | None:
+    """Return the loop of the only axis if it has a rigid shaft and an encoder."""
+    (group, *others) = (axis.group for axis in plan.axes)
+    if others or group is None or group.members[0].bodies or group.members[0].plant.tachometer:
+        return None
+    return group
 
 
 # Engine `loop`: many simulated loops side by side.
@@ -349,20 +347,17 @@ FLICK = {Workspace.LINEAR: 1.0, Workspace.ROTARY: 20.0}
 
 def loop_rows(job: SweepJob, columns: Columns) -> Rows:
     """Return whether each loop grew, its growth a period, and its farthest excursions, of all and at the end."""
-    count = len(next(iter(columns.values())))
-    rows: Rows = {name: [None] * count for name in ("outcome", "message", "grew", "growth", "peak", "last")}
-    shared, alone = _shared_walls(job, columns, rows) if _lone_wall(job) else ([], [*range(count)])
+    rows, shared, alone = _begun(job, columns, "grew", "growth", "peak", "last")
     parts = [
         SimulatedPart(loop.member, loop.period, loop.spaces(stiffness, damping), places)
         for loop, stiffness, damping, places in shared
     ]
-    points = list(_points(columns)) if alone else []
     for at in alone:
         try:
-            parts.append(_single_loop(task_at(job, points[at]), at))
+            parts.append(_single_loop(task_at(job, _point(columns, at)), at))
         except (HapticFieldbusError, TypeError) as error:
             _fill(rows, [at], {"outcome": [REFUSED], "message": [str(error)]})
-    alike: dict[tuple[int, float], list[SimulatedPart]] = {}
+    alike: dict[tuple[int, bool], list[SimulatedPart]] = {}
     for part in parts:
         alike.setdefault((part.spaces[0].order, part.member.plant.torque_lag > 0.0), []).append(part)
     for group in alike.values():
@@ -382,17 +377,16 @@ class SimulatedPart:
 
 def _single_loop(task: Task, at: int) -> SimulatedPart:
     """Return the loop of a point that has a plan of its own."""
-    plan = select(task).plan
-    groups = [axis.group for axis in plan.axes]
-    if len(groups) != 1 or groups[0] is None or groups[0].members[0].bodies or groups[0].members[0].plant.tachometer:
+    group = _rigid(select(task).plan)
+    if group is None:
         raise UsageError(
             "the engine loop simulates one axis with a rigid shaft and an encoder; expected the engine full"
         )
-    (member,), period = groups[0].members, groups[0].period
-    space = environment_of(member.elements, period, member.method, member.estimator)
+    (member,) = group.members
+    space = environment_of(member.elements, group.period, member.method, member.estimator)
     if shift_mode(space) is not None:
         raise UsageError("nothing holds the handle at a place, so its excursions say nothing; expected another engine")
-    return SimulatedPart(member, period, [space], [at])
+    return SimulatedPart(member, group.period, [space], [at])
 
 
 def _simulated(parts: Sequence[SimulatedPart], steps: int) -> Rows:
@@ -426,7 +420,7 @@ def _simulated(parts: Sequence[SimulatedPart], steps: int) -> Rows:
 
 def full_rows(job: SweepJob, columns: Columns) -> Rows:
     """Return outcome and figures of a simulated run at each point."""
-    found = [_ran(job, point) for point in _points(columns)]
+    found = [_ran(job, _point(columns, at)) for at in range(len(next(iter(columns.values()))))]
     names = dict.fromkeys(["outcome", "message", *(name for row in found for name in row)])
     return {name: [row.get(name) for row in found] for name in names}
 

@@ -1,6 +1,5 @@
-"""Rows of a run: their units, their lines in a text, their pieces on the way to a writing process, tables of Arrow."""
+"""Rows of a run: their units, their lines in a text, tables of Arrow."""
 
-import struct
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -59,15 +58,3 @@ def heading(columns: Sequence[str]) -> bytes:
 def row_line(row: Sequence[float]) -> bytes:
     """Return the line of a row: the shortest texts that read back as the same numbers, whole ones without ".0"."""
     return (",".join([repr(value).removesuffix(".0") for value in row]) + "\n").encode()
-
-
-# Pieces on the way to the process that writes an MCAP file.
-
-ROWS, LAST = b"r", b"p"
-"""A piece of doubles of this machine, whole rows; the provenance at the end of the run."""
-HEAD = struct.Struct("<cI")
-
-
-def piece(kind: bytes, octets: bytes) -> bytes:
-    """Return a piece as the process reads it."""
-    return HEAD.pack(kind, len(octets)) + octets

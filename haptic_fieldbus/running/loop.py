@@ -197,18 +197,10 @@ def loop_steps(
 
 
 def _run(
-    plan: Plan,
-    cycle: Cycle,
-    bus: Bus,
-    clock: Clock,
-    cycles: int,
-    record: Record | None,
-    progress: Callable[[int], None],
-    report: LoopReport,
-    changes: "Changes | None",
-    ending: EndSignals,
+    plan: Plan, cycle: Cycle, bus: Bus, clock: Clock, cycles: int, record: Record | None,
+    progress: Callable[[int], None], report: LoopReport, changes: "Changes | None", ending: EndSignals,
     caller: Caller | None,
-) -> Steps[None]:
+) -> Steps[None]:  # fmt: skip
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
     feedback_ns = feedback_time_ns(plan)
     enabling_periods = round(enabling_time(plan) * plan.rate)

@@ -4,18 +4,19 @@ In virtual time the loop itself writes, because time stands still meanwhile. On 
 gets the rows of a tenth of a second at a time.
 """
 
-import json
 import os
+import pickle
 import sys
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from haptic_fieldbus.buses.writing import LogFile, WritingProcess
 from haptic_fieldbus.errors import UsageError, require
 from haptic_fieldbus.recordings.provenance import Provenance
-from haptic_fieldbus.recordings.tables import HEAD, LAST, ROWS, column_units, heading, piece, row_line
+from haptic_fieldbus.recordings.tables import column_units, heading, row_line
 
 if TYPE_CHECKING:  # imported for its type alone: the writing process does without numpy
     from haptic_fieldbus.assessing.loop_report import Record
@@ -59,15 +60,14 @@ class ProcessFile:
             require("mcap", "data")
         path.open("wb").close()  # what cannot be written is refused at once
         self._process = WritingProcess("from haptic_fieldbus.running.rows import main; main()", str(path))
-        begin = {"columns": list(columns), "units": dict(units), "provenance": provenance}
-        self.take(json.dumps(begin).encode())
+        self._process.take(pickle.dumps((list(columns), dict(units), provenance)))
 
     def take(self, octets: bytes) -> None:
-        self._process.take(piece(ROWS, octets))
+        self._process.take(pickle.dumps(octets))
 
     def close(self, provenance: str) -> None:
         try:
-            self._process.take(piece(LAST, provenance.encode()))
+            self._process.take(pickle.dumps(provenance))
         finally:
             self._process.close()
 
@@ -116,35 +116,30 @@ class Rows:
                 self.fault = error  # of the disk itself, so it says more than that of the pipe
 
 
-# The process that writes a file while a run goes on: pieces of octets on standard input, each with its kind.
+# The process that writes a file while a run goes on. On standard input it gets columns, units and provenance, then rows
+# as octets, and at the end of the run the last provenance as a text.
 
 
-def _pieces() -> Iterator[tuple[bytes, bytes]]:
-    """Yield kind and octets of each piece; one that is cut off at the end is left out."""
-    waiting = bytearray()
-    while octets := os.read(0, 1 << 20):
-        waiting += octets
-        while len(waiting) >= HEAD.size:
-            kind, size = HEAD.unpack_from(waiting)
-            if len(waiting) < HEAD.size + size:
-                break
-            yield kind, bytes(waiting[HEAD.size : HEAD.size + size])
-            del waiting[: HEAD.size + size]
+def _pieces() -> Iterator[Any]:
+    """Yield each value that comes; one that is cut off at the end is left out."""
+    with suppress(EOFError, pickle.UnpicklingError):
+        while True:
+            yield pickle.load(sys.stdin.buffer)
 
 
 def main() -> None:
-    """Write the pieces that come on standard input; the first one says columns, units and provenance in JSON."""
+    """Write the pieces that come on standard input."""
     try:
         pieces, path, last = _pieces(), Path(sys.argv[1]), ""
-        begin = json.loads(next(pieces, (b"", b"{}"))[1])
-        if not begin:
+        begin = next(pieces, None)
+        if begin is None:
             return
-        file = kind_of_file(path)(path, begin["columns"], begin["units"], begin["provenance"])
-        for kind, octets in pieces:
-            if kind == ROWS:
-                file.take(octets)
+        file = kind_of_file(path)(path, *begin)
+        for piece in pieces:
+            if isinstance(piece, bytes):
+                file.take(piece)
             else:
-                last = octets.decode()
+                last = piece
         file.close(last)
     except (OSError, UsageError) as error:
         sys.exit(getattr(error, "strerror", None) or str(error))

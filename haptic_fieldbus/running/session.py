@@ -145,19 +145,11 @@ class Session:
                     self._start(bus, site.clock, due, ending)
                     ending.hold()
                     self.report, self.cycle = report, cycle
+                    followed = self._followed(rows, assessment, cycle, cycles)
                     yield from loop_steps(
-                        plan,
-                        cycle,
-                        bus,
-                        site.clock,
-                        cycles=cycles,
-                        record=record,
-                        progress=self._followed(rows, assessment, cycle, cycles),
-                        report=report,
-                        changes=self.changes,
-                        ending=ending,
-                        caller=caller,
-                    )
+                        plan, cycle, bus, site.clock, cycles=cycles, record=record, progress=followed, report=report,
+                        changes=self.changes, ending=ending, caller=caller,
+                    )  # fmt: skip
         except KeyboardInterrupt as early:
             ending.hold()
             report.interrupted = True
@@ -192,15 +184,9 @@ class Session:
     def _told_with(self, result: Result) -> Result:
         """Return a result with the facts known before; its warnings follow those of bus and watchdogs."""
         earlier = () if self._bus is None else self._bus.warnings
-        told = (*earlier, *self._warnings, *result.warnings)
-        return replace(
-            result,
-            warnings=told,
-            proofs=self._proofs,
-            host=self._host,
-            provenance=self.provenance,
-            drawing=self.drawing,
-        )
+        warnings = (*earlier, *self._warnings, *result.warnings)
+        known = replace(result, proofs=self._proofs, host=self._host, provenance=self.provenance)
+        return replace(known, warnings=warnings, drawing=self.drawing)
 
     @contextmanager
     def _accounted(self, report: LoopReport, cycle: Cycle, caller: Caller | None) -> Iterator[None]:
