@@ -72,10 +72,7 @@ def _is_faults(value: object) -> bool:
 
 
 KINDS: Mapping[str, tuple[str, Holds]] = {
-    "scene": (
-        "a name of the library, a path or a Scene",
-        lambda value: isinstance(value, PATH | Scene),
-    ),
+    "scene": ("a name of the library, a path or a Scene", lambda value: isinstance(value, PATH | Scene)),
     "rig": ("the path of a rig file, or a Rig of buses and axes", _is_rig),
     "settings": ('a mapping such as {"wall.stiffness": 800.0}', _is_settings),
     "axes": (

@@ -263,7 +263,7 @@ def _begun(job: SweepJob, columns: Columns, *figures: str) -> tuple[Rows, list[S
     for (*values, damped), places in groups.items():
         point = dict(zip(others, values, strict=True))
         try:
-            loop = _wall_loop(_Bench(job.digest, repr(point), damped, job, point))
+            loop = _wall_loop(_WallBench(job.digest, repr(point), damped, job, point))
         except PlanError as error:  # of rate, bus or drive, whatever the wall is
             _fill(rows, places, {"outcome": [REFUSED] * len(places), "message": [str(error)] * len(places)})
             continue
@@ -292,7 +292,7 @@ def _numbers(values: Sequence[Value]) -> Array:
 
 
 @dataclass(frozen=True)
-class _Bench:
+class _WallBench:
     """What walls must have in common to share a plan: bench, rate and rendering, and whether they are damped."""
 
     digest: str
@@ -304,7 +304,7 @@ class _Bench:
 
 
 @lru_cache(maxsize=256)
-def _wall_loop(bench: _Bench) -> WallLoop | None:
+def _wall_loop(bench: _WallBench) -> WallLoop | None:
     """Return what the walls on this bench have in common; None where a point needs a plan of its own."""
     name = cast(Wall, _lone_wall(bench.job)).name
     usual = {f"{name}.stiffness": 1.0, f"{name}.damping": 1.0 if bench.damped else 0.0}

@@ -9,6 +9,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from haptic_fieldbus.documents.edits import sync_folder
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.provenance import digest
 
@@ -30,23 +32,12 @@ Columns = Mapping[str, Sequence[Value]]
 """Values of some points by the name of the parameter."""
 Rows = dict[str, list[Any]]
 """Figures of these points by their name; None for one that a point does not have."""
-TYPES = {
-    **dict.fromkeys(("outcome", "message", "verdict", "trip"), "string"),
-    **dict.fromkeys(
-        (
-            "growth",
-            "damping_share",
-            "peak",
-            "last",
-            "error_rms",
-            "error_max",
-            "error_in_contact",
-            "energy_generated_j",
-            "trip_time_s",
-        ),
-        "float64",
-    ),
-}
+TEXTS = ("outcome", "message", "verdict", "trip")
+NUMBERS = (
+    "growth", "damping_share", "peak", "last", "error_rms", "error_max", "error_in_contact", "energy_generated_j",
+    "trip_time_s",
+)  # fmt: skip
+TYPES = dict.fromkeys(TEXTS, "string") | dict.fromkeys(NUMBERS, "float64")
 """Types of the columns of known figures, which hold where a chunk has none of them."""
 
 
@@ -81,7 +72,7 @@ class SweepPoints:
         elif isinstance(given, list | tuple) and all(isinstance(each, Mapping) for each in given):
             if any(set(each) != set(given[0]) for each in given):
                 raise UsageError("points: expected the same parameters in every point of the list")
-            columns = {name: _values(name, [each.get(name) for each in given]) for name in (given or [{}])[0]}
+            columns = {name: _values(name, [each[name] for each in given]) for name in (given or [{}])[0]}
             if sample is not None:
                 raise UsageError("sample: a list has its points already; expected a mapping of (least, largest)")
         else:
@@ -178,12 +169,11 @@ METADATA = b"haptic_fieldbus.sweep"
 
 def _is_alive(process: str) -> bool:
     """Return whether a process with this number is there."""
-    try:
-        os.kill(int(process), 0)
-    except (ValueError, ProcessLookupError):
-        return False
-    except PermissionError:
-        return True
+    with suppress(PermissionError):  # it is another user's
+        try:
+            os.kill(int(process), 0)
+        except (ValueError, ProcessLookupError):
+            return False
     return True
 
 
@@ -196,14 +186,10 @@ def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write(new)
-        for place in (new, path.parent):
-            if place is not new:
-                new.replace(path)
-            handle = os.open(place, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
+        with new.open("rb") as written:
+            os.fsync(written.fileno())
+        new.replace(path)
+        sync_folder(path.parent)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
 

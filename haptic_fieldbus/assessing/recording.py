@@ -80,10 +80,7 @@ class Conversion:
 def true_motion(times_ns: Times, trajectory: TrueMotion, conversion: Conversion) -> tuple[dict[Signal, Array], Array]:
     """Return the handle's true position and velocity, and the motor's force, in the workspace, each `(n_times,)`."""
     angle, speed, torque = trajectory.sample(times_ns)
-    handle = {
-        Signal.POSITION: conversion.ratio * (angle - conversion.zero),
-        Signal.VELOCITY: conversion.ratio * speed,
-    }
+    handle = {Signal.POSITION: conversion.ratio * (angle - conversion.zero), Signal.VELOCITY: conversion.ratio * speed}
     return handle, torque / conversion.ratio
 
 

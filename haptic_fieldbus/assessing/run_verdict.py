@@ -69,14 +69,7 @@ class FeltError:
 
 
 def run_verdict(
-    *,
-    scene: str,
-    effort: str,
-    hand: str,
-    stable: bool,
-    inside: bool,
-    felt: FeltError | None,
-    ripple: float | None,
+    *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None
 ) -> str:
     """Return the verdict on a simulated run as one sentence of at most `LONGEST` characters.
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
@@ -17,12 +17,10 @@ from haptic_fieldbus.cli.options import (
     RENDERING,
     JsonOption,
     ProfilesOption,
-    frequency,
     note_assumed_bitrate,
-    option,
+    option_field,
     options_of,
     refuse_beside_rig,
-    seconds,
 )
 from haptic_fieldbus.cli.screen import console, json_text, plain, print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
@@ -44,11 +42,10 @@ KEYS = ("node", "vendor_id", "product_code", "revision", "serial", "name", "prof
 class BusOptions:
     """Options of a command that needs a bus alone."""
 
-    bus: Annotated[
-        str | None,
-        option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
-    ] = None
-    rig: Annotated[Path | None, option("FILE", "Rig file whose buses are examined.", BENCH)] = None
+    bus: str | None = option_field(
+        "BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, told=DEFAULT_BUS
+    )
+    rig: Path | None = option_field("FILE", "Rig file whose buses are examined.", BENCH)
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 
@@ -67,10 +64,9 @@ class BusOptions:
 class ScanOptions(BusOptions):
     """Options of `scan`."""
 
-    asked: Annotated[
-        str | None,
-        option("IDS", "Nodes to read, as in 1-8 or 1,3.", BENCH, "--node", default="all on CAN, 1 on Modbus"),
-    ] = None
+    asked: str | None = option_field(
+        "IDS", "Nodes to read, as in 1-8 or 1,3.", BENCH, "--node", told="all on CAN, 1 on Modbus"
+    )
 
     def nodes(self) -> list[int]:
         """Return the numbers to scan; raises UsageError for a text that is no number or range."""
@@ -111,8 +107,8 @@ FAILED = ("adapter", "round_trip")
 class DriveOptions(BusOptions):
     """Options of a command that looks at drives without a scene."""
 
-    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
-    node: Annotated[int | None, option("ID", "Node-ID of the drive.", BENCH, default=DEFAULT_NODE)] = None
+    drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DRIVE)
+    node: int | None = option_field("ID", "Node-ID of the drive.", BENCH, told=DEFAULT_NODE)
 
     def bench(self) -> "BenchRequest":
         """Return the bench that the options name; raises UsageError when `--rig` meets `--drive` or `--node`."""
@@ -124,9 +120,7 @@ class DriveOptions(BusOptions):
 class DoctorOptions(DriveOptions):
     """Options of `doctor`."""
 
-    rate: Annotated[float, option("HZ", "Planned loop rate.", RENDERING, default=DEFAULT_RATE, parser=frequency)] = (
-        DEFAULT_RATE
-    )
+    rate: float = option_field("HZ", "Planned loop rate.", RENDERING, default=DEFAULT_RATE)
 
 
 @options_of(DoctorOptions)
@@ -158,9 +152,7 @@ Shown = Callable[[Mapping[str, "View"]], None]
 class WatchOptions(DriveOptions):
     """Options of `watch`."""
 
-    duration: Annotated[
-        float | None, option("S", "Duration of watching; default: until Ctrl-C.", RENDERING, parser=seconds)
-    ] = None
+    duration: float | None = option_field("S", "Duration of watching; default: until Ctrl-C.", RENDERING)
 
 
 @options_of(WatchOptions)

@@ -16,10 +16,10 @@ from haptic_fieldbus.cli.options import (
     ProfilesOption,
     check_plot,
     draw,
-    frequency,
     note_assumed_bitrate,
     number,
     option,
+    option_field,
     options_of,
 )
 from haptic_fieldbus.cli.output import never_wait
@@ -40,35 +40,26 @@ class IdentifyOptions:
     """Options of `identify`."""
 
     rig: Annotated[Path, option("FILE", "Rig file of the bench; gets the measured values.", BENCH)]
-    axis: Annotated[str | None, option("NAME", "Axis of the rig.", BENCH, default="the only one")] = None
-    bus: Annotated[
-        str | None, option("BUS", f"{BUSES} The rig file is then not changed.", BENCH, default="that of the rig")
-    ] = None
-    rate: Annotated[
-        float | None, option("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING, parser=frequency)
-    ] = None
-    travel: Annotated[
-        float | None,
-        option(
-            "M",
-            "Travel of the handle in m or rad.",
-            RENDERING,
-            default="that of the rig, or a turn of the motor",
-            parser=number,
-        ),
-    ] = None
-    effort: Annotated[
-        float | None,
-        option("N", "Largest force in N or N·m.", RENDERING, default="25 % of rated torque", parser=number),
-    ] = None
-    speed: Annotated[
-        float | None,
-        option("M/S", "Largest speed in m/s or rad/s.", RENDERING, default="four travels a second", parser=number),
-    ] = None
-    dry_run: Annotated[bool, option(None, "Only say what would move.", RENDERING, "--dry-run")] = False
-    seed: Annotated[int, option("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
+    axis: str | None = option_field("NAME", "Axis of the rig.", BENCH, told="the only one")
+    bus: str | None = option_field("BUS", f"{BUSES} The rig file is then not changed.", BENCH, told="that of the rig")
+    rate: float | None = option_field("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING)
+    travel: float | None = option_field(
+        "M",
+        "Travel of the handle in m or rad.",
+        RENDERING,
+        told="that of the rig, or a turn of the motor",
+        parser=number,
+    )
+    effort: float | None = option_field(
+        "N", "Largest force in N or N·m.", RENDERING, told="25 % of rated torque", parser=number
+    )
+    speed: float | None = option_field(
+        "M/S", "Largest speed in m/s or rad/s.", RENDERING, told="four travels a second", parser=number
+    )
+    dry_run: bool = option_field(None, "Only say what would move.", RENDERING, "--dry-run")
+    seed: int = option_field("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)
     plot: PlotOption = None
-    yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
+    yes: bool = option_field(None, "Enable a real drive without asking.", None, "--yes")
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 

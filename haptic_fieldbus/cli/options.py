@@ -7,11 +7,11 @@ fields as parameters; `task` and `given` turn their values into the dataclasses 
 import inspect
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, cast
 
 import typer
 
@@ -59,24 +59,8 @@ SHOWN = (
 
 HANDS = "Motion of the simulated hand: push, tap, sine, guide, shake, release or none."
 """Names of the simulated hands, for the help."""
-
-
-def option(
-    metavar: str | None,
-    text: str,
-    panel: str | None = None,
-    *names: str,
-    default: float | str | None = None,
-    parser: Callable[[str], float] | None = None,
-) -> object:
-    """Return an option whose help text ends with the default; without `names` it has the name of its field.
-
-    A `metavar` of None is that of a switch, which takes no value.
-    """
-    told = "" if default is None else rf" \[default: {exactly(default) if isinstance(default, float) else default}]"
-    return typer.Option(
-        *names, metavar=metavar or "", help=text + told, rich_help_panel=panel, show_default=False, parser=parser
-    )
+OPTION = "option"
+"""Key of the metadata of a field, whose value is the option."""
 
 
 def number(text: str, quantity: str = "") -> float:
@@ -109,6 +93,38 @@ def seconds(text: str) -> float:
     return number(text, "TIME")
 
 
+PARSERS = {"HZ": frequency, "S": seconds}
+"""Parsers of numbers with these names of a value."""
+
+
+def option(
+    metavar: str | None,
+    text: str,
+    panel: str | None = None,
+    *names: str,
+    default: object = None,
+    parser: Callable[[str], float] | None = None,
+) -> object:
+    """Return an option whose help text ends with the default; without `names` it has the name of its field.
+
+    A `metavar` of None is that of a switch, which takes no value.
+    """
+    told = "" if default is None else rf" \[default: {exactly(default) if isinstance(default, float) else default}]"
+    return typer.Option(
+        *names, metavar=metavar or "", help=text + told, rich_help_panel=panel, show_default=False,
+        parser=parser or PARSERS.get(metavar or ""),
+    )  # fmt: skip
+
+
+def option_field(
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: Any = None, told: object = None,
+    parser: Callable[[str], float] | None = None,
+) -> Any:  # fmt: skip
+    """Return an option as a field of a dataclass for `options_of`; `told` says in words what a default of None is."""
+    made = option(metavar, text, panel, *names, default=told if default is None else default, parser=parser)
+    return field(default=False if metavar is None else default, metadata={OPTION: made})
+
+
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
 VerboseOption = Annotated[bool, option(None, "Print all details.", None, "--verbose", "-v")]
 ProfilesOption = Annotated[
@@ -125,85 +141,54 @@ class SceneOptions:
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
     ]
-    rate: Annotated[
-        float | None, option("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING, parser=frequency)
-    ] = None
-    settings: Annotated[
-        list[str] | None,
-        option("ELEMENT.PARAMETER=VALUE", "Set a parameter of the scene; may be repeated.", RENDERING, "--set"),
-    ] = None
-    method: Annotated[str | None, option("NAME", "Integrator of the virtual states.", RENDERING)] = None
-    estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
+    rate: float | None = option_field("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING)
+    settings: list[str] | None = option_field(
+        "ELEMENT.PARAMETER=VALUE", "Set a parameter of the scene; may be repeated.", RENDERING, "--set"
+    )
+    method: str | None = option_field("NAME", "Integrator of the virtual states.", RENDERING)
+    estimator: str | None = option_field("NAME", "Velocity estimator.", RENDERING)
     as_json: JsonOption = False
-    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
-    bus: Annotated[str | None, option("BUS", BUSES, BENCH, default=DEFAULT_BUS)] = None
-    node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
-    rig: Annotated[Path | None, option("FILE", "Rig file of your bench; --bus sim simulates it.", BENCH)] = None
-    axes: Annotated[
-        list[str] | None,
-        option(
-            "SCENE_AXIS=RIG_AXIS",
-            "Assign an axis of the scene to an axis of the rig; may be repeated.",
-            BENCH,
-            "--axis",
-        ),
-    ] = None
-    zero: Annotated[
-        str | None,
-        option("here", "Zero is the position of the handle at enabling, instead of the zero of the rig.", BENCH),
-    ] = None
+    drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DRIVE)
+    bus: str | None = option_field("BUS", BUSES, BENCH, told=DEFAULT_BUS)
+    node: int | None = option_field("ID", "Node-ID of the first axis.", BENCH, told=DEFAULT_NODE)
+    rig: Path | None = option_field("FILE", "Rig file of your bench; --bus sim simulates it.", BENCH)
+    axes: list[str] | None = option_field(
+        "SCENE_AXIS=RIG_AXIS", "Assign an axis of the scene to an axis of the rig; may be repeated.", BENCH, "--axis"
+    )
+    zero: str | None = option_field(
+        "here", "Zero is the position of the handle at enabling, instead of the zero of the rig.", BENCH
+    )
     profiles: ProfilesOption = None
-    duration: Annotated[
-        float | None,
-        option("S", "Duration of the run, from enabling on.", RENDERING, default=DEFAULT_DURATION, parser=seconds),
-    ] = None
-    change: Annotated[
-        list[str] | None,
-        option(
-            "S:ELEMENT.PARAMETER=VALUE",
-            "Change the scene S seconds after enabling; may be repeated.",
-            RENDERING,
-        ),
-    ] = None
-    force: Annotated[
-        bool,
-        option(None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING, "--force"),
-    ] = False
-    fade_in: Annotated[
-        float,
-        option(
-            "S", "Time from enabling until the full force limit.", RENDERING, default=DEFAULT_FADE_IN, parser=seconds
-        ),
-    ] = DEFAULT_FADE_IN
-    hand: Annotated[
-        str | None,
-        option("NAME", HANDS, SIMULATION, default=f"the hand of the scene, or {DEFAULT_HAND}"),
-    ] = None
-    seed: Annotated[int, option("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
-    faults: Annotated[
-        str | None,
-        option("FILE", "File of faults of drive, bus, host and hand; random@SEED draws random ones.", SIMULATION),
-    ] = None
-    prove: Annotated[
-        bool,
-        option(None, "Test the drive watchdogs at zero torque first.", BENCH, "--prove"),
-    ] = False
-    record: Annotated[
-        Path | None, option("PATH", "Record frames as .log (candump) or .blf, or rows as .csv or .mcap.", OUTPUT)
-    ] = None
+    duration: float | None = option_field(
+        "S", "Duration of the run, from enabling on.", RENDERING, told=DEFAULT_DURATION
+    )
+    change: list[str] | None = option_field(
+        "S:ELEMENT.PARAMETER=VALUE", "Change the scene S seconds after enabling; may be repeated.", RENDERING
+    )
+    force: bool = option_field(
+        None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING, "--force"
+    )
+    fade_in: float = option_field(
+        "S", "Time from enabling until the full force limit.", RENDERING, default=DEFAULT_FADE_IN
+    )
+    hand: str | None = option_field("NAME", HANDS, SIMULATION, told=f"the hand of the scene, or {DEFAULT_HAND}")
+    seed: int = option_field("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)
+    faults: str | None = option_field(
+        "FILE", "File of faults of drive, bus, host and hand; random@SEED draws random ones.", SIMULATION
+    )
+    prove: bool = option_field(None, "Test the drive watchdogs at zero torque first.", BENCH, "--prove")
+    record: Path | None = option_field(
+        "PATH", "Record frames as .log (candump) or .blf, or rows as .csv or .mcap.", OUTPUT
+    )
     plot: PlotOption = None
-    view: Annotated[
-        bool, option(None, "Show the run on a page in the browser; simulations run in real time.", VIEW, "--view")
-    ] = False
-    view_host: Annotated[str | None, option("HOST", "Serve the page to other computers.", VIEW)] = None
-    view_port: Annotated[int | None, option("PORT", "Port of the page.", VIEW, default="8765, or a free one")] = None
-    view_required: Annotated[
-        bool, option(None, "End the run when no page shows it any more.", VIEW, "--view-required")
-    ] = False
-    yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
-    anonymous: Annotated[
-        bool, option(None, "Leave host, user and paths out of what is recorded.", OUTPUT, "--anonymous")
-    ] = False
+    view: bool = option_field(
+        None, "Show the run on a page in the browser; simulations run in real time.", VIEW, "--view"
+    )
+    view_host: str | None = option_field("HOST", "Serve the page to other computers.", VIEW)
+    view_port: int | None = option_field("PORT", "Port of the page.", VIEW, told="8765, or a free one")
+    view_required: bool = option_field(None, "End the run when no page shows it any more.", VIEW, "--view-required")
+    yes: bool = option_field(None, "Enable a real drive without asking.", None, "--yes")
+    anonymous: bool = option_field(None, "Leave host, user and paths out of what is recorded.", OUTPUT, "--anonymous")
     verbose: VerboseOption = False
 
     def task(self) -> "Task":
@@ -234,10 +219,9 @@ class RunOptions(SceneOptions):
     scene: Annotated[
         str | None, typer.Argument(metavar="[SCENE]", help="A scene of the library by name, or a scene file.")
     ] = None  # type: ignore[assignment]
-    source: Annotated[
-        Path | None,
-        option("FILE", "Repeat the run of a recording, picture or JSON object in simulation.", OUTPUT, "--from"),
-    ] = None
+    source: Path | None = option_field(
+        "FILE", "Repeat the run of a recording, picture or JSON object in simulation.", OUTPUT, "--from"
+    )
 
     def check_source(self) -> None:
         """Raise UsageError for options beside --from that the file decides, and for neither a scene nor a file."""
@@ -278,7 +262,12 @@ def options_of(
     """
 
     def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
-        options = [each for each in inspect.signature(make).parameters.values() if each.name not in without]
+        known = {each.name: each.metadata[OPTION] for each in fields(cast(Any, make)) if OPTION in each.metadata}
+        options = [
+            each.replace(annotation=Annotated[each.annotation, known[each.name]]) if each.name in known else each
+            for each in inspect.signature(make).parameters.values()
+            if each.name not in without
+        ]
 
         @wraps(command)
         def call(*args: P.args, **kwargs: P.kwargs) -> None:

@@ -18,9 +18,8 @@ from haptic_fieldbus.cli.options import (
     draw,
     note_assumed_bitrate,
     number,
-    option,
+    option_field,
     options_of,
-    seconds,
 )
 from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
@@ -43,14 +42,13 @@ DEVICE_PANEL = "Device instead of a bench (SI, in the workspace of the scene; om
 class StabilityOptions(SceneOptions):
     """Further options of `stability`."""
 
-    mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)] = None
-    damping: Annotated[float | None, option("N·S/M", "Viscous damping.", DEVICE_PANEL, parser=number)] = None
-    coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE_PANEL, parser=number)] = None
-    resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE_PANEL, parser=number)] = None
-    delay: Annotated[
-        float | None,
-        option("S", "Delay from sampling until the torque acts, without the hold.", DEVICE_PANEL, parser=seconds),
-    ] = None
+    mass: float | None = option_field("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)
+    damping: float | None = option_field("N·S/M", "Viscous damping.", DEVICE_PANEL, parser=number)
+    coulomb: float | None = option_field("N", "Coulomb friction.", DEVICE_PANEL, parser=number)
+    resolution: float | None = option_field("M", "One encoder count.", DEVICE_PANEL, parser=number)
+    delay: float | None = option_field(
+        "S", "Delay from sampling until the torque acts, without the hold.", DEVICE_PANEL
+    )
 
 
 @options_of(StabilityOptions, without=(*OF_A_RUN, "verbose"))
@@ -86,27 +84,17 @@ MOTION_DURATION = f"{exactly(DEFAULT_MOTION_DURATION)}, or the duration of the f
 class ResponseOptions(SceneOptions):
     """Further options of `response`."""
 
-    input: Annotated[
-        str, option("MOTION", "Motion of the puck: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION)
-    ] = DEFAULT_MOTION
-    amplitude: Annotated[
-        float,
-        option(
-            "M",
-            "Amplitude of the motion: end value of a ramp after one second, factor for a file.",
-            default=DEFAULT_AMPLITUDE,
-            parser=number,
-        ),
-    ] = DEFAULT_AMPLITUDE
-    duration: Annotated[
-        float | None, option("S", "Duration of the motion.", RENDERING, default=MOTION_DURATION, parser=seconds)
-    ] = None
-    model: Annotated[
-        bool,
-        option(
-            None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"
-        ),
-    ] = False
+    input: str = option_field("MOTION", "Motion of the puck: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION)
+    amplitude: float = option_field(
+        "M",
+        "Amplitude of the motion: end value of a ramp after one second, factor for a file.",
+        default=DEFAULT_AMPLITUDE,
+        parser=number,
+    )
+    duration: float | None = option_field("S", "Duration of the motion.", RENDERING, told=MOTION_DURATION)
+    model: bool = option_field(
+        None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"
+    )
 
 
 @options_of(ResponseOptions, without=(*OF_A_BENCH, "verbose", *set(OF_A_RUN).difference(["duration"])))
@@ -168,18 +156,14 @@ class EstimateOptions:
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="CSV with the columns time and position, or time and velocity; SI.")
     ]
-    estimator: Annotated[
-        str | None,
-        option(
-            "NAME",
-            "Velocity estimator with its parameters. For a file of velocities: a filter, or trapezoidal to integrate. "
-            "\\[default: backward-difference for positions, trapezoidal for velocities]",
-        ),
-    ] = None
-    resolution: Annotated[
-        float | None,
-        option("STEP", "One step of the signal. \\[default: the smallest difference of two values]", parser=number),
-    ] = None
+    estimator: str | None = option_field(
+        "NAME",
+        "Velocity estimator with its parameters. For a file of velocities: a filter, or trapezoidal to integrate. "
+        "\\[default: backward-difference for positions, trapezoidal for velocities]",
+    )
+    resolution: float | None = option_field(
+        "STEP", "One step of the signal. \\[default: the smallest difference of two values]", parser=number
+    )
     plot: PlotOption = None
     as_json: JsonOption = False
 
@@ -214,9 +198,9 @@ def estimate(options: EstimateOptions) -> None:
 class PlanOptions(SceneOptions):
     """Further options of `plan`."""
 
-    verbose: Annotated[
-        bool, option(None, "Print the verdict, the nominal limits and the worst case too.", None, "--verbose", "-v")
-    ] = False
+    verbose: bool = option_field(
+        None, "Print the verdict, the nominal limits and the worst case too.", None, "--verbose", "-v"
+    )
 
 
 @options_of(PlanOptions, without=(*OF_A_RUN, "plot"))

@@ -221,8 +221,7 @@ def check_profiles(
         typer.Argument(metavar="[NAME]...", help="Names or paths; default: all shipped profiles and your own."),
     ] = None,
     eds: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Compare one profile with the EDS or DCF of its vendor."),
+        Path | None, typer.Option(metavar="FILE", help="Compare one profile with the EDS or DCF of its vendor.")
     ] = None,
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,

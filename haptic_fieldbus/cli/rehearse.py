@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.bench import look
-from haptic_fieldbus.cli.options import OUTPUT, SceneOptions, check_plot, option, options_of
+from haptic_fieldbus.cli.options import OUTPUT, SceneOptions, check_plot, option_field, options_of
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
@@ -42,9 +42,9 @@ class RehearseOptions(SceneOptions):
             show_default=False,
         ),
     ] = SCENE
-    write_rig: Annotated[
-        Path | None, option("FILE", "Save the rig file with the watchdog proof and the confirmed directions.", OUTPUT)
-    ] = None
+    write_rig: Path | None = option_field(
+        "FILE", "Save the rig file with the watchdog proof and the confirmed directions.", OUTPUT
+    )
 
 
 @options_of(RehearseOptions, without=OF_A_RIG)

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, cast
 
 import typer
 
@@ -14,7 +14,7 @@ from haptic_fieldbus.cli.options import (
     check_plot,
     draw,
     note_assumed_bitrate,
-    option,
+    option_field,
     options_of,
 )
 from haptic_fieldbus.cli.output import never_wait
@@ -236,8 +236,8 @@ def _tell(result: "Result", options: SceneOptions) -> None:
 class DemoOptions:
     """Options of `demo`."""
 
-    port: Annotated[int | None, option("PORT", "Port of the page.", default="8765, or a free one")] = None
-    no_browser: Annotated[bool, option(None, "Only print the address of the page.", None, "--no-browser")] = False
+    port: int | None = option_field("PORT", "Port of the page.", told="8765, or a free one")
+    no_browser: bool = option_field(None, "Only print the address of the page.", None, "--no-browser")
 
 
 @options_of(DemoOptions)

@@ -36,8 +36,7 @@ The first run tests the drive watchdogs and saves the proof here."""
 
 def simulate(
     drive: Annotated[
-        list[str] | None,
-        option("PROFILE@NODE", "Drive profile by name or path, may be repeated.", default=DRIVE),
+        list[str] | None, option("PROFILE@NODE", "Drive profile by name or path, may be repeated.", default=DRIVE)
     ] = None,
     bus: Annotated[
         str | None,

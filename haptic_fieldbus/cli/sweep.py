@@ -4,9 +4,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from haptic_fieldbus.cli.options import OUTPUT, RENDERING, SceneOptions, check_plot, draw, option, options_of
+from haptic_fieldbus.cli.options import (
+    OF_A_VIEW,
+    OUTPUT,
+    RENDERING,
+    SceneOptions,
+    check_plot,
+    draw,
+    option_field,
+    options_of,
+)
 from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import UsageError
@@ -19,43 +28,32 @@ POINTS = "Points"
 class SweepOptions(SceneOptions):
     """Further options of `sweep`."""
 
-    grid: Annotated[
-        list[str] | None,
-        option(
-            "NAME=LO:HI:N[:log]",
-            "Values of a parameter, or NAME=V1,V2; every product of all is a point. Names are ELEMENT.PARAMETER, "
-            "rig.AXIS.KEY, rate, method and estimator; with the engine full also hand, seed, duration and fade_in.",
-            POINTS,
-        ),
-    ] = None
-    sample: Annotated[
-        int | None, option("N", "Draw N points between NAME=LO:HI[:log] instead, as a Latin hypercube.", POINTS)
-    ] = None
-    engine: Annotated[
-        str,
-        option(
-            "NAME",
-            "verdict judges the loop, loop simulates it in sustained contact, full runs it.",
-            RENDERING,
-            default=DEFAULT_ENGINE,
-        ),
-    ] = DEFAULT_ENGINE
-    steps: Annotated[int, option("N", "Periods of each loop of the engine loop.", RENDERING, default=DEFAULT_STEPS)] = (
-        DEFAULT_STEPS
+    grid: list[str] | None = option_field(
+        "NAME=LO:HI:N[:log]",
+        "Values of a parameter, or NAME=V1,V2; every product of all is a point. Names are ELEMENT.PARAMETER, "
+        "rig.AXIS.KEY, rate, method and estimator; with the engine full also hand, seed, duration and fade_in.",
+        POINTS,
     )
-    out: Annotated[
-        Path, option("FOLDER", "Folder of the rows; a sweep that was ended goes on.", OUTPUT, default=DEFAULT_SWEEP)
-    ] = Path(DEFAULT_SWEEP)
-    scheduler: Annotated[
-        str | None, option("ADDRESS", "Dask scheduler whose workers do the work, such as tcp://host:8786.", POINTS)
-    ] = None
-    workers: Annotated[int | None, option("N", "Number of processes.", POINTS, default="one a processor")] = None
+    sample: int | None = option_field(
+        "N", "Draw N points between NAME=LO:HI[:log] instead, as a Latin hypercube.", POINTS
+    )
+    engine: str = option_field(
+        "NAME",
+        "verdict judges the loop, loop simulates it in sustained contact, full runs it.",
+        RENDERING,
+        default=DEFAULT_ENGINE,
+    )
+    steps: int = option_field("N", "Periods of each loop of the engine loop.", RENDERING, default=DEFAULT_STEPS)
+    out: Path = option_field(
+        "FOLDER", "Folder of the rows; a sweep that was ended goes on.", OUTPUT, default=Path(DEFAULT_SWEEP)
+    )
+    scheduler: str | None = option_field(
+        "ADDRESS", "Dask scheduler whose workers do the work, such as tcp://host:8786.", POINTS
+    )
+    workers: int | None = option_field("N", "Number of processes.", POINTS, told="one a processor")
 
 
-LEFT_OUT = (
-    "change", "faults", "prove", "record", "yes", "anonymous", "view", "view_host", "view_port", "view_required",
-    "verbose",
-)  # fmt: skip
+LEFT_OUT = ("change", "faults", "prove", "record", "yes", "anonymous", "verbose", *OF_A_VIEW)
 """Options of `run` that a sweep has not."""
 
 
@@ -102,23 +100,18 @@ def sweep(options: SweepOptions) -> None:
 def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
     """Return the values of each parameter, or with a sample its range; raises one UsageError for all faults."""
     points: dict[str, Any] = {}
-    faults = []
+    faults = [] if texts else ["no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50"]
+    drawn = sample is not None
+    expected = "NAME=LO:HI, or NAME=LO:HI:log" if drawn else "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2"
     for text in texts:
-        name, equals, given = (part.strip() for part in text.partition("="))
-        expected = (
-            "NAME=LO:HI, or NAME=LO:HI:log" if sample is not None else "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2"
-        )
-        if not (equals and name and given):
-            faults.append(f'--grid "{text}": expected {expected}')
-        elif name in points:
+        name, _, given = (part.strip() for part in text.partition("="))
+        if name in points:
             faults.append(f"--grid {name}: given twice")
-        else:
-            try:
-                points[name] = _values(given, drawn=sample is not None)
-            except ValueError:
-                faults.append(f'--grid "{text}": expected {expected}')
-    if not texts:
-        faults.append("no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50")
+            continue
+        try:
+            points[name] = _values(name and given, drawn=drawn)
+        except ValueError:
+            faults.append(f'--grid "{text}": expected {expected}')
     if faults:
         raise UsageError("\n".join(faults))
     return points
@@ -129,21 +122,23 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
 
     Of values that are `drawn`, LO:HI or LO:HI:log, it is the range.
     """
-    if ":" not in text and not drawn:
+    if text and ":" not in text and not drawn:
         return [_plain_value(part.strip()) for part in text.split(",")]
     low, high, *words = text.split(":")
-    number, *how = ("0", *words) if drawn else words
+    number, *how = ("1", *words) if drawn else words
     count, ends = int(number), (float(low), float(high))
-    if how not in ([], ["log"]):
-        raise ValueError
-    if drawn:
-        return [*ends, *how]
     from numpy import geomspace, linspace
 
     from haptic_fieldbus.api.sweep_folder import LONGEST_LIST
 
-    if not 0 < count <= LONGEST_LIST or (how and not all(each > 0.0 for each in ends)):
+    if (
+        how not in ([], ["log"])
+        or not 0 < count <= LONGEST_LIST
+        or (how and not drawn and not all(each > 0.0 for each in ends))
+    ):
         raise ValueError
+    if drawn:
+        return [*ends, *how]
     values: list[float | str] = (geomspace if how else linspace)(*ends, count).tolist()
     return values
 

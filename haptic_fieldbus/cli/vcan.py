@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.failures import tell
-from haptic_fieldbus.cli.options import option, seconds
+from haptic_fieldbus.cli.options import option
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.defaults import DEFAULT_VCAN
 from haptic_fieldbus.errors import UsageError, VcanError
@@ -23,12 +23,7 @@ def vcan(
         list[Path] | None, option("DIR", "Folder that the command may write to in a guest kernel; may be repeated.")
     ] = None,
     time_limit: Annotated[
-        float,
-        option(
-            "S",
-            "Time limit of the command in s; then it is ended with exit status 124. \\[default: none]",
-            parser=seconds,
-        ),
+        float, option("S", "Time limit of the command in s; then it is ended with exit status 124. \\[default: none]")
     ] = inf,
     guest: Annotated[bool, option(None, "Always use a guest kernel.", None, "--guest")] = False,
 ) -> None:

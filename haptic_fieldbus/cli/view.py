@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Timer
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from haptic_fieldbus.cli.options import option, options_of
+from haptic_fieldbus.cli.options import option_field, options_of
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.errors import BusError, UsageError
 
@@ -107,12 +107,10 @@ def _announce(address: str, host: str, browser: bool) -> None:
 class ViewOptions:
     """Options of `view`."""
 
-    run: Annotated[
-        int | None, option("PID", "Process of the run.", default="the newest run of this user with --view")
-    ] = None
-    host: Annotated[str, option("HOST", "Address that the page is served at.", default=LOOPBACK)] = LOOPBACK
-    port: Annotated[int | None, option("PORT", "Port of the page.", default="8765, or a free one")] = None
-    token: Annotated[str | None, option("TOKEN", "Token of the address.", default="a random one")] = None
+    run: int | None = option_field("PID", "Process of the run.", told="the newest run of this user with --view")
+    host: str = option_field("HOST", "Address that the page is served at.", default=LOOPBACK)
+    port: int | None = option_field("PORT", "Port of the page.", told="8765, or a free one")
+    token: str | None = option_field("TOKEN", "Token of the address.", told="a random one")
 
 
 @options_of(ViewOptions)

@@ -53,7 +53,7 @@ def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
         if _seen(before) != _seen(os.stat(target)):
             return False
         os.replace(name, target)
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
     return True
 
 
@@ -61,14 +61,14 @@ def write_file(target: Path, content: bytes) -> None:
     """Create a file or replace it completely; raises OSError, and the file is then unchanged."""
     with _aside(target, content) as name:
         os.replace(name, target)
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def remove_file(target: Path) -> None:
     """Remove a file for good, if it is there; raises OSError."""
     target.unlink(missing_ok=True)
     if target.parent.is_dir():
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
 
 
 @contextmanager
@@ -101,7 +101,7 @@ def _seen(found: os.stat_result) -> tuple[int, int, int, int]:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Write the new name to the disk, if a folder can be synchronised."""
     if not hasattr(os, "O_DIRECTORY"):  # Windows opens no folder
         return
