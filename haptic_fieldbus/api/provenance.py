@@ -122,17 +122,12 @@ def _from(text: RunText | None, origin: RunText) -> Any:
     return None if text is None else replace(text, source=origin.source, source_sha256=origin.source_sha256)
 
 
-def _without_paths(provenance: Provenance) -> Provenance:
+def _without_paths(found: Provenance) -> Provenance:
     def bare(text: RunText | None) -> Any:
         return None if text is None else replace(text, source=None)
 
-    return replace(
-        provenance,
-        scene=bare(provenance.scene),
-        rig=bare(provenance.rig),
-        profiles=tuple(map(bare, provenance.profiles)),
-        faults=bare(provenance.faults),
-    )
+    profiles = tuple(map(bare, found.profiles))
+    return replace(found, scene=bare(found.scene), rig=bare(found.rig), profiles=profiles, faults=bare(found.faults))
 
 
 def text_of_scene(scene: Scene) -> RunText | None:

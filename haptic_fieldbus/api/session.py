@@ -102,17 +102,13 @@ def effort_scene(
         if value is not None and not (isinstance(value, int | float) and 0.0 <= value < math.inf):
             raise wrong_kind(f"session() {name}", "a number of 0 or more", value)
     found = load_rig(rig, profiles) if isinstance(rig, str | Path) else rig
-    axes = {"handle": Workspace.LINEAR}
-    if found is not None:
-        axes = {
-            name: Workspace.LINEAR if isinstance(axis.mechanism, LinearMechanism) else Workspace.ROTARY
-            for name, axis in found.axis.items()
-        }
-    if len(axes) > 1:
-        raise UsageError(f"effort= renders one axis; the rig has {', '.join(axes)}")
-    ((axis, workspace),) = axes.items()
+    axis, *others = ["handle"] if found is None else found.axis
+    if others:
+        raise UsageError(f"effort= renders one axis; the rig has {', '.join((axis, *others))}")
+    linear = found is None or isinstance(found.axis[axis].mechanism, LinearMechanism)
     element = OwnEffort(axis, effort, tuple(needs), stiffness or 0.0, damping or 0.0)
-    return Scene(EFFORT, "A function of the caller", (SceneAxis(axis, workspace),), (element,))
+    space = SceneAxis(axis, Workspace.LINEAR if linear else Workspace.ROTARY)
+    return Scene(EFFORT, "A function of the caller", (space,), (element,))
 
 
 # What the caller sees of a period.
@@ -144,11 +140,9 @@ class SessionState(NamedTuple):
     @property
     def axis(self) -> AxisView:
         """The only axis; raises UsageError where there are several."""
-        try:
-            (only,) = self.axes.values()
-        except ValueError:
-            text = f"the session has several axes; name one, as in state.axes[{min(self.axes)!r}]"
-            raise UsageError(text) from None
+        only, *others = self.axes.values()
+        if others:
+            raise UsageError(f"the session has several axes; name one, as in state.axes[{min(self.axes)!r}]")
         return only
 
     @property
@@ -180,7 +174,7 @@ def _viewer(run: Session, caller: Caller) -> Callable[[], SessionState]:
     begin = report.enabled_at_ns
     sights = [
         (axis.name, at.state, at.sensed if Signal.VELOCITY in axis.needs else None, axis.effort_unit)
-        for axis, at in ((axis, cycle.axes[axis.name]) for axis in run.plan.axes)
+        for axis, at in zip(run.plan.axes, cycle.axes.values(), strict=True)
     ]
 
     def look() -> SessionState:

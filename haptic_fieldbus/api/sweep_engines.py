@@ -445,15 +445,15 @@ def _figures(job: SweepJob, result: Result) -> dict[str, Any]:
 
 def run_figures(result: Result) -> dict[str, Any]:
     """Return the figures that `full` keeps of a run when no `measure` is given; SI units."""
-    error, stability = result.torque_error, result.stability
+    error, stability, trip = result.torque_error, result.stability, next(iter(result.trips), None)
     return {
-        "verdict": None if stability is None else stability.nominal.value,
-        "error_rms": None if error is None else error.rms,
-        "error_max": None if error is None else error.max,
-        "error_in_contact": None if error is None else error.contact,
+        "verdict": stability and stability.nominal.value,
+        "error_rms": error and error.rms,
+        "error_max": error and error.max,
+        "error_in_contact": error and error.contact,
         "energy_generated_j": result.energy_generated,
-        "trip": result.trips[0].name if result.trips else None,
-        "trip_time_s": result.trips[0].time if result.trips else None,
+        "trip": trip and trip.name,
+        "trip_time_s": trip and trip.time,
     }
 
 

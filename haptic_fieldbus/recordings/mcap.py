@@ -101,8 +101,8 @@ class McapFile:
             self._file.raw.close()
 
 
-def read_mcap(path: Path) -> tuple[list[str], dict[str, str], NDArray[np.float64], str, bool]:
-    """Return columns, units, rows `(n_rows, n_columns)`, the last provenance, and whether the file has its end.
+def read_mcap(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str], str, bool]:
+    """Return columns, units, the last provenance, and whether the file has its end.
 
     Of a file that was cut off, the rows are those of its whole chunks. Raises UsageError without the library and for a
     file that is none of ours, and OSError.
@@ -132,15 +132,8 @@ def read_mcap(path: Path) -> tuple[list[str], dict[str, str], NDArray[np.float64
         raise UsageError(f"{path}: no MCAP file of a run, or cut off before its first chunk")
     try:
         columns, units = json.loads(told.get("columns", "[]")), json.loads(told.get("units", "{}"))
-        kind = np.dtype(
-            [
-                each
-                for n, tag in enumerate(_tags(len(columns)))
-                for each in ((f"t{n}", f"V{len(tag)}"), (f"v{n}", "<f8"))
-            ]
-        )
-        table = np.frombuffer(b"".join(messages), kind)
+        fields = [(str(n), [("tag", f"V{len(tag)}"), ("value", "<f8")]) for n, tag in enumerate(_tags(len(columns)))]
+        table = np.frombuffer(b"".join(messages), np.dtype(fields))
     except ValueError as error:
         raise UsageError(f"{path}: no MCAP file of a run: {error}") from error
-    rows = np.array([table[f"v{n}"] for n in range(len(columns))], float).T.reshape(-1, len(columns))
-    return columns, units, rows, provenance, complete
+    return {name: table[str(n)]["value"].astype(float) for n, name in enumerate(columns)}, units, provenance, complete

@@ -5,7 +5,7 @@ import re
 import struct
 import zlib
 from base64 import b64decode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -44,17 +44,23 @@ def read_provenance(path: str | Path) -> Provenance:
     if not isinstance(path, str | Path):
         raise wrong_kind("path", "that of a recording, a picture or a JSON object", path)
     path = Path(path)
+    found = _read(path, _found, "no provenance in it")
+    if found is None:
+        raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
+    return checked(found, path)
+
+
+def _read(path: Path, reader: Callable[[Path], Any], fault: str) -> Any:
+    """Return what a reader makes of a regular file; raises UsageError, which names it, where it can make nothing."""
     try:
-        found = _found(path)
+        check_regular(path)
+        return reader(path)
     except UsageError:
         raise
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from error
     except (ValueError, LookupError, TypeError, RecursionError, zlib.error) as error:  # of JSON, UTF-8 or base64
-        raise UsageError(f"{path}: no provenance in it: {error}") from error
-    if found is None:
-        raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
-    return checked(found, path)
+        raise UsageError(f"{path}: {fault}: {error}") from error
 
 
 def checked(found: object, path: Path) -> Provenance:
@@ -91,9 +97,8 @@ def _found(path: Path) -> Any:
             made = f"by {' '.join(table['command'])} on {table['date']} with version {table['version']}"
             raise UsageError(f"{path}: shows no run that could be repeated; made {made}")
         return table
-    check_regular(path)
     if path.suffix in HOLDERS:
-        text = HOLDERS[path.suffix](path)[3]
+        text = HOLDERS[path.suffix](path)[2]
         return json.loads(text) if text else None
     beside = side_file(path)
     return json.loads(read_octets(beside, PROVENANCE_SIZE).decode()) if beside.is_file() else None
@@ -181,22 +186,13 @@ def read_recording(path: str | Path) -> RecordedRun:
     readers = {".csv": _csv, ".mcap": _held, ".parquet": _held, ".log": _candump, ".blf": _blf}
     if path.suffix not in readers:
         raise UsageError(f"{path}: expected a recording, one of {', '.join(readers)}")
-    try:
-        check_regular(path)
-        return readers[path.suffix](path)
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, KeyError) as error:
-        if isinstance(error, UsageError):
-            raise
-        raise UsageError(f"{path}: no recording of this format: {error}") from error
+    found: RecordedRun = _read(path, readers[path.suffix], "no recording of this format")
+    return found
 
 
-def _beside(path: Path) -> Provenance | None:
-    return read_provenance(path) if side_file(path).is_file() else None
-
-
-def _of(path: Path, columns: Mapping[str, Any], provenance: Provenance | None, complete: bool) -> RecordedRun:
+def _of(path: Path, columns: Mapping[str, Any], complete: bool) -> RecordedRun:
+    """Return a recording with the provenance of the file beside it."""
+    provenance = read_provenance(path) if side_file(path).is_file() else None
     return RecordedRun(path, dict(columns), column_units(columns, provenance), provenance, complete)
 
 
@@ -209,17 +205,16 @@ def _csv(path: Path) -> RecordedRun:
     if table.shape[1] != len(names):
         raise ValueError(f"{table.shape[1]} values in a line, {len(names)} names")
     columns = {name: table[:, place] for place, name in enumerate(names)}
-    return _of(path, columns, _beside(path), len(whole) > 0 and octets.endswith(b"\n"))
+    return _of(path, columns, len(whole) > 0 and octets.endswith(b"\n"))
 
 
 def _held(path: Path) -> RecordedRun:
     """Return the rows of a file that holds its provenance."""
-    columns, units, table, text, complete = HOLDERS[path.suffix](path)
-    provenance = checked(json.loads(text), path) if text else None
-    return RecordedRun(path, dict(zip(columns, table.T, strict=True)), units, provenance, complete)
+    columns, units, text, complete = HOLDERS[path.suffix](path)
+    return RecordedRun(path, {**columns}, units, checked(json.loads(text), path) if text else None, complete)
 
 
-def _parquet(path: Path) -> tuple[list[str], dict[str, str], NDArray[np.float64], str, bool]:
+def _parquet(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str], str, bool]:
     """Return what `read_mcap` returns."""
     require("pyarrow", "data")
     from pyarrow import parquet
@@ -227,12 +222,12 @@ def _parquet(path: Path) -> tuple[list[str], dict[str, str], NDArray[np.float64]
     table = parquet.read_table(path)
     units = {each.name: each.metadata[UNIT].decode() for each in table.schema if UNIT in (each.metadata or {})}
     text = (table.schema.metadata or {}).get(METADATA.encode(), b"").decode()
-    rows = np.array([each.to_numpy() for each in table.columns], float).T.reshape(-1, table.num_columns)
-    return table.column_names, units, rows, text, True
+    columns = {name: table[name].to_numpy().astype(float) for name in table.column_names}
+    return columns, units, text, True
 
 
 HOLDERS = {".mcap": read_mcap, ".parquet": _parquet}
-"""By suffix: function that returns columns, units, rows, provenance, and whether the file has its end."""
+"""By suffix: function that returns columns, units, provenance, and whether the file has its end."""
 
 
 def _candump(path: Path) -> RecordedRun:
@@ -240,14 +235,11 @@ def _candump(path: Path) -> RecordedRun:
     found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
     if not all(found):
         raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")
-    frames = [each.groups() for each in found if each is not None]
-    columns = {
-        "time": np.array([float(time) for time, *_ in frames]),
-        "channel": np.array([channel for _, channel, *_ in frames], object),
-        "can_id": np.array([int(can_id, 16) for _, _, can_id, _ in frames], np.int64),
-        "data": np.array([b"" if data == "R" else bytes.fromhex(data) for *_, data in frames], object),
-    }
-    return _of(path, columns, _beside(path), text.endswith("\n"))
+    frames = [
+        (float(time), channel, int(can_id, 16), b"" if data == "R" else bytes.fromhex(data))
+        for time, channel, can_id, data in (each.groups() for each in found if each is not None)
+    ]
+    return _frames(path, frames, complete=text.endswith("\n"))
 
 
 def _blf(path: Path) -> RecordedRun:
@@ -255,13 +247,15 @@ def _blf(path: Path) -> RecordedRun:
 
     try:
         with path.open("rb") as stream:
-            frames = list(BLFReader(stream))
+            frames = [(each.timestamp, str(each.channel), each.arbitration_id, bytes(each.data))
+                      for each in BLFReader(stream)]  # fmt: skip
     except (BLFParseError, struct.error, zlib.error) as error:
         raise ValueError(error) from error
-    columns = {
-        "time": np.array([each.timestamp for each in frames], float),
-        "channel": np.array([str(each.channel) for each in frames], object),
-        "can_id": np.array([each.arbitration_id for each in frames], np.int64),
-        "data": np.array([bytes(each.data) for each in frames], object),
-    }
-    return _of(path, columns, _beside(path), complete=True)
+    return _frames(path, frames, complete=True)
+
+
+def _frames(path: Path, frames: Sequence[tuple[float, str, int, bytes]], *, complete: bool) -> RecordedRun:
+    """Return the recording of frames: time, channel, CAN-ID and data of each."""
+    kinds = {"time": float, "channel": object, "can_id": np.int64, "data": object}
+    columns = {name: np.array([each[n] for each in frames], kind) for n, (name, kind) in enumerate(kinds.items())}
+    return _of(path, columns, complete)

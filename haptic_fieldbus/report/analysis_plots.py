@@ -365,8 +365,7 @@ def _draw_line(panel: Axes, x: Array, values: list[object], outcome: Array, *, n
     if numbers:
         panel.plot(x[order], np.array(values, float)[order], ".-", color=BLUE, linewidth=1.2, markersize=4)
         return
-    kinds = _kinds(values, outcome)
-    found = [kind for kind in KINDS_OF_POINTS if (kinds == kind).any()]
+    kinds, found = _kinds(values, outcome)
     for place, kind in enumerate(found):
         own = x[kinds == kind]
         panel.plot(own, np.full(len(own), place), "|", markersize=18, markeredgewidth=2, color=KINDS_OF_POINTS[kind])
@@ -379,23 +378,25 @@ def _told(kind: str) -> str:
     return f"{kind}{IF_STATED}" if kind == "passive" else kind
 
 
-def _kinds(values: list[object], outcome: Array) -> NDArray[np.str_]:
-    return np.where(outcome == "refused", "refused", np.array([str(each) for each in values]))
+def _kinds(values: list[object], outcome: Array) -> tuple[NDArray[np.str_], list[str]]:
+    """Return the kind of each point, and the kinds that there are in the order of the legend."""
+    kinds = np.where(outcome == "refused", "refused", np.array([str(each) for each in values]))
+    return kinds, [kind for kind in KINDS_OF_POINTS if (kinds == kind).any()]
 
 
 def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Array, *, numbers: bool) -> None:
     """Draw a grid as an area, and other points as dots, in colours of their numbers or kinds."""
-    shown = [kind for kind in KINDS_OF_POINTS if (_kinds(values, outcome) == kind).any()]
-    colours: Any = "viridis"
-    shades = np.array(values if numbers else outcome == "", float)
-    if not numbers:
-        kinds = _kinds(values, outcome)
-        for place, kind in enumerate(shown):
-            shades[kinds == kind] = place
-        colours = ListedColormap([KINDS_OF_POINTS[kind] for kind in shown])
-        ends: dict[str, Any] = {"vmin": -0.5, "vmax": len(shown) - 0.5}
+    shown, look = list[str](), dict[str, Any](cmap="viridis")
+    if numbers:
+        shades = np.array(values, float)
     else:
-        ends = {}
+        kinds, shown = _kinds(values, outcome)
+        shades = np.select([kinds == kind for kind in shown], [float(place) for place in range(len(shown))])
+        look = {
+            "cmap": ListedColormap([KINDS_OF_POINTS[kind] for kind in shown]),
+            "vmin": -0.5,
+            "vmax": len(shown) - 0.5,
+        }
     for direction, each in (("x", x), ("y", y)):
         _spaced(panel, direction, each)
     across, upward = np.unique(x), np.unique(y)
@@ -403,16 +404,15 @@ def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Ar
         area = np.full((len(upward), len(across)), math.nan)
         area[np.searchsorted(upward, y), np.searchsorted(across, x)] = shades
         panel.set_facecolor(KINDS_OF_POINTS["refused"])
-        drawn: Any = panel.pcolormesh(across, upward, area, cmap=colours, shading="nearest", rasterized=True, **ends)
+        drawn: Any = panel.pcolormesh(across, upward, area, shading="nearest", rasterized=True, **look)
     else:
         kept = slice(None, None, max(len(x) // MOST_DRAWN, 1))
         size = max(200.0 / math.sqrt(len(x)), 1.2)
-        drawn = panel.scatter(x[kept], y[kept], c=shades[kept], cmap=colours, s=size**2, linewidths=0.0, **ends)
+        drawn = panel.scatter(x[kept], y[kept], c=shades[kept], s=size**2, linewidths=0.0, **look)
     if numbers:
         panel.figure.colorbar(drawn, ax=panel)
-    else:
-        for kind in shown:
-            panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=_told(kind))
+    for kind in shown:
+        panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=_told(kind))
 
 
 # Picture of a measured bench: its motion, the prediction error, and the response from torque to position.

@@ -51,7 +51,8 @@ def check_element(element: AnyElement, reach: Reach = REACH) -> None:
     wanted = ("name", "needs", "linearised")
     if isinstance(element, type) or not all(hasattr(element, each) for each in wanted):
         raise wrong_kind("element", f"an object with {', '.join(wanted)} and a law", element)
-    _judge(element, element.name, ELEMENT_CHECKS, reach)
+    checks = (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number)
+    _judge(element, checks, reach)
 
 
 def check_estimator(estimator: Estimator) -> None:
@@ -60,7 +61,7 @@ def check_estimator(estimator: Estimator) -> None:
     Raises TypeError for an object of another class.
     """
     _check_class("estimator", Estimator, estimator)
-    _judge(estimator, estimator.name, ESTIMATOR_CHECKS)
+    _judge(estimator, (_velocity, _linear_system))
 
 
 def check_integrator(integrator: Integrator) -> None:
@@ -69,7 +70,7 @@ def check_integrator(integrator: Integrator) -> None:
     Raises TypeError for an object of another class.
     """
     _check_class("integrator", Integrator, integrator)
-    _judge(integrator, integrator.name, INTEGRATOR_CHECKS)
+    _judge(integrator, (_rest, _claims))
 
 
 def check_hand(hand: Hand) -> None:
@@ -78,7 +79,7 @@ def check_hand(hand: Hand) -> None:
     Raises TypeError for an object of another class.
     """
     _check_class("hand", Hand, hand)
-    _judge(hand, hand.name, (hand_faults,))
+    _judge(hand, (hand_faults,))
 
 
 def _check_class(name: str, expected: type, given: object) -> None:
@@ -86,7 +87,7 @@ def _check_class(name: str, expected: type, given: object) -> None:
         raise wrong_kind(name, f"an object of {expected.__name__}", given)
 
 
-def _judge(part: Any, name: str, checks: Iterable[Check], *arguments: Any) -> None:
+def _judge(part: Any, checks: Iterable[Check], *arguments: Any) -> None:
     """Raise AssertionError with the faults of all checks; an error in the code of the part is a fault of it."""
     faults: list[str] = []
     for check in checks:
@@ -95,7 +96,7 @@ def _judge(part: Any, name: str, checks: Iterable[Check], *arguments: Any) -> No
         except Exception as error:  # foreign code may raise anything
             faults.append(f"{check.__name__.strip('_').replace('_', ' ')}: {told_at(error)}")
     if faults:
-        raise AssertionError("\n".join(f"{name}: {fault}" for fault in faults))
+        raise AssertionError("\n".join(f"{part.name}: {fault}" for fault in faults))
 
 
 # An element.
@@ -123,11 +124,6 @@ def feedback(element: AnyElement, values: list[float]) -> Iterator[list[Any]]:
 
 def _numbers(found: Any) -> tuple[Any, ...]:
     return found if isinstance(found, tuple) else (found,)
-
-
-def _motion(element: AnyElement) -> list[Signal]:
-    """Return the signals of motion that an element needs, of each of its axes."""
-    return [each for each in element.needs * axis_count(element) if each is not Signal.ELAPSED_NS]
 
 
 def _form(element: Any, reach: Reach) -> Iterator[str]:
@@ -211,9 +207,9 @@ def _force(element: AnyElement, reach: Reach) -> Iterator[str]:
 
 def _not_a_number(element: AnyElement, reach: Reach) -> Iterator[str]:
     """Check that not-a-number goes through and that a motion without end raises nothing: the cycle trips on both."""
-    if not _motion(element):
-        return
     signals = element.needs * axis_count(element)
+    if all(each is Signal.ELAPSED_NS for each in signals):
+        return
     found = law(element)(*[0 if signal is Signal.ELAPSED_NS else math.nan for signal in signals])
     if not any(math.isnan(each) for each in _numbers(found)):
         yield f"not-a-number becomes the force {found}; let it through, as max(x, 0.0 * x) does"
@@ -221,9 +217,6 @@ def _not_a_number(element: AnyElement, reach: Reach) -> Iterator[str]:
         felt = law(element)
         for value in (0.0, end, 0.0):
             felt(*[0 if signal is Signal.ELAPSED_NS else value for signal in signals])
-
-
-ELEMENT_CHECKS: tuple[Check, ...] = (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number)
 
 
 # An estimator.
@@ -272,15 +265,12 @@ def _linear_system(estimator: Estimator) -> Iterator[str]:
         yield "system is not stable"
         return
     state, expected = np.zeros(system.order), []
-    for x in walk:
-        expected.append(float(system.c[0] @ state + system.d[0, 0] * (x - walk[0])))
-        state = system.a @ state + system.b[:, 0] * (x - walk[0])
+    for x in np.array(walk) - walk[0]:
+        expected.append(float(system.c[0] @ state + system.d[0, 0] * x))
+        state = system.a @ state + system.b[:, 0] * x
     found = np.array(_steps(estimator, walk))
     if not np.allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max()):
         yield "the step does not do what system says"
-
-
-ESTIMATOR_CHECKS: tuple[Check, ...] = (_velocity, _linear_system)
 
 
 # An integrator.
@@ -339,6 +329,3 @@ def _claims(integrator: Integrator) -> Iterator[str]:
         order = math.log2(coarse / fine)
         if order < integrator.free_order - 0.3:
             yield f"error of a free motion falls with order {order:.2f}, claimed {integrator.free_order}"
-
-
-INTEGRATOR_CHECKS: tuple[Check, ...] = (_rest, _claims)
