@@ -14,6 +14,7 @@ from statistics import median
 import drive_cost
 import modbus_exchange
 import period_cost
+import plan_cost
 import session_cost
 import start_cost
 import step_cost
@@ -32,6 +33,7 @@ FIGURES: tuple[Figure, ...] = (
     *session_cost.FIGURES,
     *sweep_cost.FIGURES,
     *drive_cost.FIGURES,
+    *plan_cost.FIGURES,
     *start_cost.FIGURES,
 )
 ROUNDS, SHORT_ROUNDS = 15, 3

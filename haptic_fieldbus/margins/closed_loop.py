@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
+from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings, limit_of
 from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.margins.stiffness_map import Places, RestingPlace
@@ -25,6 +25,9 @@ from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
 
+
+USUAL = 1e-3
+"""A stiffness of a usual size, as a share of m/T² + b/T."""
 
 # The elements of an axis in sustained contact as one discrete environment, with one stiffness that varies.
 
@@ -171,7 +174,21 @@ class ClosedLoop(ABC):
 
     def limit(self, environment_of: EnvironmentOf, **search: float) -> float:
         """Return the stiffness [N/m or N·m/rad] up to which the loop is stable; 0, ∞ and `search` as in `limit_of`."""
-        return limit_of(lambda stiffness: self.growth(environment_of(stiffness)), self.scale(environment_of), **search)
+        return limit_of(
+            lambda stiffness: self.growth(environment_of(stiffness)),
+            self.scale(environment_of),
+            expected=self.crossings(environment_of),
+            **search,
+        )
+
+    @abstractmethod
+    def crossings(self, environment_of: EnvironmentOf) -> list[float] | None:
+        """Return all stiffnesses at which an eigenvalue has the modulus 1; None if there is no closed form."""
+
+    def _usual(self, environment_of: EnvironmentOf) -> tuple[float, list[StateSpace]]:
+        """Return a stiffness of a usual size, and the environments at its first three multiples."""
+        step = USUAL * self.scale(environment_of)
+        return step, [environment_of(multiple * step) for multiple in (1.0, 2.0, 3.0)]
 
     def bears(self, environment: StateSpace) -> bool:
         """Return whether the loop is stable, up to rounding."""
@@ -215,6 +232,13 @@ class OneAxis(ClosedLoop):
         if isinstance(environment, Places):
             return math.inf if environment.runs_off else environment.worst(self.devices[0])[0].growth
         return sampled.growth(self.devices[0], environment)
+
+    def crossings(self, environment_of: EnvironmentOf) -> list[float] | None:
+        step, environments = self._usual(environment_of)
+        first, *others = environments
+        if isinstance(first, Places):
+            return first.crossings(others, step, self.devices[0])
+        return crossings([sampled.loop_matrix(self.devices[0], each) for each in environments], step)
 
     def judged_at(self, environment: StateSpace) -> tuple[RestingPlace | None, RestingPlace | None]:
         (axis,) = self.axes

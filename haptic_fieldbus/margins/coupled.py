@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis, linearised
-from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
+from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings
 from haptic_fieldbus.margins.passivity import MOST_WEIGHTS, searched, spread_of
 from haptic_fieldbus.margins.stiffness_map import Places
 from haptic_fieldbus.numerics import coupled
@@ -141,6 +141,8 @@ def _adjoint(matrices: Complex) -> Complex:
 
 SMALLEST, PRECISION = 1e-9, 1e-8
 """Search for the limit of passivity: its first stiffness as a share of m/T² + b/T, and its relative precision."""
+MOST_CLOSED = 8
+"""Largest number of combinations of places for whose crossings the closed form takes less time than a search."""
 MOST_TOGETHER = 64
 """Combinations of places of all axes that are tried."""
 
@@ -194,6 +196,16 @@ class CoupledAxes(ClosedLoop):
             return math.inf
         found = self._worst(environment)[0]
         return max(found, self._apart) if self.may_slacken else found
+
+    def crossings(self, environment_of: EnvironmentOf) -> list[float] | None:
+        if len(self._own) > MOST_CLOSED:
+            return None
+        step, environments = self._usual(environment_of)
+        found = [
+            crossings([coupled.loop_matrix(self.devices, parallel([each, own])) for each in environments], step)
+            for own in self._own
+        ]
+        return None if None in found else [stiffness for each in found for stiffness in each or ()]
 
     def _growth(self, environment: StateSpace) -> float:
         falls = int((_stiffnesses(environment) < 0.0).sum())

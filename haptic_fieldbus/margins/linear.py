@@ -1,7 +1,9 @@
 """Stability by eigenvalues: the largest stiffness, and patterns of missing frames."""
 
 import math
-from collections.abc import Callable, Sequence
+from bisect import bisect
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -25,28 +27,78 @@ backward Euler. For larger stiffnesses the eigenvalues would show rounding only.
 """
 SCAN_FACTOR = math.sqrt(2.0)
 """Ratio of neighbouring stiffnesses of the search."""
+MOST_STATES = 20
+"""Largest number of states for which `crossings` are exact enough: each period of delay is a state."""
 ROUNDING = 1e-11
 """Excess of a spectral radius over 1 that may be rounding."""
 
 
 def limit_of(
-    growth: Callable[[float], float], scale: float, *, factor: float = SCAN_FACTOR, precision: float = 1e-10
+    growth: Callable[[float], float],
+    scale: float,
+    *,
+    factor: float = SCAN_FACTOR,
+    precision: float = 1e-10,
+    expected: Sequence[float] | None = None,
 ) -> float:
     """Return the stiffness at which `growth`, the largest modulus of a loop's eigenvalues, first exceeds 1.
 
     0 when the smallest stiffness is not stable, ∞ when every stiffness is. The search goes from `SMALLEST` to `LARGEST`
-    times `scale`, an m/T² + b/T, in steps of `factor`, and ends at a relative `precision`.
+    times `scale`, an m/T² + b/T, in steps of `factor`, and ends at a relative `precision`. With `expected`, all
+    stiffnesses at which an eigenvalue has the modulus 1 (`crossings`), only the steps beside them are tried.
     """
 
+    @cache
     def excess(stiffness: float) -> float:
         return growth(stiffness) - 1.0
 
-    low, high = 0.0, SMALLEST * scale
-    while excess(high) <= ROUNDING:
-        low, high = high, high * factor
-        if high > LARGEST * scale:
-            return math.inf
-    return crossing(excess, low, high, precision) if low else 0.0
+    steps = [SMALLEST * scale]
+    while steps[-1] <= LARGEST * scale:
+        steps.append(steps[-1] * factor)
+    tried: Iterable[int] = range(len(steps) - 1)
+    if expected is not None:
+        # An expected stiffness that is equal to a step may lie on either side of it.
+        beside = {bisect(steps, stiffness) + more for stiffness in expected for more in (0, 1)}
+        tried = sorted({0, *beside, len(steps) - 2} & {*tried})
+    for step in tried:
+        if excess(steps[step]) > ROUNDING:
+            if step and expected is not None and excess(steps[step - 1]) > ROUNDING:
+                return limit_of(growth, scale, factor=factor, precision=precision)  # a crossing was not expected
+            return crossing(excess, steps[step - 1], steps[step], precision) if step else 0.0
+    return math.inf
+
+
+def crossings(matrices: Sequence[Matrix], step: float) -> list[float] | None:
+    """Return all k for which an eigenvalue of M(k) has the modulus 1; None without a closed form.
+
+    `matrices` are M at `step`, 2·`step` and 3·`step`, a k of the usual size. The closed form needs an M that is linear
+    in k, with a single force of the stiffness k. Then det(z − M(k)) = D(z) + k·N(z). An eigenvalue z = e^(jθ) needs
+    Im(D·N*) = 0, which is sin θ times a polynomial in y = 1 − cos θ, and has k = −Re(D·N*)/|N|². These are the bounds
+    of Jury's criterion.
+    """
+    one, two, three = matrices
+    if not one.shape == two.shape == three.shape or len(one) > MOST_STATES:
+        return None
+    if np.abs(three - two - (two - one)).max() > 1e-9 * np.abs(two - one).max():
+        return None
+    poles, moved, twice = (np.poly(each) for each in (2.0 * one - two, one, two))
+    change, order = moved - poles, len(one)
+    if np.abs(twice - moved - change).max() > 1e-9 * np.abs(change).max():
+        return None
+    # Im(D·N*) = Σ s_m·sin mθ, and sin mθ = sin θ·U_(m−1)(cos θ) with Chebyshev's polynomials U.
+    products = np.convolve(poles, change[::-1])
+    total, before, chebyshev = np.zeros(1), np.zeros(1), np.ones(1)
+    for sine in products[order - 1 :: -1] - products[order + 1 :]:
+        total = np.polyadd(total, sine * chebyshev)
+        before, chebyshev = chebyshev, np.polysub(np.polymul([-2.0, 2.0], chebyshev), before)
+    # The small y decide; they are the large roots of the polynomial in 1/y, which are exact to all digits.
+    inverse = np.roots(total[::-1])
+    inverse = inverse[(inverse.real > 0.5) & (np.abs(inverse.imag) <= 1e-6 * np.abs(inverse))].real
+    z = np.exp(1j * np.array([0.0, math.pi, *(2.0 * np.arcsin(np.sqrt(0.5 / inverse)))]))
+    moving = np.polyval(change, z)
+    found = -(np.polyval(poles, z) * moving.conj()).real / np.where(moving == 0.0, math.nan, np.abs(moving) ** 2)
+    finite: list[float] = (step * found[np.isfinite(found)]).tolist()
+    return finite
 
 
 def crossing(excess: Callable[[float], float], low: float, high: float, precision: float) -> float:

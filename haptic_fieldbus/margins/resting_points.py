@@ -1,9 +1,9 @@
 """The environment of one axis from its elements: spring and damper at every place, in parallel with virtual states."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -37,6 +37,8 @@ from haptic_fieldbus.signals import Signal
 
 MOST_COMBINED = 4
 """Largest number of elements with a memory whose combinations are all tried; beyond it only all together, and none."""
+KEPT_AXES, KEPT_ENVIRONMENTS = 16, 8
+"""Number of axes whose elements are kept, and of their environments that are kept for each."""
 MOST_PIECES = 3
 """Largest number of different stiffnesses of a piecewise linear element: one on each side, and 0."""
 
@@ -67,6 +69,14 @@ class AxisElements:
 
         Raises UsageError as `numerics.sampled.environment`.
         """
+        return self._kept_environment(tuple(changes.items()))
+
+    @cached_property
+    def _kept_environment(self) -> Callable[[tuple[tuple[str, float], ...]], Places]:
+        """`_changed_environment`, with the last results: the corners of the ranges ask for the same stiffnesses."""
+        return lru_cache(maxsize=KEPT_ENVIRONMENTS)(lambda changes: self._changed_environment(dict(changes)))
+
+    def _changed_environment(self, changes: Mapping[str, float]) -> Places:
         beside, scaled = self._beside(changes), self._scaled(changes)
         ground = self._ground(changes) if scaled is None else None
         position, stiffness, damping = self._stated(self._resting(ground) if scaled is None else scaled, changes)
@@ -281,6 +291,24 @@ class AxisElements:
     def _swept(self, others: Sequence[Element]) -> StateSpace | None:
         spaces = [self._discrete(each) for each in others if self._is_linear(each)]
         return estimated(parallel(spaces), self.period, self.estimator) if spaces else None
+
+
+def elements_of(
+    elements: tuple[Element, ...],
+    period: float,
+    method: str | None,
+    estimator: str | None,
+    effort: float,
+    travel: Interval,
+) -> AxisElements:
+    """Return the elements of an axis; those of an equal axis are reused, because they do not depend on its device."""
+    try:
+        return _kept(elements, period, method, estimator, effort, travel)
+    except TypeError:  # an element of one's own without a hash
+        return AxisElements(elements, period, method, estimator, effort, travel)
+
+
+_kept = lru_cache(maxsize=KEPT_AXES)(AxisElements)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.margins.linear import crossings
 from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
@@ -114,12 +115,17 @@ class StiffnessMap:
     position: Array
     """Places [m or rad], (n,)."""
     places: Survey
-    between: Survey
-    """Bounds on the n + 1 intervals before, between and after the places, within the travel."""
+    find_between: Callable[[], Survey]
+    """Function that computes `between`; the eigenvalues do not need it."""
+
+    @cached_property
+    def between(self) -> Survey:
+        """Bounds on the n + 1 intervals before, between and after the places, within the travel."""
+        return self.find_between()
 
     def scaled(self, row: int, factor: float) -> "StiffnessMap":
         """Return the same with `factor` times the force of one element."""
-        return StiffnessMap(self.position, self.places.scaled(row, factor), self.between.scaled(row, factor))
+        return StiffnessMap(self.position, self.places.scaled(row, factor), lambda: self.between.scaled(row, factor))
 
 
 def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> StiffnessMap:
@@ -131,7 +137,7 @@ def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Sti
     return StiffnessMap(
         np.array(grid),
         survey(elements, [(place, place) for place in grid]),
-        survey(elements, [(low, high) for low, high in pairwise(edges) if low < high]),
+        lambda: survey(elements, [(low, high) for low, high in pairwise(edges) if low < high]),
     )
 
 
@@ -301,6 +307,32 @@ class Places(StateSpace):
         ideal = math.exp(fall * period) if fall * period < LARGEST_EXPONENT else math.inf
         return RestingPlace(_known(self.position[at]), stiffness, virtual, grown, ideal)
 
+    def crossings(self, others: Sequence[StateSpace], step: float, device: SampledPlant) -> list[float] | None:
+        """Return all stiffnesses K at which an eigenvalue has the modulus 1 at any place; None without a closed form.
+
+        This environment has K = `step`, the two `others` have 2·`step` and 3·`step`. The slopes of the places must be
+        linear in K, and nothing else may depend on it.
+        """
+        known = [self, *(each for each in others if isinstance(each, Places))]
+        if any(each.together is not self.together or not np.array_equal(each.damping, self.damping) for each in known):
+            return None
+        one, two, three = (each.stiffness for each in known)
+        share, offset = (two - one) / step, 2.0 * one - two
+        if np.abs(three - two - (two - one)).max() > 1e-9 * np.abs(three).max():
+            return None
+        found: list[float] = []
+        for together, damping in product(self.together, np.unique(self.damping)):
+            free, spring, damper = (
+                sampled.loop_matrix(device, each) for each in (together.free, together.spring, together.damper)
+            )
+            damped = free + damping * (damper - free)
+            slopes = crossings([damped + multiple * step * (spring - free) for multiple in (1.0, 2.0, 3.0)], step)
+            if slopes is None:
+                return None
+            varied = (self.damping == damping) & (np.abs(share) > FLAT * np.abs(share).max())
+            found += (np.subtract.outer(slopes, offset[varied]) / share[varied]).ravel().tolist()
+        return found
+
     def environments(self, most: int) -> list[StateSpace]:
         """Return the environment at each different place; with more than `most`, some that cover all stiffnesses."""
         pairs = np.unique(np.round(np.column_stack([self.stiffness, self.damping]), 12), axis=0)
@@ -327,8 +359,11 @@ class Places(StateSpace):
         if not any(each.free.c.any() or each.free.d.any() for each in self.together):
             acting = rows[pairs[rows].any(axis=1)]
             rows = acting if len(acting) else rows[:1]
+        dampings, counts = np.unique(pairs[rows, 0], return_counts=True)
+        if counts.max() <= MOST_ALIKE:
+            return np.asarray(rows)
         found: list[int] = []
-        for damping in np.unique(pairs[rows, 0]):
+        for damping in dampings:
             alike = rows[pairs[rows, 0] == damping]  # np.unique sorts them by their stiffness
             if len(alike) > MOST_ALIKE:
                 alike = alike[np.linspace(0, len(alike) - 1, MOST_ALIKE).round().astype(int)]

@@ -11,6 +11,7 @@ costs delay, and delay costs stiffness; docs/reference/estimators.md has both fi
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 from typing import cast
 
@@ -51,6 +52,8 @@ ESTIMATORS = {
 """Module of the family of each estimator, by name."""
 GROUP = "haptic_fieldbus.estimators"
 """Entry points of other packages; each names an `Estimator`."""
+KEPT = 64
+"""Number of linear forms that are kept, by name and period."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,7 @@ def linear_stand_in(spec: str) -> str | None:
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
 
 
+@lru_cache(maxsize=KEPT)
 def linear_form(spec: str, period: float) -> StateSpace:
     """Return the linear system with which stability is judged: that of the estimator or of its `linear_stand_in`.
 
