@@ -96,6 +96,7 @@ class AxisCycle:
         signs = self._trip, owner.sign_seen, owner.sign_doubted
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self.image, self.output = image, output
+        self._effort_unit, self._direction = axis.effort_unit, axis.rig.mechanism.sign
         self.standstill = self._bind_standstill()
         """Test of the encoder by pulses; None where it is impossible or not needed."""
         self.still_ns = 1e9 * (axis.limits.stall if self.standstill is None else min(axis.limits.stall, STILL))
@@ -137,10 +138,11 @@ class AxisCycle:
         self.render = self._bind_render()
 
     def row(self) -> tuple[float, ...]:
-        """Return the columns of this axis: decoded values without t_ns, `COMPUTED`, controlword and target torque."""
-        state, unit = self.state, self.axis.effort_unit
-        computed = (state.position, self.sensed.velocity, state.force, state.gain, state.target * unit)
-        return (*self.state.feedback[1:], *computed, state.controlword, self.axis.rig.mechanism.sign * state.target)
+        """Return t_ns and the columns of this axis: other decoded values, `COMPUTED`, controlword and target torque."""
+        state = self.state
+        target, feedback = state.target, state.feedback
+        computed = (state.position, self.sensed.velocity, state.force, state.gain, target * self._effort_unit)
+        return (*feedback, *computed, state.controlword, self._direction * target)
 
     def begin(self) -> None:
         """Set the zero and the position of the handle, in the first rendered period."""

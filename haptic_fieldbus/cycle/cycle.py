@@ -74,7 +74,7 @@ class Cycle:
             for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         }
         # Every axis decodes the t_ns of the image, so any axis can serve.
-        self._first = next(iter(self.axes.values()))
+        self._first, *self._others = self.axes.values()
         self._pairs = [self._pair(element, plan.period) for element in plan.scene.couplings]
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
@@ -129,7 +129,8 @@ class Cycle:
     @property
     def row(self) -> tuple[float, ...]:
         """One number for each name in `columns`."""
-        return (self.t_ns, *chain.from_iterable([axis.row() for axis in self.axes.values()]))
+        first = self._first.row()
+        return first if not self._others else (*first, *chain.from_iterable([axis.row()[1:] for axis in self._others]))
 
     @property
     def t_ns(self) -> int:

@@ -13,6 +13,7 @@ data. The headers are little-endian. When all signals are little-endian too, as 
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, Protocol
 
 from haptic_fieldbus.drive.objects import Order
@@ -170,17 +171,25 @@ class BigCodec(WireCodec):
 
     def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
         super().__init__(start, signals, places)
-        self._rest = PlainCodec(">" + "".join(mapped.type.code for mapped in signals))
-        self._values = tuple(places.index(place) for place in range(len(places)))
-        """Value at each place on the wire."""
+        self._rest, self._rest_at = PlainCodec(">" + "".join(mapped.type.code for mapped in signals)), self._first.size
+        straight = self._places == tuple(range(len(places)))
+        # A getter of one place would return no tuple, but one signal is always in order.
+        self._in_order = tuple if straight else itemgetter(*self._places)
+        """Puts the values of the wire into the order of the cycle."""
+        self._on_wire = tuple if straight else itemgetter(*(self._places.index(each) for each in range(len(places))))
 
     def pack(self, *values: int) -> bytes:
-        own = values[self._fields :]
-        return self._first.pack(*values[: self._fields]) + self._rest.pack(*[own[each] for each in self._values])
+        own = self._on_wire(values[self._fields :])
+        return self._first.pack(*values[: self._fields]) + self._rest.pack(*own)
+
+    def pack_into(self, buffer: bytearray, offset: int, *values: int) -> None:
+        if self._fields:
+            self._first.pack_into(buffer, offset, *values[: self._fields])
+        self._rest.pack_into(buffer, offset + self._rest_at, *self._on_wire(values[self._fields :]))
 
     def unpack_from(self, buffer: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
-        found = self._rest.unpack_from(buffer, offset + self._first.size)
-        return (*self._first.unpack_from(buffer, offset), *[found[place] for place in self._places])
+        found = self._rest.unpack_from(buffer, offset + self._rest_at)
+        return self._first.unpack_from(buffer, offset) + self._in_order(found)
 
 
 def _turned(mapped: MappedSignal, octets: bytes) -> bytes:

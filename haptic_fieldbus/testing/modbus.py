@@ -8,6 +8,7 @@ import asyncio
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
+from struct import unpack
 from threading import Event, Thread
 
 from haptic_fieldbus.clock import MonotonicClock
@@ -151,7 +152,7 @@ class SimulatedUnit(DriveInside):
         found = self._now(lambda: self._unit.read(function, address, count, self._clock.now_ns()))
         if isinstance(found, Refusal):
             raise LookupError(f"the simulated {self.profile.title} has no {count} registers at {address:04X}h")
-        return found
+        return list(unpack(f">{count}H", found))
 
     def happen(self, fault: faults.DriveFaultKind | faults.AnswerFault) -> None:
         """Let a fault of this drive or of its answers happen; its `at` counts from now."""

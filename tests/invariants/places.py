@@ -116,9 +116,9 @@ def _watch(unit: Any, seen: Seen) -> None:
     speaks, ours = power.table == "cia402", objects.target_torque.value
     write, read, error, meddle = unit.write, unit.read, unit.error, unit.write_as_stranger
 
-    def written(address: int, values: Any, t_ns: int) -> Any:
+    def written(address: int, octets: bytes, t_ns: int) -> Any:
         nonlocal ours
-        outcome, addresses = write(address, values, t_ns), set(range(address, address + len(values)))
+        outcome, addresses = write(address, octets, t_ns), set(range(address, address + len(octets) // 2))
         if outcome is None and commands & addresses:
             # A command alone leaves the target that another master may have written.
             ours = objects.target_torque.value if unit.profile.torque.target.address in addresses else ours
@@ -137,7 +137,7 @@ def _watch(unit: Any, seen: Seen) -> None:
         outcome = read(function, address, count, t_ns)
         # A drive without statusword shows its states in words of its own; the last of them is the same in all.
         shows = speaks or unit.drive.power.state.value == ENABLED
-        if isinstance(outcome, list) and shows and address <= power.status.address < address + count:
+        if isinstance(outcome, bytes) and shows and address <= power.status.address < address + count:
             seen(t_ns, READ + number, objects.statusword.value.to_bytes(2, "little"), number)
         return outcome
 

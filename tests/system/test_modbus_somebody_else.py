@@ -46,7 +46,7 @@ class Meddler:
             self._enabled_ns = t_ns
         if self._enabled_ns is None or t_ns < self._enabled_ns + AFTER_NS or (self.wrote_ns and not self._again):
             return
-        assert self._unit.write(self._register, (self._value,), t_ns) is None
+        assert self._unit.write(self._register, self._value.to_bytes(2, "big"), t_ns) is None
         self.wrote_ns = self.wrote_ns or t_ns
 
 
@@ -139,13 +139,13 @@ def test_a_gateway_whose_answers_are_a_period_old_neither_trips_nor_hides(
 ) -> None:
     """A soft wall, for the position is a period old too."""
     read = Unit.read
-    before: dict[tuple[int, int], list[int]] = {}
+    before: dict[tuple[int, int], bytes] = {}
 
-    def old(self: Unit, function: int, address: int, count: int, t_ns: int) -> list[int] | Refusal:
-        words = read(self, function, address, count, t_ns)
-        if isinstance(words, Refusal) or self.drive.power.state is not State.OPERATION_ENABLED:
-            return words
-        answer, before[address, count] = before.get((address, count), words), words
+    def old(self: Unit, function: int, address: int, count: int, t_ns: int) -> bytes | Refusal:
+        octets = read(self, function, address, count, t_ns)
+        if isinstance(octets, Refusal) or self.drive.power.state is not State.OPERATION_ENABLED:
+            return octets
+        answer, before[address, count] = before.get((address, count), octets), octets
         return answer
 
     monkeypatch.setattr(Unit, "read", old)

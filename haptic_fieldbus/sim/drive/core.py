@@ -354,7 +354,10 @@ class Drive:
         """Whether the last opening of safe torque off was a fault."""
         self.power.has_fault = lambda: (self._sto_fault and self.power.locked) or link.persists()
         self._state = self.power.state
-        self._controlword = self.objects.controlword
+        row, self._controlword = self.objects.row, self.objects.controlword
+        self._quick_stop_option = row(0x605A)
+        self._deferring = (_SHUTDOWN, row(0x605B)), (_DISABLE_OPERATION, row(0x605C))
+        """The transitions that an option code may defer, with its object."""
         self._word = -1
         """Last controlword that was handled; -1 when the next one must be handled even if it is equal."""
         self._leaving = False
@@ -446,11 +449,9 @@ class Drive:
 
     def _command(self, word: int, t_ns: int) -> None:
         """Handle a new controlword, or handle it again because state or options have changed."""
-        self._word = word
-        power, row = self.power, self.objects.row
-        power.stays_in_quick_stop = row(0x605A).value > _LAST_ENDING_QUICK_STOP
-        options = {_SHUTDOWN: row(0x605B), _DISABLE_OPERATION: row(0x605C)}
-        power.deferred = [number for number, option in options.items() if option.value == _SLOW_DOWN]
+        self._word, power = word, self.power
+        power.stays_in_quick_stop = self._quick_stop_option.value > _LAST_ENDING_QUICK_STOP
+        power.deferred = [number for number, option in self._deferring if option.value == _SLOW_DOWN]
         power.controlword(word)
         self._follow(t_ns)
         if self._state is State.OPERATION_ENABLED:
@@ -490,7 +491,7 @@ class Drive:
             self._start(t_ns, before)
             self.operation.enable(t_ns)
         elif state is State.QUICK_STOP_ACTIVE:
-            self._slow_down(self.objects.row(0x605A).value, t_ns)
+            self._slow_down(self._quick_stop_option.value, t_ns)
         elif state is State.FAULT_REACTION_ACTIVE:
             # A shaft that was free before the fault, or whose power stage is locked, cannot be slowed down.
             can_brake = before in _ENERGISED and not self.power.locked

@@ -12,6 +12,7 @@ stage is locked (safe torque off), *switch on disabled* is not left. Only `_make
 from collections.abc import Callable, Container
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 
 
 class State(Enum):
@@ -109,6 +110,7 @@ TRANSITIONS = (
 _TABLE = {(transition.start, transition.cause): transition for transition in TRANSITIONS}
 
 
+@lru_cache(maxsize=256)
 def commands_of(controlword: int) -> tuple[Cause, ...]:
     """Return the commands that a controlword may mean; none while its fault reset bit is set."""
     for mask, bits, commands in COMMANDS:

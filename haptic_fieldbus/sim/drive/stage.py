@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.sim.drive.dictionary import Entry
 from haptic_fieldbus.sim.drive.objects import NO_LIMIT, PERMILLE, Objects
 from haptic_fieldbus.sim.drive.servo import Servo
-from haptic_fieldbus.sim.drive.units import Units
+from haptic_fieldbus.sim.drive.units import HIGHEST, LOWEST, Units
 from haptic_fieldbus.sim.mechanics.motion import SPEED, TORQUE
 
 # Ratio of the time constant 1/a of the loops to hold and lag (see above).
@@ -115,7 +115,8 @@ class Stage:
         servo, units, actual = self.servo, self.units, self._actual
         counts, state = servo.counts(), servo.plant.state
         self._position.value = counts if units.plain else units.position(counts)
-        self._velocity.value = units.velocity(state[SPEED] * servo.encoder_factor)
+        value = round(state[SPEED] * servo.encoder_factor / units.speed)
+        self._velocity.value = value if LOWEST <= value <= HIGHEST else LOWEST if value < 0 else HIGHEST
         # The drive measures its current: a motor of another torque, or of the other direction, does not show there.
         torque = state[TORQUE] * servo.torque_sign / servo.torque_scale
         value = round(torque * self._per_step)

@@ -16,7 +16,7 @@ from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dicti
 
 WRAP, HALF = 1 << 32, 1 << 31
 """Range and half range of a position, which wraps."""
-_LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
+LOWEST, HIGHEST = -0x8000_0000, 0x7FFF_FFFF
 """Limits of bounded values: velocity, error."""
 _POSITION_POLARITY, _VELOCITY_POLARITY = 0x80, 0x40
 
@@ -54,7 +54,7 @@ def _power_of_ten(code: int) -> Fraction:
 def fit(value: float) -> int:
     """Return a value rounded and bounded to an INTEGER32."""
     rounded = round(value)
-    return rounded if _LOWEST <= rounded <= _HIGHEST else _LOWEST if rounded < 0 else _HIGHEST
+    return rounded if LOWEST <= rounded <= HIGHEST else LOWEST if rounded < 0 else HIGHEST
 
 
 class Units:

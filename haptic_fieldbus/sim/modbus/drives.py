@@ -38,27 +38,29 @@ class AnswerDisturbances:
     def __init__(self, seed: int | str, *, serial: bool) -> None:
         self._random = Random(f"{seed}/answers")
         self._serial = serial
-        self._waiting: list[_Pending] = []
+        self.waiting: list[_Pending] = []
         self._held: list[bytes] = []
         """Answers held back until the next request."""
 
     def add(self, fault: faults.AnswerDisturbance, unit: int) -> None:
         """Disturb the next answers of a drive."""
-        self._waiting.append(_Pending(fault, unit, fault.count))
+        self.waiting.append(_Pending(fault, unit, fault.count))
 
     def take(self, unit: int) -> faults.AnswerDisturbance | None:
         """Return the fault of this answer, and count it; None when it has none."""
-        for waiting in self._waiting:
+        for waiting in self.waiting:
             if waiting.unit == unit:
                 waiting.left -= 1
                 if not waiting.left:
-                    self._waiting.remove(waiting)
+                    self.waiting.remove(waiting)
                 return waiting.fault
         return None
 
     def released(self) -> list[bytes]:
         """Return the answers that were held back until this request."""
-        held, self._held = self._held, []
+        held = self._held
+        if held:
+            self._held = []
         return held
 
     def arriving(self, fault: faults.AnswerDisturbance, octets: bytes) -> Iterator[tuple[int, bytes]]:
@@ -129,7 +131,7 @@ class SimulatedUnits(DriveBench):
         self.follow(unit.drive, slot, faults.ConnectionReset | faults.HostFault, install, action)
         unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
         self.units[slot.node] = unit
-        self._timers += [unit.drive.operation, *([] if unit.watchdog is None else [unit.watchdog])]
+        self._timers += unit.timers
         unit.power_on(t_ns)
         return unit
 
@@ -145,13 +147,19 @@ class SimulatedUnits(DriveBench):
     def run(self, until_ns: int) -> None:
         """Serve all timers and actions up to and including this instant, each at its own."""
         while (due_ns := self.due_ns) <= until_ns:
-            self.now_ns = due_ns
-            self.agenda.run(due_ns)
-            for unit in self.units.values():
-                if unit.due_ns <= due_ns:
-                    unit.timer(due_ns)
+            self.serve(due_ns)
         if until_ns > self.now_ns:
             self.now_ns = until_ns
+
+    def serve(self, due_ns: int) -> None:
+        """Serve the timers and actions of one instant, which `due_ns` has given."""
+        self.now_ns = due_ns
+        self.agenda.run(due_ns)
+        for unit in self.units.values():
+            for timer in unit.timers:
+                if timer.due_ns <= due_ns:
+                    unit.timer(due_ns)
+                    break
 
     def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
         """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""

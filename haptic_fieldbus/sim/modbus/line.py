@@ -12,9 +12,8 @@ the drives, each at its own instant. Everything random is drawn from the seed, s
 import errno
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from haptic_fieldbus.buses.modbus.master import ModbusBus
 from haptic_fieldbus.buses.modbus.transport import translate
@@ -43,29 +42,12 @@ Tap = Callable[[int, bool, bytes], None]
 """Callback for a frame: begin [ns], True if the master sent it, and the octets that arrive."""
 
 
-@dataclass
-class _Coming:
-    """Octets on their way to the master: arrival of the first one, and time between two [ns]."""
+class _Coming(NamedTuple):
+    """Octets on their way to the master: arrival of the first and of the last one [ns]."""
 
     first_ns: int
-    octet_ns: float
+    last_ns: int
     octets: bytes
-
-    def __post_init__(self) -> None:
-        self.last_ns = self.first_ns + round(self.octet_ns * max(0, len(self.octets) - 1))
-
-    def taken(self, now_ns: int) -> bytes:
-        """Take the octets that have arrived."""
-        if now_ns >= self.last_ns:
-            arrived, self.octets = self.octets, b""
-            return arrived
-        if now_ns < self.first_ns:
-            return b""
-        count = 1 + int((now_ns - self.first_ns) / self.octet_ns)
-        arrived, self.octets = self.octets[:count], self.octets[count:]
-        self.first_ns += round(self.octet_ns * count)
-        self.__post_init__()
-        return arrived
 
 
 class SimulatedLine:
@@ -86,7 +68,9 @@ class SimulatedLine:
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
         self._desk = RequestServer(self, seed, serial=serial)
         self._rack = self._desk.rack
-        self._coming: deque[_Coming] = deque()
+        self._coming: list[_Coming] = []
+        self._next_ns = NEVER_NS
+        """Arrival of the last octet of the frame that comes first."""
         self._octet_ns = wire.octet * 1e9
         self._way_ns, self._silence_ns = round(0.5 * wire.round_trip * 1e9), round(wire.silence * 1e9)
         self._traffic: deque[tuple[int, int]] = deque()
@@ -120,16 +104,16 @@ class SimulatedLine:
 
     def discard(self) -> bytes:
         """Drop all octets that wait, and return them; raises BusError when the line is dead."""
-        self._check_alive()
-        return self._taken()
+        return self._taken(self._check_alive())
 
     def send(self, frame: bytes | bytearray) -> None:
         """Send a frame; raises BusError when the line is dead."""
-        self._check_alive()
-        begin_ns, frame = self._clock.now_ns(), bytes(frame)  # a master fills the same octets again
-        self._tell(begin_ns, True, frame)
-        glued, end_ns = self._is_glued(begin_ns), begin_ns + round(self._octet_ns * len(frame))
+        begin_ns, frame = self._check_alive(), bytes(frame)  # a master fills the same octets again
+        for tap in self._taps:
+            tap(begin_ns, True, frame)
+        end_ns, glued = begin_ns + round(self._octet_ns * len(frame)), False
         if self.serial:
+            glued = self._is_glued(begin_ns)
             self._traffic.append((begin_ns, end_ns))
         if self._echo:
             self._comes(begin_ns, frame)
@@ -142,26 +126,29 @@ class SimulatedLine:
 
     def receive(self, deadline_ns: int) -> bytes:
         """Return the octets that have arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
-        self._check_alive()
-        octets = self._taken()
+        clock, rack, now_ns = self._clock, self._rack, self._check_alive()
+        octets = self._taken(now_ns)
         if octets:
             return octets
-        limit_ns, rack = self._clock.now_ns() + max(0, deadline_ns - self._host.now_ns()), self._rack
-        while (due_ns := rack.due_ns) <= min(limit_ns, self._next_ns):
-            rack.run(due_ns)
+        limit_ns = now_ns + max(0, deadline_ns - self._host.now_ns())
+        while (due_ns := rack.due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
+            rack.serve(due_ns)
             if self._broken:
-                self._clock.sleep_until(min(limit_ns, self._dead_since_ns))
+                clock.sleep_until(min(limit_ns, self._dead_since_ns))
                 self._check_alive()
-        self._clock.sleep_until(min(limit_ns, self._next_ns))
-        self.run()
-        return self._taken()
+        clock.sleep_until(end_ns)
+        now_ns = clock.now_ns()
+        if now_ns >= due_ns:  # a real clock has gone on
+            rack.run(now_ns)
+        rack.now_ns = now_ns
+        return self._taken(now_ns)
 
     def reopen(self) -> None:
         """Reopen a dead line; raises BusError while that is not possible."""
         if self._clock.now_ns() < self._dead_until_ns:
             raise self._error(errno.ENOENT if self.serial else errno.ECONNREFUSED)
         self._broken = False
-        self._coming.clear()
+        self._lose()
 
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
@@ -199,7 +186,7 @@ class SimulatedLine:
         """Disturb the next answers of a drive, or break the line."""
         if isinstance(fault, faults.ConnectionReset):
             self._broken, self._dead_since_ns, self._dead_until_ns = True, t_ns, until(t_ns, fault.duration)
-            self._coming.clear()
+            self._lose()
         else:
             self._desk.disturbances.add(fault, number)
 
@@ -211,53 +198,63 @@ class SimulatedLine:
 
     # Inside.
 
-    @property
-    def _next_ns(self) -> int:
-        """Return the arrival of the last octet of the next frame."""
-        return min([coming.last_ns for coming in self._coming], default=NEVER_NS)
-
     def _answer_ns(self, asked: ServerRequest) -> int:
         unit = self._rack.units.get(asked.unit)
-        return 0 if unit is None else round(unit.profile.line.answer_time * 1e9)
+        return 0 if unit is None else unit.answer_ns
 
     def _execute(self, asked: ServerRequest, t_ns: int) -> None:
         """Execute a request, and send its answer."""
         for later_ns, octets in self._desk.answer(asked, t_ns):
-            self._tell(t_ns + later_ns, False, octets)
+            for tap in self._taps:
+                tap(t_ns + later_ns, False, octets)
             self._comes(t_ns + later_ns + self._way_ns, octets)
 
     def _comes(self, begin_ns: int, octets: bytes) -> None:
         """Let octets arrive; the first one arrives one character after `begin_ns`."""
         if octets:
-            self._coming.append(_Coming(begin_ns + round(self._octet_ns), self._octet_ns, octets))
+            self._coming.append(self._arriving(begin_ns + round(self._octet_ns), octets))
+            self._next_ns = min(self._next_ns, self._coming[-1].last_ns)
             if self.serial:
                 self._traffic.append((begin_ns, begin_ns + round(self._octet_ns * len(octets))))
 
+    def _arriving(self, first_ns: int, octets: bytes) -> _Coming:
+        return _Coming(first_ns, first_ns + round(self._octet_ns * (len(octets) - 1)), octets)
+
     def _is_glued(self, t_ns: int) -> bool:
         """Return whether a frame is on the serial line at this time, or ended less than the silence before."""
-        if not self.serial:
-            return False
         since_ns = t_ns - self._silence_ns + _TOLERANCE_NS
         self._traffic = deque(each for each in self._traffic if each[1] > since_ns)
         return any(begin_ns <= t_ns for begin_ns, _ in self._traffic)
 
-    def _taken(self) -> bytes:
+    def _taken(self, now_ns: int) -> bytes:
         """Take the octets that have arrived by now."""
-        if not self._coming:
-            return b""
+        coming, taken = self._coming, b""
+        if not coming:
+            return taken
+        self._coming, self._next_ns = [], NEVER_NS
+        for each in coming:
+            if now_ns >= each.last_ns:
+                taken += each.octets
+                continue
+            if now_ns >= each.first_ns:
+                count = 1 + int((now_ns - each.first_ns) / self._octet_ns)
+                taken += each.octets[:count]
+                each = self._arriving(each.first_ns + round(self._octet_ns * count), each.octets[count:])
+            self._coming.append(each)
+            self._next_ns = min(self._next_ns, each.last_ns)
+        return taken
+
+    def _lose(self) -> None:
+        """Lose all octets that are on their way to the master."""
+        self._coming, self._next_ns = [], NEVER_NS
+
+    def _check_alive(self) -> int:
+        """Run all events up to the present [ns], and return it; raises BusError when the line is dead."""
         now_ns = self._clock.now_ns()
-        octets = b"".join(coming.taken(now_ns) for coming in self._coming)
-        self._coming = deque(coming for coming in self._coming if coming.octets)
-        return octets
-
-    def _tell(self, t_ns: int, own: bool, octets: bytes) -> None:
-        for tap in self._taps:
-            tap(t_ns, own, octets)
-
-    def _check_alive(self) -> None:
-        self.run()
+        self._rack.run(now_ns)
         if self._broken:
             raise self._error(errno.EIO if self.serial else errno.ECONNRESET)
+        return now_ns
 
     def _error(self, number: int) -> Exception:
         return translate(OSError(number, ""), self.name)

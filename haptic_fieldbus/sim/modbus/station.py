@@ -7,8 +7,8 @@ of it is carried out. Function 23 writes before it reads. All drives execute a b
 answers. A request to a missing unit, or with a wrong checksum, gets no answer.
 """
 
-from collections.abc import Iterator, Mapping
-from struct import Struct, pack, unpack_from
+from collections.abc import Iterable, Mapping, Sequence
+from struct import Struct
 from typing import NamedTuple
 
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
@@ -33,17 +33,19 @@ EVERYBODY = 0
 """Unit id of a request to all drives."""
 MOST_READ = 125
 """Largest number of registers that one request may read."""
-_TWO, _WRITE = Struct(">HH"), Struct(">HHB")
+_TWO, _WRITE, _MBAP = Struct(">HH"), Struct(">HHB"), Struct(">HHHB")
+_HEADER_OCTETS = 6
+"""Octets of an MBAP header before its unit id."""
 
 
 class ServerRequest(NamedTuple):
-    """A whole request: (first address, count) of the read, (first address, values) of the write, which comes first."""
+    """A whole request: (first address, count) of the read, (first address, octets) of the write, which comes first."""
 
     unit: int
     transaction: int
     function: int
     reads: tuple[int, int] | None = None
-    writes: tuple[int, tuple[int, ...]] | None = None
+    writes: tuple[int, bytes] | None = None
     valid: bool = True
     """False: the function or its arguments do not exist in Modbus."""
 
@@ -52,12 +54,19 @@ class Station:
     """The drives on one line, by unit id."""
 
     def __init__(self, units: Mapping[int, Unit], *, serial: bool) -> None:
-        self._units = units
+        self._units, self._serial = units, serial
         self._decoder = DecodePDU(True)
         self._framer: FramerBase = (FramerRTU if serial else FramerSocket)(self._decoder)
 
     def next(self, octets: bytes) -> tuple[int, ServerRequest | None]:
         """Return how many octets were used, and the first request in them; (0, None) when more are needed."""
+        if not self._serial and len(octets) > _MBAP.size:
+            # The usual case on TCP: one whole request and nothing else.
+            transaction, protocol, length, unit = _MBAP.unpack_from(octets)
+            if not protocol and length == len(octets) - _HEADER_OCTETS:
+                asked = usual_request(unit, transaction, octets[_MBAP.size :])
+                if asked is not None:
+                    return len(octets), asked
         used, unit, transaction, body = self._framer.decode(octets)
         if not used or not body:
             return used, None
@@ -66,20 +75,21 @@ class Station:
 
     def carry_out(self, asked: ServerRequest, t_ns: int) -> bytes | None:
         """Execute a request at this time and return the PDU of its answer; None without an answer."""
+        addressed = self._units.get(asked.unit)
+        if addressed is not None and addressed.hears(t_ns):
+            outcome = _carry_out(asked, addressed, t_ns)
+            return outcome if isinstance(outcome, bytes) else exception_for(asked, outcome)
         if asked.unit == EVERYBODY:
             for unit in self._units.values():
                 if unit.hears(t_ns):
                     _carry_out(asked, unit, t_ns)
-            return None
-        addressed = self._units.get(asked.unit)
-        if addressed is None or not addressed.hears(t_ns):
-            return None
-        outcome = _carry_out(asked, addressed, t_ns)
-        return exception_for(asked, outcome) if isinstance(outcome, Refusal) else outcome
+        return None
 
     def frame(self, asked: ServerRequest, answer: bytes) -> bytes:
         """Return the octets of an answer."""
-        return self._framer.encode(answer, asked.unit, asked.transaction)
+        if self._serial:
+            return self._framer.encode(answer, asked.unit, asked.transaction)
+        return _MBAP.pack(asked.transaction, 0, len(answer) + 1, asked.unit) + answer
 
 
 def starts_no_frame(octets: bytes) -> bool:
@@ -101,7 +111,7 @@ def usual_request(unit: int, transaction: int, body: bytes) -> ServerRequest | N
     if function == WRITE_MULTIPLE and size >= 6:
         address, count, octets = _WRITE.unpack_from(body, 1)
         if octets == 2 * count == size - 6:
-            return ServerRequest(unit, transaction, function, None, (address, unpack_from(f">{count}H", body, 6)))
+            return ServerRequest(unit, transaction, function, None, (address, body[6:]))
     return None
 
 
@@ -114,15 +124,19 @@ def any_request(unit: int, transaction: int, body: bytes, pdu: ModbusPDU | None)
     if isinstance(pdu, ReadHoldingRegistersRequest):  # the request for input registers is one of them
         return asked._replace(reads=(pdu.address, pdu.count), valid=True)
     if isinstance(pdu, WriteSingleRegisterRequest):
-        return asked._replace(writes=(pdu.address, tuple(pdu.registers)), valid=True)
+        return asked._replace(writes=(pdu.address, _octets_of(pdu.registers)), valid=True)
     if isinstance(pdu, WriteMultipleRegistersRequest):
         whole = pdu.count == len(pdu.registers) == (pdu.byte_count or 0) // 2
-        return asked._replace(writes=(pdu.address, tuple(pdu.registers)), valid=whole)
+        return asked._replace(writes=(pdu.address, _octets_of(pdu.registers)), valid=whole)
     if isinstance(pdu, ReadWriteMultipleRegistersRequest):
         whole = pdu.write_count == len(pdu.write_registers) == pdu.write_byte_count // 2
-        written = (pdu.write_address, tuple(pdu.write_registers))
+        written = (pdu.write_address, _octets_of(pdu.write_registers))
         return asked._replace(reads=(pdu.read_address, pdu.read_count), writes=written, valid=whole)
     return asked
+
+
+def _octets_of(registers: Sequence[int]) -> bytes:
+    return b"".join(register.to_bytes(2, "big") for register in registers)
 
 
 def exception_for(asked: ServerRequest, code: int) -> bytes:
@@ -132,21 +146,22 @@ def exception_for(asked: ServerRequest, code: int) -> bytes:
 
 def _carry_out(asked: ServerRequest, unit: Unit, t_ns: int) -> bytes | Refusal:
     function, reads, writes = asked.function, asked.reads, asked.writes
-    if not unit.has(function):
+    if function not in unit.functions:
         return Refusal.FUNCTION
     if not asked.valid:  # its function is known, so what it asks for cannot be
         return Refusal.VALUE
     if writes is not None:
         # What cannot be read keeps the drive from writing too.
-        outcome = unit.cannot_read(function, *reads) if reads is not None else None
-        outcome = outcome or unit.write(*writes, t_ns)
-        if outcome is not None:
-            return outcome
+        reader = None if reads is None else unit.registers.reader(function, *reads)
+        refusal = reader if isinstance(reader, Refusal) else unit.write(*writes, t_ns)
+        if refusal is not None:
+            return refusal
     if reads is None:
-        address, values = writes or (0, ())
-        return bytes((function,)) + _TWO.pack(address, values[0] if function == WRITE_SINGLE else len(values))
-    words = unit.read(function, *reads, t_ns)
-    return words if isinstance(words, Refusal) else pack(f">BB{len(words)}H", function, 2 * len(words), *words)
+        address, octets = writes or (0, b"")
+        count = octets if function == WRITE_SINGLE else (len(octets) // 2).to_bytes(2, "big")
+        return bytes((function,)) + address.to_bytes(2, "big") + count
+    data = unit.read(function, *reads, t_ns)
+    return data if isinstance(data, Refusal) else bytes((function, len(data))) + data
 
 
 # Requests carried out and answered, with the faults of the answers: what a line in virtual time and a server share.
@@ -162,21 +177,18 @@ class RequestServer:
         self.station = Station(self.rack.units, serial=serial)
         self.disturbances = AnswerDisturbances(seed, serial=serial)
 
-    def answer(self, asked: ServerRequest, t_ns: int) -> Iterator[tuple[int, bytes]]:
-        """Execute a request; yield the frames that arrive as its answer: additional delay [ns] and octets."""
-        unit = self.rack.units.get(asked.unit)
-        fault = self.disturbances.take(asked.unit) if unit is not None and unit.hears(t_ns) else None
+    def answer(self, asked: ServerRequest, t_ns: int) -> Iterable[tuple[int, bytes]]:
+        """Execute a request; return the frames that arrive as its answer: additional delay [ns] and octets."""
+        unit, fault = self.rack.units.get(asked.unit), None
+        if self.disturbances.waiting and unit is not None and unit.hears(t_ns):
+            fault = self.disturbances.take(asked.unit)
         if isinstance(fault, faults.AnswerException):
-            answer = exception_for(asked, fault.code)
+            answer: bytes | None = exception_for(asked, fault.code)
         else:
-            found = self.station.carry_out(asked, t_ns)
-            if found is None:
-                return
-            answer = found
+            answer = self.station.carry_out(asked, t_ns)
+        if answer is None:
+            return ()
         if isinstance(fault, faults.AnswerWrongUnit):
             asked = asked._replace(unit=fault.to)
         octets = self.station.frame(asked, answer)
-        if fault is None:
-            yield 0, octets
-        else:
-            yield from self.disturbances.arriving(fault, octets)
+        return ((0, octets),) if fault is None else self.disturbances.arriving(fault, octets)

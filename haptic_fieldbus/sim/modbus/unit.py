@@ -21,9 +21,6 @@ from haptic_fieldbus.drive.power import PowerRow, PowerState
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS, RigAxis
 from haptic_fieldbus.protocols.modbus.profile import (
-    READ_HOLDING,
-    READ_INPUT,
-    READ_WRITE,
     ModbusProfile,
     PowerSection,
     Register,
@@ -31,7 +28,7 @@ from haptic_fieldbus.protocols.modbus.profile import (
     modbus_profile,
 )
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.drive.core import Drive
+from haptic_fieldbus.sim.drive.core import Drive, Operation
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry, one_of
 from haptic_fieldbus.sim.drive.objects import DISABLE
 from haptic_fieldbus.sim.drive.power import State
@@ -187,7 +184,6 @@ class PowerRegisters:
 
 LOST_MASTER = 0x8130
 """Error code of a drive that has lost its master, if its profile names no code: life guard error (CiA 402-2)."""
-_READING = (READ_HOLDING, READ_INPUT, READ_WRITE)
 _OBJECTS = (0x1000, 0xFFFF)
 
 
@@ -206,6 +202,10 @@ class Unit:
         """Build the drive at `t_ns`, without voltage yet; `power_on` follows."""
         self.number = number
         self.profile: ModbusProfile = modbus_profile(profile)
+        self.functions = self.profile.line.functions
+        """Functions that the drive understands."""
+        self.answer_ns = round(self.profile.line.answer_time * 1e9)
+        """Time that the drive works for an answer."""
         self.silent_until_ns = 0
         """Until this time the drive neither receives nor answers."""
         self.causes: set[object] = set()
@@ -221,15 +221,14 @@ class Unit:
         self._scale_position(axis)
         self._front = self._add_power()
         self.watchdog = self._add_watchdog()
+        self.timers: tuple[Operation | Watchdog, ...] = (self.drive.operation,)
+        """The timers of the drive, each with a `due_ns` of its own."""
+        if self.watchdog is not None:
+            self.timers += (self.watchdog,)
         self._add_signals()
         self._add_others()
 
     # Called by the rack.
-
-    @property
-    def due_ns(self) -> int:
-        """Return the time of the next timer; NEVER_NS when there is none."""
-        return min(self.drive.due_ns, self.watchdog.due_ns if self.watchdog is not None else NEVER_NS)
 
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
@@ -263,31 +262,23 @@ class Unit:
         """Return whether the drive takes part on the line at all."""
         return t_ns >= self.silent_until_ns
 
-    def cannot_read(self, function: int, address: int, count: int) -> Refusal | None:
-        """Return why registers cannot be read by this function; None when they can."""
-        line = self.profile.line
-        if function not in line.functions or function not in _READING:
-            return Refusal.FUNCTION
-        if not 1 <= count <= line.longest_read:
-            return Refusal.VALUE
-        return None if self.registers.has(address, count) else Refusal.ADDRESS
-
-    def read(self, function: int, address: int, count: int, t_ns: int) -> list[int] | Refusal:
-        """Return the values of registers at this time, or the reason of the refusal."""
-        refusal = self.cannot_read(function, address, count)
-        if refusal is not None:
-            return refusal
+    def read(self, function: int, address: int, count: int, t_ns: int) -> bytes | Refusal:
+        """Return the octets of registers at this time, or the reason of the refusal."""
+        reader = self.registers.reader(function, address, count)
+        if isinstance(reader, Refusal):
+            return reader
         self._now_ns = t_ns
         self.drive.measure(t_ns)
-        return self.registers.read(address, count)
+        return reader()
 
-    def write(self, address: int, values: Sequence[int], t_ns: int) -> Refusal | None:
+    def write(self, address: int, octets: bytes, t_ns: int) -> Refusal | None:
         """Write all these registers at this time, or return the reason of the refusal."""
-        if not 1 <= len(values) <= self.profile.line.longest_write:
+        if not 1 <= len(octets) // 2 <= self.profile.line.longest_write:
             return Refusal.VALUE
         self._now_ns = t_ns
-        self.drive.measure(t_ns)
-        outcome = self.registers.write(address, values)
+        # Nothing that is measured is read here, so only the shaft is brought up to date.
+        self.drive.servo.advance(t_ns)
+        outcome = self.registers.write(address, octets)
         if isinstance(outcome, Refusal):
             return outcome
         self._watch(outcome, t_ns)
@@ -302,10 +293,6 @@ class Unit:
             objects.target_torque.value = min(max(round(share * objects.rated_torque / objects.torque_unit), low), high)
             self.drive.act(t_ns)
             self._watch((objects.target_torque,), t_ns)
-
-    def has(self, function: int) -> bool:
-        """Return whether the drive understands a function."""
-        return function in self.profile.line.functions
 
     # Called by the drive.
 
@@ -322,11 +309,9 @@ class Unit:
     # Inside.
 
     def _watch(self, entries: Sequence[Entry], t_ns: int) -> None:
-        if self.watchdog is None:
-            return
-        target = self.drive.objects.target_torque
-        if any(entry is target or entry is self.watchdog.time for entry in entries):
-            self.watchdog.restart(t_ns)
+        watchdog = self.watchdog
+        if watchdog is not None and (self.drive.objects.target_torque in entries or watchdog.time in entries):
+            watchdog.restart(t_ns)
 
     def _scale_position(self, axis: RigAxis) -> None:
         """Scale the position: a motor revolution has the number of steps of the profile's unit."""

@@ -143,7 +143,7 @@ class TestFrames:
         assert octets == b""
         for number in (3, 4):
             assert line.unit(number).drive.objects.target_torque.value == 77
-            assert line.unit(number).read(3, TARGET, 1, clock.now_ns()) == [77]
+            assert line.unit(number).read(3, TARGET, 1, clock.now_ns()) == b"\0\x4d"
 
     def test_drives_of_one_line_answer_under_their_own_numbers(self) -> None:
         line, clock = virtual_line(numbers=(3, 4))

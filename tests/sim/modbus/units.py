@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from struct import pack, unpack
 from typing import Any
 
 from haptic_fieldbus.clock import VirtualClock
@@ -62,7 +63,8 @@ class Driven:
         self.rack.run(self.t_ns)
 
     def read(self, address: int, count: int = 1, function: int = 3) -> list[int] | Refusal:
-        return self.unit.read(function, address, count, self.t_ns)
+        outcome = self.unit.read(function, address, count, self.t_ns)
+        return outcome if isinstance(outcome, Refusal) else list(unpack(f">{count}H", outcome))
 
     def value(self, address: int) -> int:
         words = self.read(address)
@@ -70,7 +72,7 @@ class Driven:
         return words[0]
 
     def write(self, address: int, *values: int) -> Refusal | None:
-        return self.unit.write(address, values, self.t_ns)
+        return self.unit.write(address, pack(f">{len(values)}H", *values), self.t_ns)
 
     def state(self) -> State:
         return self.unit.drive.power.state
