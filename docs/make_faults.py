@@ -9,16 +9,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.faults import kinds
 
 FILE = Path(__file__).resolve().parent / "reference" / "faults.md"
 GROUPS = {
-    "Frames and the bus": (kinds, faults.LineFault),
-    "Answers and other masters on Modbus": (kinds, faults.AnswerFault),
-    "Drive and node": (kinds, faults.DriveFaultKind),
-    "Host computer": (kinds, faults.HostFault),
-    "Hand": (kinds, faults.HandFault),
-    "Present from power-on": (kinds, faults.LastingFault),
+    "Frames and the bus": faults.LineFault,
+    "Answers and other masters on Modbus": faults.AnswerFault,
+    "Drive and node": faults.DriveFaultKind,
+    "Host computer": faults.HostFault,
+    "Hand": faults.HandFault,
+    "Present from power-on": faults.LastingFault,
 }
 WITHOUT = {
     "duration": "without end",
@@ -67,7 +66,7 @@ def page() -> str:
 def _group(title: str) -> Iterator[str]:
     yield f"## {title}\n"
     yield "| kind | effect | keys |\n|---|---|---|"
-    for kind in get_args(GROUPS[title][1]):
+    for kind in get_args(GROUPS[title]):
         hints = get_type_hints(kind, include_extras=True)
         (name,) = get_args(hints["kind"])
         keys = [_key(field, hints[field.name]) for field in fields(kind) if field.name not in SHARED]
