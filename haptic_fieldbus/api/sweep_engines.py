@@ -293,7 +293,7 @@ def _numbers(values: Sequence[Value]) -> Array:
 
 @dataclass(frozen=True)
 class _WallBench:
-    """What walls must have in common to share a plan: bench, rate and rendering, and whether they are damped."""
+    """Key of walls that share a plan: bench, rate and rendering, and whether they are damped."""
 
     digest: str
     others: str

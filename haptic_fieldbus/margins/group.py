@@ -26,7 +26,7 @@ from haptic_fieldbus.margins.limit import (
 )
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.plant import Basis, Plant, Ranges, exact_bench, weakened
-from haptic_fieldbus.margins.resting_points import AxisElements, elements_of
+from haptic_fieldbus.margins.resting_points import AxisElements, axis_elements
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, OwnLaw
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
@@ -320,7 +320,9 @@ class Group:
         return self._axle_of(alone)
 
     def _axle_of(self, member: Member) -> AxisElements:
-        return elements_of(member.elements, self.period, member.method, member.estimator, member.effort, member.travel)
+        return axis_elements(
+            member.elements, self.period, member.method, member.estimator, member.effort, member.travel
+        )
 
     def environment(self, **changes: float) -> StateSpace:
         """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""

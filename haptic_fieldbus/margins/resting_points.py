@@ -293,7 +293,7 @@ class AxisElements:
         return estimated(parallel(spaces), self.period, self.estimator) if spaces else None
 
 
-def elements_of(
+def axis_elements(
     elements: tuple[Element, ...],
     period: float,
     method: str | None,
