@@ -27,6 +27,7 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
 from tests.builders import VELOCITY_ONLY, can_traffic, plan_of, rig_of, scene_of
 from tests.cycle.test_cycle import Constant
@@ -71,7 +72,7 @@ def moved(compiled: Plan, hand: Hand | None, duration: float, these: tuple[fault
     """A run in simulation, to its end or its drift trip."""
     clock = VirtualClock()
     world, cycle = World(clock, can_traffic(compiled).bitrate), Cycle(compiled)
-    world.add_drive(1, compiled.axes[0].profile, compiled.axes[0].rig, hand, faults=these)
+    world.add(DriveOnBus(1, compiled.axes[0].profile, compiled.axes[0].rig, hand, faults=these))
     bus = CanopenBus(SimulatedBus(world=world), clock, None, owned=True)
     cycles = round(duration * compiled.rate)
     record = Record(columns(compiled), cycles + 4000)

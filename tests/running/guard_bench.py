@@ -16,6 +16,7 @@ from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.running.session import Session, Site
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import DeadGuard, Fault
 
 BUS = '[bus.can]   # the only one\ninterface = "socketcan"\nchannel = "can0"\n'
@@ -86,9 +87,8 @@ class GuardBench:
     def put(self, faults: Iterable[Fault] = (), *, but: Callable[[World], object] | None = None) -> "GuardBench":
         """Put the drives on the bus."""
         for axis in self.plan.axes:
-            self.world.add_drive(axis.node, axis.profile, axis.rig, faults=[
-                fault for fault in faults if fault.node in (None, axis.node)
-            ])  # fmt: skip
+            own = tuple(fault for fault in faults if fault.node in (None, axis.node))
+            self.world.add(DriveOnBus(axis.node, axis.profile, axis.rig, faults=own))
         if but is not None:
             but(self.world)
         return self

@@ -17,6 +17,7 @@ from haptic_fieldbus.running.direction import confirm_direction
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.builders import PROFILE, VELOCITY_ONLY, WALL, can_traffic, plan_of, rig_of
 
 RIG = """# my bench
@@ -52,7 +53,7 @@ def shown(
     rolling = replace(axis.rig, coulomb_friction=0.0, viscous_damping=0.0)
     if worlds is not None:
         worlds.append(world)
-    drive = world.add_drive(1, axis.profile, rolling, velocity=speed / axis.rig.mechanism.ratio).drive
+    drive = world.add(DriveOnBus(1, axis.profile, rolling, velocity=speed / axis.rig.mechanism.ratio)).drive
     bus, read = CanopenBus(SimulatedBus(world=world), clock, owned=True), list[str]()
     try:
         bus.inspect(plan, bytearray(plan.image.input_size))

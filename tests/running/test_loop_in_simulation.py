@@ -20,6 +20,7 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import PROFILE, can_traffic, plan_of, scene_of
 
@@ -57,7 +58,7 @@ def _run(
     clock = VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
     for axis in plan.axes:
-        world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=these)
+        world.add(DriveOnBus(axis.node, axis.profile, axis.rig, hand_named("push"), faults=tuple(these)))
     if wire is not None:
         world.tap(wire)
     bus = CanopenBus(SimulatedBus(world=world), clock, log, owned=True)
@@ -183,7 +184,7 @@ def test_two_runs_write_the_same_log_octet_by_octet(tmp_path: Path) -> None:
 def test_a_drive_can_be_used_again_after_a_run_without_being_reset() -> None:
     plan, clock = plan_of(), VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
-    world.add_drive(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("none"))
+    world.add(DriveOnBus(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("none")))
     for _ in range(2):
         bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
         bus.open(plan)
@@ -195,7 +196,7 @@ def test_a_drive_can_be_used_again_after_a_run_without_being_reset() -> None:
 def test_the_drive_releases_its_shaft_by_itself_when_the_master_falls_silent() -> None:
     plan, clock = plan_of(), VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
-    world.add_drive(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("push"))
+    world.add(DriveOnBus(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("push")))
     can_bus = SimulatedBus(world=world)
     bus = CanopenBus(can_bus, clock)
     bus.open(plan)

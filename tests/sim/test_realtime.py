@@ -2,7 +2,7 @@
 
 import gc
 
-from haptic_fieldbus.sim.schedule import frozen
+from haptic_fieldbus.sim.bench import frozen
 
 
 def test_what_the_program_around_it_had_frozen_stays_frozen() -> None:

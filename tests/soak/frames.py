@@ -19,6 +19,7 @@ from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.invariants.attach import watched
 from tests.soak.case import profiles
@@ -146,7 +147,7 @@ def _one_master(random: Random, profile: str, count: int) -> tuple[int, list[str
     plan = api.plan("wall", drive=profile, settings={"wall.position": 0.001})
     (axis,), clock = plan.axes, VirtualClock()
     world = World(clock, can_section(plan.rig.bus[axis.rig.bus]).bitrate)
-    drive: Any = world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push")).drive
+    drive: Any = world.add(DriveOnBus(axis.node, axis.profile, axis.rig, hand_named("push"))).drive
     bus = Babbling(world, random, count, random.random() < 0.5)
     phase = random.choice(("listening", "configuring", "enabled"))
     bus.from_ns = 0 if phase == "listening" else 1_100_000_000 if phase == "configuring" else 1 << 62

@@ -20,6 +20,7 @@ from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS, Hand, Piece
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from tests.builders import can_traffic
@@ -98,8 +99,8 @@ def rendered(plan: Plan, hand: Hand | None, these: Sequence[faults.Fault] = (), 
     clock = VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
     for place, axis in enumerate(plan.axes):
-        own = [fault for fault in these if fault.node in (None, axis.node)]
-        world.add_drive(axis.node, axis.profile, axis.rig, hand if place == 0 else None, faults=own)
+        own = tuple(fault for fault in these if fault.node in (None, axis.node))
+        world.add(DriveOnBus(axis.node, axis.profile, axis.rig, hand if place == 0 else None, faults=own))
     cycle, error = Cycle(plan), None
     bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
     began_ns = 0

@@ -32,6 +32,7 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
 from tests.builders import PROFILE, can_traffic, endless_rig, plan_of, rig_of, scene_of
 from tests.several_buses import rig_on
@@ -220,7 +221,7 @@ class Worlds:
         for axis in self.plan.axes:
             world, these = self.worlds[axis.rig.bus], self.struck.get(axis.name)
             hand = hand_named("push") if SCENE.holds(axis.name) else None
-            world.add_drive(axis.node, axis.profile, axis.rig, hand, faults=(these,) if these else ())
+            world.add(DriveOnBus(axis.node, axis.profile, axis.rig, hand, faults=(these,) if these else ()))
             world.tap(self._listener(axis.name, 0x200 + axis.node))
 
     def _listener(self, axis: str, cob_id: int) -> Any:

@@ -21,6 +21,7 @@ from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, rig_of
 from tests.eds.fixed_mapping import CONTROLWORD, MODE, RPDOS, TARGET_TORQUE, Mappings, fixed_profile, written
@@ -37,7 +38,7 @@ def force_on(profile: CanopenProfile, drive: CanopenProfile, seconds: float) -> 
     clock, frames = VirtualClock(), Frames()
     world = World(clock, can_traffic(plan).bitrate)
     (axis,) = plan.axes
-    world.add_drive(axis.node, drive, axis.rig, HANDS["push"])
+    world.add(DriveOnBus(axis.node, drive, axis.rig, HANDS["push"]))
     bus = CanopenBus(
         SimulatedBus(world=world), clock, lambda t_ns, can_id, data: frames.append((can_id, bytes(data))), owned=True
     )
@@ -97,7 +98,7 @@ def test_objects_that_nobody_asked_for_keep_what_they_hold() -> None:
 def test_the_generic_profile_uses_the_fixed_mapping_of_the_drive_that_it_meets() -> None:
     clock = VirtualClock()
     world = World(clock, 1_000_000)
-    world.add_drive(1, fixed_profile(), rig_of(WALL).axis["handle"], None)
+    world.add(DriveOnBus(1, fixed_profile(), rig_of(WALL).axis["handle"], None))
     with SimulatedBus(world=world) as bus:
         profile = fit_to_drive(canopen(GENERIC), Node(Wire(bus, clock, "sim"), 1, "node 1"))
     assert profile.pdo.rpdo_fixed == fixed_profile().pdo.rpdo_fixed

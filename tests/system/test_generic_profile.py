@@ -30,6 +30,7 @@ from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.eds_proof import proof_of
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, endless_rig, rig_of
 from tests.cli.test_beside_guide import TOO_SLOW
@@ -70,7 +71,7 @@ def force_on(profile: CanopenProfile, eds: Eds, seconds: float) -> tuple[Plan, n
     clock = VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
     (axis,) = plan.axes
-    world.add_drive(axis.node, profile_from_eds(eds), axis.rig, HANDS["push"])
+    world.add(DriveOnBus(axis.node, profile_from_eds(eds), axis.rig, HANDS["push"]))
     bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
     try:
         bus.open(plan)
@@ -84,7 +85,7 @@ def asked(eds: Eds) -> CanopenProfile:
     """The generic profile as it stands, after the drive of a file was asked what it has; nothing was written."""
     rig, clock = rig_of(WALL, profile=GENERIC), VirtualClock()
     world = World(clock, 1_000_000)
-    world.add_drive(1, profile_from_eds(eds), rig.axis["handle"], None)
+    world.add(DriveOnBus(1, profile_from_eds(eds), rig.axis["handle"], None))
     frames: list[tuple[int, bytes]] = []
     with SimulatedBus(world=world) as bus:
         wire = Wire(bus, clock, "sim", lambda t_ns, can_id, data: frames.append((can_id, bytes(data))))

@@ -23,6 +23,7 @@ from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import Hand, Piece
 from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of, shipped
 from tests.invariants.attach import watched
@@ -67,7 +68,7 @@ class SimulatedDrives:
         self.clock, self.report = VirtualClock(), LoopReport()
         self.world = World(self.clock, can_traffic(self.plan).bitrate)
         (axis,) = self.plan.axes
-        self.drive = self.world.add_drive(1, axis.profile, axis.rig, LED, faults=these)
+        self.drive = self.world.add(DriveOnBus(1, axis.profile, axis.rig, LED, faults=these))
 
     def run(self, seconds: float, act: Callable[[], object] = lambda: None) -> LoopReport:
         """Run; the tool acts at CONTACT."""

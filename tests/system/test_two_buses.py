@@ -27,6 +27,7 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import PROFILE, can_traffic, plan_of, scene_of
 from tests.several_buses import rig_on
@@ -66,7 +67,7 @@ class TwoWorlds:
             world.tap(self._listener(bus.name))
             for axis in self.plan.on(bus).axes:
                 these = self.struck.get(bus.name, ())
-                world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=these)
+                world.add(DriveOnBus(axis.node, axis.profile, axis.rig, hand_named("push"), faults=these))
 
     def _listener(self, bus: str) -> Callable[[int, int, bytes], None]:
         return lambda t_ns, can_id, data: self.frames[bus].append((t_ns, can_id, data))

@@ -21,6 +21,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import WALL, plan_of, rig_of
 from tests.buses.canopen.test_other_master import COMMANDS
@@ -45,7 +46,7 @@ class Bench:
         self.plans = {node: plan_on(node) for node in (1, 2)}
         for node, plan in self.plans.items():
             axis = plan.axes[0]
-            self.world.add_drive(node, axis.profile, axis.rig, hand_named("push"))
+            self.world.add(DriveOnBus(node, axis.profile, axis.rig, hand_named("push")))
         self.frames: list[tuple[int, int, bytes]] = []
         self.world.tap(lambda t_ns, can_id, data: self.frames.append((t_ns, can_id, data)))
         self.forger = SimulatedBus(world=self.world)

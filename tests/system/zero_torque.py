@@ -21,6 +21,7 @@ from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import can_traffic, endless_rig, shipped
 
@@ -107,8 +108,8 @@ class Bench:
         self.event_ns = 0
         self.clock = Eventful()
         self.world = World(self.clock, can_traffic(self.plan).bitrate)
-        self.drive = self.world.add_drive(
-            self.axis.node, self.axis.profile, self.axis.rig, hand_named("push"), faults=faults_at(self.at)
+        self.drive = self.world.add(
+            DriveOnBus(self.axis.node, self.axis.profile, self.axis.rig, hand_named("push"), faults=faults_at(self.at))
         ).drive
         self._plan_faults, self.drive.on_enabled = self.drive.on_enabled, self._enabled
         self.bus = Mortal(SimulatedBus(world=self.world), self.clock, owned=True)

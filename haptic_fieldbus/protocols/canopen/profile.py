@@ -236,7 +236,7 @@ class SimulatedObject(Table):
 class SimulationSection(Table):
     """Deviations of this drive from the standards, for the simulation alone; the master meets them as on a real drive.
 
-    `sim.canopen.slave` implements each of them, and names a drive that has it.
+    `sim.canopen.slave` implements each of them, and the README of the profiles names drives that have it.
     """
 
     pdos_disabled: bool = False

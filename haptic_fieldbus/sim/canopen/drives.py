@@ -10,14 +10,13 @@ from typing import Protocol, assert_never
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until
 from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.canopen.services.basics import Alarms
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.core import Operation
-from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import AnswerFault, DriveFaultKind, Fault, HostFault, LineFault, kinds_of
-from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 # Application of each kind of fault to the simulated slave or to its bus.
 

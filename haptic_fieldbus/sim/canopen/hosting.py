@@ -27,11 +27,11 @@ from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.protocols.protocol import BusName
+from haptic_fieldbus.sim.bench import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Frame, Port, arbitration_key
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 
 # The outlet of hosted drives to a python-can bus that may go down, and come back.
 #

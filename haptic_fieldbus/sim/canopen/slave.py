@@ -4,7 +4,7 @@ Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
@@ -25,76 +25,9 @@ from haptic_fieldbus.sim.hand import Hand
 # Quirks: deviations of real drives from the standards, by the keys of a profile's [simulation].
 #
 # Each quirk changes the profile or the settings that the simulated drive is built from, or its dictionary once it is
-# built. The master never reads this section, so it meets the quirk unprepared, as on the real drive.
+# built. The master never reads this section, so it meets the quirk unprepared, as on the real drive. The README of the
+# profiles lists all keys; inhibit times of TPDOs after power-on are set by `pdo.inhibit_time_default` instead.
 
-
-@dataclass(frozen=True)
-class Quirk:
-    """One key of [simulation], its effect, and the drives on which it was seen."""
-
-    key: str
-    effect: str
-    seen: str
-
-
-QUIRKS = (
-    Quirk(
-        "pdos_disabled",
-        "after power-on every PDO has bit 31 of its COB-ID set",
-        "Ingenia Everest XCR (RPDO 1 to 4), maxon EPOS4 and ZeroErr eRob (2 to 4): their EDS files",
-    ),
-    Quirk(
-        "cob_ids_missing",
-        "after power-on the COB-IDs of PDOs are 8000 0000h: no identifier",
-        "Elmo Gold (RPDO2, TPDO2), Nanotec C5-E and PD4-C (5 to 8): their EDS files",
-    ),
-    Quirk(
-        "absent",
-        "objects that the drive does not have: SDO abort 0602 0000h, and none of their effects",
-        "Nanotec C5-E, Ingenia Everest XCR (1016h, 6007h), EYOU EuServo (6007h, 6076h), maxon EPOS4 (6072h): their EDS",
-    ),
-    Quirk(
-        "sync_honoured",
-        "false: synchronous RPDOs act on reception, although 1400h:02 reads back as written",
-        "Kinco FD124S: canopen-python/canopen issue 400",
-    ),
-    Quirk(
-        "max_torque",
-        "6072h after power-on; 0 leaves the motor without torque until it is written",
-        "Nanotec C5-E (0), PD4-C (100): their EDS files",
-    ),
-    Quirk(
-        "supported_modes",
-        "value of 6502h, independent of the modes",
-        "ros-industrial/ros_canopen issue 462: wrong; Technosoft iPOS: no torque mode in it, by its EDS",
-    ),
-    Quirk(
-        "mode_change_time",
-        "6061h follows 6060h only after this time",
-        "Festo drives, 3 to 6 s: ros-industrial/ros2_canopen issue 234",
-    ),
-    Quirk(
-        "boot_time",
-        "delay of the boot-up message; before it the drive answers nothing",
-        "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
-    ),
-    Quirk(
-        "modes",
-        "the modes of operation that the drive has, and no others; 6502h shows them",
-        "every drive lacks some modes of the standard",
-    ),
-    Quirk(
-        "objects",
-        "access, type, limits, mappability and power-on value of objects, and objects beyond those of the simulation",
-        "every shipped profile of a drive whose vendor's file was read",
-    ),
-    Quirk(
-        "differs",
-        "none: the reasons for which the simulated drive differs from the vendor's file",
-        "profiles check",
-    ),
-)
-"""All keys. Inhibit times of TPDOs after power-on are set by `pdo.inhibit_time_default` instead."""
 
 _NS = 1_000_000_000
 _HEARTBEAT_CONSUMER = 0x1016

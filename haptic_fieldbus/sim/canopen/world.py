@@ -15,7 +15,7 @@ import errno
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Protocol
@@ -24,18 +24,14 @@ import can
 
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
-from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.bench import DrivenBus
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Controller, Disturbances, Frame, Port, Received, Wire, WireStatistics
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, Fault, HostFault, LineFault
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, HostFault, LineFault
 from haptic_fieldbus.sim.host import HostClock
-from haptic_fieldbus.sim.mechanics.body import Body
-from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
 #
@@ -234,7 +230,7 @@ Watch = Callable[[int, Frame, Port | None], None]
 """Callback for a frame of any kind: end of frame [ns], the frame as it was sent, and the port that sent it."""
 
 
-class World:
+class World(DrivenBus):
     """Drives, wire and time; all times are those of the clock [ns].
 
     At least the `longest` latest frames and motion segments are kept; None: all, for a run that ends.
@@ -251,6 +247,7 @@ class World:
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
         self._rack = SimulatedDrives(self, seed, longest)
+        super().__init__(self._rack)
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
@@ -266,25 +263,6 @@ class World:
         """The way in which programs use this world."""
 
     # Setting up.
-
-    def add_drive(
-        self,
-        node: int,
-        profile: DriveProfile,
-        axis: RigAxis,
-        hand: Hand | None = None,
-        faults: Iterable[Fault] = (),
-        *,
-        position: float = 0.0,
-        velocity: float = 0.0,
-        booted: bool = True,
-    ) -> Slave:
-        """Put a drive on the wire; `position` [rad] and `velocity` [rad/s] are those of its shaft.
-
-        The bench was switched on before the program came; with `booted=False` it is switched on now, and the boot-up
-        message is still to come. Raises ValueError when the node-ID is taken.
-        """
-        return self.add(DriveOnBus(node, profile, axis, hand, tuple(faults), position, velocity, booted))
 
     def add(self, slot: DriveOnBus) -> Slave:
         """Put a drive on the wire; raises ValueError when its node-ID is taken."""
@@ -320,26 +298,9 @@ class World:
     def slave(self, node: int) -> Slave:
         return self._rack.slaves[node]
 
-    def body(self, node: int) -> Body:
-        """Return the shaft of a drive."""
-        return self._rack.slaves[node].drive.plant
-
-    def trajectory(self, node: int) -> Trajectory:
-        """Return the true motion of a shaft up to the present."""
-        self.run()
-        drive = self._rack.slaves[node].drive
-        drive.servo.advance(self._now_ns)
-        return Trajectory(drive.plant.recorder, self._now_ns)
-
-    def so_far(self, node: int) -> Trajectory:
-        """Return the true motion of a shaft up to the instant that it has been moved to, without moving it."""
-        plant = self._rack.slaves[node].drive.plant
-        return Trajectory(plant.recorder, plant.t_ns)
-
     def forget(self, before_ns: int) -> None:
         """Drop the motion and the traffic before an instant [ns]."""
-        for slave in self._rack.slaves.values():
-            slave.drive.plant.recorder.forget(before_ns)
+        super().forget(before_ns)
         self._wire.forget(before_ns)
 
     def statistics(self, from_ns: int, to_ns: int) -> WireStatistics:
@@ -383,6 +344,10 @@ class World:
         item = received.popleft()
         self.clock.sleep_until(item.t_ns)
         return item
+
+    @property
+    def reached_ns(self) -> int:
+        return self._now_ns
 
     @property
     def next_ns(self) -> int:

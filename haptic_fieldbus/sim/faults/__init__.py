@@ -492,8 +492,8 @@ def toml_of(faults: Iterable[Fault]) -> str:
 
 
 def kinds_of(union: object) -> frozenset[str]:
-    """Return the names of the kinds in a union of them."""
-    return frozenset(kind.__annotations__["kind"].__args__[0] for kind in get_args(union))
+    """Return the names of the kinds in a union of them, or of one kind."""
+    return frozenset(kind.__annotations__["kind"].__args__[0] for kind in get_args(union) or (union,))
 
 
 def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:

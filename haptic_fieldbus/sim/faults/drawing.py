@@ -7,6 +7,7 @@ that the text of a drawn fault is short and reads back as the same fault.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
+from typing import Any
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim import faults
@@ -24,11 +25,13 @@ _LENGTHS = {0x000: 2, 0x080: 0, 0x201: 4, 0x701: 1, 0x77F: 1}
 _TELLING = (0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF)
 """Octets with a meaning in many services."""
 
-Recipe = Callable[[Random, float], "faults.Fault"]
+Recipe = Callable[[Random], tuple[Any, ...]]
+"""Function that draws the keys of a fault behind `at`, in their order."""
+Draw = Callable[[Random, float], faults.TimedFault]
 """Function that draws one fault for a time [s]."""
 
 
-def _frames(random: Random) -> "faults.FrameGroup":
+def _frames(random: Random) -> faults.FrameGroup:
     return random.choice(("tpdo", "tpdo", "rpdo", "rpdo", "sync", "heartbeat", "emergency", "sdo", "nmt"))
 
 
@@ -45,108 +48,92 @@ def _count(random: Random, most: int = 60) -> int:
     return round(math.exp(random.uniform(0.0, math.log(most))))
 
 
-def _foreign(random: Random, at: float) -> "faults.Fault":
+def _foreign(random: Random) -> tuple[Any, ...]:
     # What a master, a drive or a bystander may say, and anything at all.
     can_id = random.choice((0x000, 0x080, 0x081, 0x100, 0x181, 0x201, 0x581, 0x601, 0x701, 0x77F, 0x7E5, None))
     length = random.choice((_LENGTHS.get(can_id or 0, 8), random.randrange(9)))
     data = [random.choice((*_TELLING, random.randrange(256))) for _ in range(length)]
     count = _count(random, 30)
     known = random.randrange(0x800) if can_id is None else can_id
-    return faults.ForeignFrame("foreign_frame", at, known, tuple(data), count, random.choice((0.0005, 0.001, 0.01)))
+    return known, tuple(data), count, random.choice((0.0005, 0.001, 0.01))
 
 
 def _signed(random: Random, least: float, most: float) -> float:
     return random.choice((-1.0, 1.0)) * random.uniform(least, most)
 
 
-RECIPES: Mapping[str, Recipe] = {
-    "frame_dropped": lambda random, at: faults.FrameDropped("frame_dropped", at, _frames(random), _count(random)),
-    "frame_delayed": lambda random, at: faults.FrameDelayed(
-        "frame_delayed", at, round(10 ** random.uniform(-4.0, -1.3), 5), _frames(random), _count(random)
-    ),
-    "frame_duplicated": lambda random, at: faults.FrameDuplicated(
-        "frame_duplicated", at, _frames(random), _count(random)
-    ),
-    "frame_wrong_length": lambda random, at: faults.FrameWrongLength(
-        "frame_wrong_length", at, random.randrange(9), _frames(random), _count(random)
-    ),
-    "frame_wrong_node": lambda random, at: faults.FrameWrongNode(
-        "frame_wrong_node", at, random.randint(1, 127), _frames(random), _count(random)
-    ),
-    "foreign_frame": _foreign,
-    "bus_off": lambda random, at: faults.BusOff("bus_off", at, _duration(random)),
-    "interface_down": lambda random, at: faults.InterfaceDown("interface_down", at, _duration(random)),
-    "error_frame": lambda random, at: faults.ErrorFrame("error_frame", at),
-    "emergency": lambda random, at: faults.Emergency("emergency", at, random.choice((0x1000, 0x3210, 0x4310, 0x8611))),
-    "drive_fault": lambda random, at: faults.DriveFault("drive_fault", at, random.choice((0x2310, 0x4310, 0x7305))),
-    "safe_torque_off": lambda random, at: faults.SafeTorqueOff("safe_torque_off", at, _flicker(random)),
-    "node_reset": lambda random, at: faults.NodeReset("node_reset", at, round(random.uniform(0.001, 0.2), 4)),
-    "silence": lambda random, at: faults.Silence("silence", at, _duration(random)),
-    "missing_tpdos": lambda random, at: faults.MissingTpdos("missing_tpdos", at, _count(random)),
-    "missing_rpdos": lambda random, at: faults.MissingRpdos("missing_rpdos", at, random.choice((None, _count(random)))),
-    "sync_ignored": lambda random, at: faults.SyncIgnored("sync_ignored", at, random.choice((None, _count(random)))),
-    "heartbeat_lost": lambda random, at: faults.HeartbeatLost("heartbeat_lost", at),
-    "duplicate_node": lambda random, at: faults.DuplicateNode("duplicate_node", at),
-    "encoder_jump": lambda random, at: faults.EncoderJump(
-        "encoder_jump", at, round(_signed(random, 1.0, 10 ** random.uniform(0.0, 6.0)))
-    ),
-    "position_stuck": lambda random, at: faults.PositionStuck("position_stuck", at, _duration(random)),
-    "encoder_scaling": lambda random, at: faults.EncoderScaling(
-        "encoder_scaling", at, round(_signed(random, 0.1, 10.0), 2)
-    ),
-    "encoder_reversed": lambda random, at: faults.EncoderReversed("encoder_reversed", at),
-    "torque_dead": lambda random, at: faults.TorqueDead("torque_dead", at),
-    "torque_saturated": lambda random, at: faults.TorqueSaturated(
-        "torque_saturated", at, round(random.uniform(0.0, 0.3), 2)
-    ),
-    "torque_reversed": lambda random, at: faults.TorqueReversed("torque_reversed", at),
-    "host_late": lambda random, at: faults.HostLate(
-        "host_late", at, round(10 ** random.uniform(-4.0, -1.3), 5), _count(random)
-    ),
-    "host_paused": lambda random, at: faults.HostPaused("host_paused", at, round(10 ** random.uniform(-2.0, 0.0), 4)),
-    "clock_step": lambda random, at: faults.ClockStep(
-        "clock_step", at, round(_signed(random, 0.0, 10 ** random.uniform(-4.0, 0.0)), 5)
-    ),
-    "slow_compute": lambda random, at: faults.SlowCompute(
-        "slow_compute", at, round(10 ** random.uniform(-4.0, -2.0), 5), _count(random)
-    ),
-    "hand_release": lambda random, at: faults.HandRelease("hand_release", at),
-    "hand_hit": lambda random, at: faults.HandHit(
-        "hand_hit", at, round(_signed(random, 10.0, 200.0)), round(random.uniform(0.002, 0.05), 4)
-    ),
-}
+def _of_ten(random: Random, least: float, most: float, digits: int = 5) -> float:
+    """Return a power of ten between two exponents, rounded."""
+    return round(10 ** random.uniform(least, most), digits)
+
+
+def _by_kind(recipes: Mapping[type[faults.TimedFault], Recipe]) -> Mapping[str, Draw]:
+    """Return the functions that draw a fault, by the name of its kind."""
+
+    def draw(kind: type[faults.TimedFault], name: str, recipe: Recipe) -> Draw:
+        return lambda random, at: kind(name, at, *recipe(random))
+
+    return {name: draw(kind, name, recipe) for kind, recipe in recipes.items() for name in faults.kinds_of(kind)}
+
+
+RECIPES = _by_kind(
+    {
+        faults.FrameDropped: lambda random: (_frames(random), _count(random)),
+        faults.FrameDelayed: lambda random: (_of_ten(random, -4.0, -1.3), _frames(random), _count(random)),
+        faults.FrameDuplicated: lambda random: (_frames(random), _count(random)),
+        faults.FrameWrongLength: lambda random: (random.randrange(9), _frames(random), _count(random)),
+        faults.FrameWrongNode: lambda random: (random.randint(1, 127), _frames(random), _count(random)),
+        faults.ForeignFrame: _foreign,
+        faults.BusOff: lambda random: (_duration(random),),
+        faults.InterfaceDown: lambda random: (_duration(random),),
+        faults.ErrorFrame: lambda random: (),
+        faults.Emergency: lambda random: (random.choice((0x1000, 0x3210, 0x4310, 0x8611)),),
+        faults.DriveFault: lambda random: (random.choice((0x2310, 0x4310, 0x7305)),),
+        faults.SafeTorqueOff: lambda random: (_flicker(random),),
+        faults.NodeReset: lambda random: (round(random.uniform(0.001, 0.2), 4),),
+        faults.Silence: lambda random: (_duration(random),),
+        faults.MissingTpdos: lambda random: (_count(random),),
+        faults.MissingRpdos: lambda random: (random.choice((None, _count(random))),),
+        faults.SyncIgnored: lambda random: (random.choice((None, _count(random))),),
+        faults.HeartbeatLost: lambda random: (),
+        faults.DuplicateNode: lambda random: (),
+        faults.EncoderJump: lambda random: (round(_signed(random, 1.0, 10 ** random.uniform(0.0, 6.0))),),
+        faults.PositionStuck: lambda random: (_duration(random),),
+        faults.EncoderScaling: lambda random: (round(_signed(random, 0.1, 10.0), 2),),
+        faults.EncoderReversed: lambda random: (),
+        faults.TorqueDead: lambda random: (),
+        faults.TorqueSaturated: lambda random: (round(random.uniform(0.0, 0.3), 2),),
+        faults.TorqueReversed: lambda random: (),
+        faults.HostLate: lambda random: (_of_ten(random, -4.0, -1.3), _count(random)),
+        faults.HostPaused: lambda random: (_of_ten(random, -2.0, 0.0, 4),),
+        faults.ClockStep: lambda random: (round(_signed(random, 0.0, 10 ** random.uniform(-4.0, 0.0)), 5),),
+        faults.SlowCompute: lambda random: (_of_ten(random, -4.0, -2.0), _count(random)),
+        faults.HandRelease: lambda random: (),
+        faults.HandHit: lambda random: (round(_signed(random, 10.0, 200.0)), round(random.uniform(0.002, 0.05), 4)),
+    }
+)
 """Kinds that happen at an instant, on CAN."""
 
-ANSWER_RECIPES: Mapping[str, Recipe] = {
-    "answer_lost": lambda random, at: faults.AnswerLost("answer_lost", at, _count(random)),
-    "answer_delayed": lambda random, at: faults.AnswerDelayed(
-        "answer_delayed", at, round(10 ** random.uniform(-4.0, -0.7), 5), _count(random)
-    ),
-    "answer_swapped": lambda random, at: faults.AnswerSwapped("answer_swapped", at, _count(random)),
-    "answer_garbage": lambda random, at: faults.AnswerGarbage("answer_garbage", at, _count(random)),
-    "answer_corrupted": lambda random, at: faults.AnswerCorrupted("answer_corrupted", at, _count(random)),
-    "answer_truncated": lambda random, at: faults.AnswerTruncated(
-        "answer_truncated", at, random.randrange(20), _count(random)
-    ),
-    "answer_wrong_unit": lambda random, at: faults.AnswerWrongUnit(
-        "answer_wrong_unit", at, random.randint(1, 247), _count(random)
-    ),
-    "answer_exception": lambda random, at: faults.AnswerException(
-        "answer_exception", at, random.choice((1, 2, 3, 4, 6, 11)), _count(random)
-    ),
-    "connection_reset": lambda random, at: faults.ConnectionReset("connection_reset", at, _duration(random)),
-    "foreign_set_points": lambda random, at: faults.ForeignSetPoints(
-        "foreign_set_points",
-        at,
-        round(_signed(random, 0.0, 1.0), 2),
-        round(10 ** random.uniform(-3.0, -0.3), 4),
-        random.choice((None, _count(random))),
-    ),
-}
+ANSWER_RECIPES = _by_kind(
+    {
+        faults.AnswerLost: lambda random: (_count(random),),
+        faults.AnswerDelayed: lambda random: (_of_ten(random, -4.0, -0.7), _count(random)),
+        faults.AnswerSwapped: lambda random: (_count(random),),
+        faults.AnswerGarbage: lambda random: (_count(random),),
+        faults.AnswerCorrupted: lambda random: (_count(random),),
+        faults.AnswerTruncated: lambda random: (random.randrange(20), _count(random)),
+        faults.AnswerWrongUnit: lambda random: (random.randint(1, 247), _count(random)),
+        faults.AnswerException: lambda random: (random.choice((1, 2, 3, 4, 6, 11)), _count(random)),
+        faults.ConnectionReset: lambda random: (_duration(random),),
+        faults.ForeignSetPoints: lambda random: (
+            round(_signed(random, 0.0, 1.0), 2), _of_ten(random, -3.0, -0.3, 4), random.choice((None, _count(random))),
+        ),
+    }
+)  # fmt: skip
 """Kinds that happen at an instant, on Modbus alone."""
 
 
-def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> tuple["faults.Fault", ...]:
+def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> tuple[faults.Fault, ...]:
     """Return the faults of a seed: one to `MOST` of these kinds, at times within a run of `duration` [s], in order."""
     recipes = {**RECIPES, **ANSWER_RECIPES}
     random = Random(f"faults/{seed}")

@@ -13,11 +13,10 @@ from typing import Protocol
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until
 from haptic_fieldbus.sim.drive.core import Operation
-from haptic_fieldbus.sim.drive.drive_faults import DriveBench, inject_drive, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.unit import Unit, Watchdog
-from haptic_fieldbus.sim.schedule import Action, Plan, TimedFault
 
 # Faults of answers on their way to the master: what arrives, and when.
 

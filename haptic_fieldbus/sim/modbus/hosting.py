@@ -27,11 +27,10 @@ from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.drive.drive_faults import until
+from haptic_fieldbus.sim.bench import LONGEST_REMEMBERED, NAP_NS, frozen, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.drives import KINDS as KINDS
 from haptic_fieldbus.sim.modbus.station import RequestServer, starts_no_frame
-from haptic_fieldbus.sim.schedule import LONGEST_REMEMBERED, NAP_NS, frozen
 
 # Drives behind pymodbus's servers, which listen, accept and carry octets; requests are carried out here.
 #

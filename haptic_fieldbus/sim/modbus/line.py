@@ -25,11 +25,9 @@ from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.profile import Parity, modbus_profile
 from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.drive.drive_faults import until
+from haptic_fieldbus.sim.bench import DrivenBus, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.host import HostClock, truth_of
-from haptic_fieldbus.sim.mechanics.body import Body
-from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.station import RequestServer, ServerRequest
 from haptic_fieldbus.sim.modbus.unit import Unit
@@ -50,7 +48,7 @@ class _Coming(NamedTuple):
     octets: bytes
 
 
-class SimulatedLine:
+class SimulatedLine(DrivenBus):
     """A line with its drives; the times are those of `clock`, the host's."""
 
     def __init__(
@@ -68,6 +66,7 @@ class SimulatedLine:
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
         self._desk = RequestServer(self, seed, serial=serial)
         self._rack = self._desk.rack
+        super().__init__(self._rack)
         self._coming: list[_Coming] = []
         self._next_ns = NEVER_NS
         """Arrival of the last octet of the frame that comes first."""
@@ -153,32 +152,13 @@ class SimulatedLine:
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
 
-    # The true motion.
-
-    def body(self, node: int) -> Body:
-        """Return the shaft of a drive."""
-        return self._rack.units[node].drive.plant
-
-    def trajectory(self, node: int) -> Trajectory:
-        """Return the true motion of a shaft up to the present."""
-        self.run()
-        drive, now_ns = self._rack.units[node].drive, self._clock.now_ns()
-        drive.servo.advance(now_ns)
-        return Trajectory(drive.plant.recorder, now_ns)
-
-    def so_far(self, node: int) -> Trajectory:
-        """Return the true motion of a shaft up to the instant that it has been moved to, without moving it."""
-        plant = self._rack.units[node].drive.plant
-        return Trajectory(plant.recorder, plant.t_ns)
-
-    def forget(self, before_ns: int) -> None:
-        """Drop the motion before an instant [ns]."""
-        for unit in self._rack.units.values():
-            unit.drive.plant.recorder.forget(before_ns)
-
     def run(self) -> None:
         """Run all events up to the present of the clock."""
         self._rack.run(self._clock.now_ns())
+
+    @property
+    def reached_ns(self) -> int:
+        return self._rack.now_ns
 
     # Faults.
 

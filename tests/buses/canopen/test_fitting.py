@@ -13,6 +13,7 @@ from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulatedObject
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.builders import PROFILE, WALL, canopen, plan_of, rig_of
 
 GENERIC = canopen("generic_cia402")
@@ -21,7 +22,7 @@ GENERIC = canopen("generic_cia402")
 def asked(drive: CanopenProfile) -> CanopenProfile:
     clock = VirtualClock()
     world = World(clock, 1_000_000)
-    world.add_drive(1, drive, rig_of(WALL).axis["handle"], None)
+    world.add(DriveOnBus(1, drive, rig_of(WALL).axis["handle"], None))
     with SimulatedBus(world=world) as bus:
         return fit_to_drive(GENERIC, Node(Wire(bus, clock, "sim"), 1, "node 1 (axis handle)"))
 
@@ -53,7 +54,7 @@ def opened(profile: CanopenProfile, drive: CanopenProfile) -> list[str]:
     plan = plan_of(rig=rig_of(WALL, profile=PROFILE.name), profile=profile)
     clock = VirtualClock()
     world = World(clock, 1_000_000)
-    world.add_drive(1, drive, plan.axes[0].rig, None)
+    world.add(DriveOnBus(1, drive, plan.axes[0].rig, None))
     bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
     try:
         bus.open(plan)

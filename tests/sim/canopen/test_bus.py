@@ -97,7 +97,7 @@ class TestSharing:
 
     def test_a_bus_on_a_given_world_is_its_own(self) -> None:
         world = World(VirtualClock())
-        world.add_drive(NODE, profile(), axis())
+        world.add(DriveOnBus(NODE, profile(), axis()))
         with SimulatedBus(world=world, receive_own_messages=True) as bus:
             bus.send(can.Message(arbitration_id=0x123, is_extended_id=False))
             own = bus.recv(0.01)
@@ -245,7 +245,7 @@ class TestSend:
 
     def test_a_bus_that_is_off_sends_nothing_and_says_so(self) -> None:
         world = World(VirtualClock())
-        world.add_drive(NODE, profile(), axis())
+        world.add(DriveOnBus(NODE, profile(), axis()))
         with SimulatedBus(world=world) as bus:
             states = [bus.state]
             world.bus_off(0, 1 << 62)

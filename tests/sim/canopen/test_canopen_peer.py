@@ -12,6 +12,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.sim.bench import NODE, axis
 from tests.sim.canopen.responses import Responses
 
@@ -25,7 +26,7 @@ class Bench:
         self.clock = VirtualClock()
         self.world = World(self.clock)
         self.profile = load_profile(name)
-        self.world.add_drive(NODE, self.profile, axis(coulomb_friction=0.0))
+        self.world.add(DriveOnBus(NODE, self.profile, axis(coulomb_friction=0.0)))
         self.bus = SimulatedBus(world=self.world)
         self.network = canopen.Network()
         self.network.bus = self.bus

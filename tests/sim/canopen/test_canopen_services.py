@@ -19,6 +19,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.sim.bench import NODE, axis
 from tests.sim.canopen.responses import Responses
 
@@ -34,7 +35,7 @@ class Foreign:
         self.clock = VirtualClock()
         self.world = World(self.clock)
         for node in nodes or (NODE,):
-            self.world.add_drive(node, load_profile("generic_cia402"), axis())
+            self.world.add(DriveOnBus(node, load_profile("generic_cia402"), axis()))
         self.bus = SimulatedBus(world=self.world)
         self.network = canopen.Network()
         self.network.bus = self.bus

@@ -16,6 +16,7 @@ from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import RECEIVE_ROOM, TRANSMIT_ROOM, PacedByClock, Stepped, World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import DriveFault
 from tests.sim.bench import NODE, axis, profile
 
@@ -240,7 +241,7 @@ class TestRoom:
     def test_a_program_that_runs_for_days_is_not_remembered_for_ever(self) -> None:
         clock = VirtualClock()
         world = World(clock, longest=10)
-        world.add_drive(NODE, profile(), axis())
+        world.add(DriveOnBus(NODE, profile(), axis()))
         controller = world.attach()
         for number in range(100):
             world.send(controller, Frame(0x100 + number, b""))
@@ -256,7 +257,7 @@ class TestRoom:
 
 def test_faults_of_the_link_reach_every_program_of_a_paced_world() -> None:
     world = World(MonotonicClock())
-    world.add_drive(NODE, profile(), axis())
+    world.add(DriveOnBus(NODE, profile(), axis()))
     with SimulatedBus(world=world) as one, SimulatedBus(world=world) as other:
         world.bus_off(world.clock.now_ns(), NEVER_NS)
         for subject in (one, other):

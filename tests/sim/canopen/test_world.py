@@ -9,6 +9,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.link import INTERMISSION_BITS, Frame, wire_bits
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS
 from tests.sim.bench import MS, NODE, axis, profile
 from tests.sim.master import Master
@@ -22,7 +23,7 @@ def _master(
     clock = VirtualClock()
     world = World(clock, seed=seed)
     for node in nodes:
-        world.add_drive(node, profile(), replace(axis(), node=node), HANDS[hand], these)
+        world.add(DriveOnBus(node, profile(), replace(axis(), node=node), HANDS[hand], these))
     return Master(world, clock)
 
 
@@ -79,7 +80,7 @@ class TestTime:
     def test_a_world_begins_when_its_clock_does(self) -> None:
         clock = VirtualClock(start_ns=10**15)
         world = World(clock)
-        slave = world.add_drive(NODE, profile(), axis(), velocity=1.0)
+        slave = world.add(DriveOnBus(NODE, profile(), axis(), velocity=1.0))
         clock.compute(MS)
         position, _, _ = world.trajectory(NODE).sample(np.array([10**15 + MS]))
         assert slave.drive.plant.t_ns == 10**15 + MS
@@ -88,12 +89,12 @@ class TestTime:
     def test_a_taken_node_is_refused(self) -> None:
         master = _master()
         with pytest.raises(ValueError, match="node 5 is on this bus already"):
-            master.world.add_drive(NODE, profile(), axis())
+            master.world.add(DriveOnBus(NODE, profile(), axis()))
 
     def test_a_bench_may_be_switched_on_now(self) -> None:
         world = World(VirtualClock())
         ear = world.attach()
-        world.add_drive(NODE, profile(), axis(), booted=False)
+        world.add(DriveOnBus(NODE, profile(), axis(), booted=False))
         received = world.receive(ear, MS)
         assert received is not None
         assert (received.frame.can_id, received.frame.data) == (0x705, b"\0")
@@ -167,7 +168,7 @@ def test_torque_makes_the_motion_that_the_closed_form_says() -> None:
     """Without friction and hand: a constant target from a known instant, through the lag, on inertia and damper."""
     clock = VirtualClock()
     world = World(clock)
-    world.add_drive(NODE, profile(), axis(coulomb_friction=0.0))
+    world.add(DriveOnBus(NODE, profile(), axis(coulomb_friction=0.0)))
     master = Master(world, clock)
     master.enable(NODE)
     for _ in range(100):

@@ -14,6 +14,7 @@ from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS, Hand, hand_named
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from tests.sim.bench import MS, NODE, axis, profile
@@ -27,7 +28,7 @@ PERIODS = 40
 def _master(*these: faults.Fault, hand: str = "none") -> Master:
     clock = VirtualClock()
     world = World(clock)
-    world.add_drive(NODE, profile(), replace(axis(), node=NODE), HANDS[hand], these)
+    world.add(DriveOnBus(NODE, profile(), replace(axis(), node=NODE), HANDS[hand], these))
     return Master(world, clock)
 
 

@@ -1,30 +1,31 @@
 """Blocks of registers against a table of words that is kept by hand, for both orders of the words."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.protocols.modbus.profile import Register
+from haptic_fieldbus.protocols.modbus.profile import LineSection, Register
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
-from tests.sim.modbus.units import GENERIC
+from tests.sim.modbus.units import changed
 
 FIRST = 0x40
 TYPES = st.lists(
     st.sampled_from((DataType.INT16, DataType.UINT16, DataType.INT32, DataType.UINT32)), min_size=1, max_size=6
 )
-WordOrder = Literal["high first", "low first"]
 ORDERS = pytest.mark.parametrize("order", ["high first", "low first"])
 
 
-def table(order: WordOrder, types: Sequence[DataType]) -> tuple[Registers, list[Entry]]:
+def line_with(order: str) -> LineSection:
+    return changed(word_order=order).line
+
+
+def table(order: str, types: Sequence[DataType]) -> tuple[Registers, list[Entry]]:
     """Registers of these types one after another from `FIRST` on, and their entries."""
-    registers, entries, address = Registers(replace(GENERIC.line, word_order=order)), [], FIRST
+    registers, entries, address = Registers(line_with(order)), [], FIRST
     for type_ in types:
         entries.append(Entry(0, 0, type_, access=Access.RW))
         registers.both(Register(address, type_), entries[-1])
@@ -36,7 +37,7 @@ def registers_of(type_: DataType) -> int:
     return type_.size // 2
 
 
-def octets_of(value: int, type_: DataType, order: WordOrder) -> bytes:
+def octets_of(value: int, type_: DataType, order: str) -> bytes:
     """The octets of a value: its words in an order, and in each word the high octet first."""
     words = [value >> 16 * place & 0xFFFF for place in range(registers_of(type_))]
     return b"".join(word.to_bytes(2, "big") for word in (words if order == "low first" else words[::-1]))
@@ -44,9 +45,7 @@ def octets_of(value: int, type_: DataType, order: WordOrder) -> bytes:
 
 @ORDERS
 @given(TYPES, st.data())
-def test_what_is_written_is_stored_and_read_back(
-    order: WordOrder, types: Sequence[DataType], data: st.DataObject
-) -> None:
+def test_what_is_written_is_stored_and_read_back(order: str, types: Sequence[DataType], data: st.DataObject) -> None:
     registers, entries = table(order, types)
     values = [data.draw(st.integers(*type_.limits)) for type_ in types]
     octets = b"".join(octets_of(value, type_, order) for value, type_ in zip(values, types, strict=True))
@@ -60,8 +59,8 @@ def test_what_is_written_is_stored_and_read_back(
 
 
 @ORDERS
-def test_an_entry_with_more_bits_than_its_register_is_cut_off_and_one_with_fewer_is_filled_up(order: WordOrder) -> None:
-    registers = Registers(replace(GENERIC.line, word_order=order))
+def test_an_entry_with_more_bits_than_its_register_is_cut_off_and_one_with_fewer_is_filled_up(order: str) -> None:
+    registers = Registers(line_with(order))
     registers.both(Register(FIRST, DataType.INT16), Entry(0, 0, DataType.INT32, -70000))
     registers.both(Register(FIRST + 1, DataType.INT32), Entry(0, 0, DataType.INT8, -2))
     reader = registers.reader(3, FIRST, 3)
