@@ -41,7 +41,7 @@ class CycleState(Protocol):
     def fail(self, error: Exception) -> None: ...
 
 
-class Unwatched:
+class NoSignWatch:
     """In place of a sign watch if the sign cannot be watched: a block that never ends."""
 
     total, left = 0, -1
@@ -73,7 +73,7 @@ def bind_ordinary(
     holding, effort, largest_change = axis.limits.holding, axis.limits.effort, axis.limits.slew * each.period
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
     tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
-    remember, watch = echo.before.appendleft, each.sign_watch or Unwatched()
+    remember, watch = echo.before.appendleft, each.sign_watch or NoSignWatch()
     steps = [step for step in (each.look, each.sense) if step is not None]
     before = in_order(steps) if steps else None
 

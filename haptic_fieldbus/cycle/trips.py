@@ -5,16 +5,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
+from haptic_fieldbus import errors
 from haptic_fieldbus.cycle.laws import Sensed, field_of, summed
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
-from haptic_fieldbus.errors import (
-    BusError,
-    BusTimeoutError,
-    DriveFaultError,
-    HapticFieldbusError,
-    PlanError,
-    SafetyTripError,
-)
 from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import HAND, PAIRS
@@ -53,37 +46,37 @@ def _ways(step: float) -> Iterator[float]:
         yield -place * step
 
 
-TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
-    TripKind.EMERGENCY: DriveFaultError,
-    TripKind.DRIVE_FAULT: DriveFaultError,
-    TripKind.DRIVE_DISABLED: DriveFaultError,
-    TripKind.NODE_RESET: DriveFaultError,
-    TripKind.NODE_NOT_OPERATIONAL: DriveFaultError,
-    TripKind.NO_SIGN_OF_LIFE: BusTimeoutError,
-    TripKind.FEEDBACK_LOST: BusTimeoutError,
-    TripKind.BUS_OFF: BusError,
-    TripKind.BUS_EXCEPTION: BusError,
-    TripKind.FEEDBACK_SPARSE: BusTimeoutError,
-    TripKind.PERIODS_MISSED: SafetyTripError,
-    TripKind.CLOCK: BusError,
-    TripKind.ENCODER_STILL: SafetyTripError,
-    TripKind.FOREIGN_MASTER: SafetyTripError,
-    TripKind.DUPLICATE_NODE: SafetyTripError,
-    TripKind.SET_POINTS_DEAD: DriveFaultError,
-    TripKind.SET_POINTS_FOREIGN: SafetyTripError,
-    TripKind.SIGN: SafetyTripError,
-    TripKind.SIGN_HIDDEN: PlanError,
-    TripKind.NOT_FINITE: SafetyTripError,
-    TripKind.ELEMENT_FAILED: SafetyTripError,
-    TripKind.START_FORCE: PlanError,
-    TripKind.ACCELERATION: SafetyTripError,
-    TripKind.POWER: SafetyTripError,
-    TripKind.ENERGY: SafetyTripError,
-    TripKind.FORGIVEN: SafetyTripError,
-    TripKind.HELD: SafetyTripError,
-    TripKind.SPEED: SafetyTripError,
-    TripKind.POSITION: SafetyTripError,
-    TripKind.DRIFT: SafetyTripError,
+TRIP_ERRORS: dict[TripKind, type[errors.HapticFieldbusError]] = {
+    TripKind.EMERGENCY: errors.DriveFaultError,
+    TripKind.DRIVE_FAULT: errors.DriveFaultError,
+    TripKind.DRIVE_DISABLED: errors.DriveFaultError,
+    TripKind.NODE_RESET: errors.DriveFaultError,
+    TripKind.NODE_NOT_OPERATIONAL: errors.DriveFaultError,
+    TripKind.NO_SIGN_OF_LIFE: errors.BusTimeoutError,
+    TripKind.FEEDBACK_LOST: errors.BusTimeoutError,
+    TripKind.BUS_OFF: errors.BusError,
+    TripKind.BUS_EXCEPTION: errors.BusError,
+    TripKind.FEEDBACK_SPARSE: errors.BusTimeoutError,
+    TripKind.PERIODS_MISSED: errors.SafetyTripError,
+    TripKind.CLOCK: errors.BusError,
+    TripKind.ENCODER_STILL: errors.SafetyTripError,
+    TripKind.FOREIGN_MASTER: errors.SafetyTripError,
+    TripKind.DUPLICATE_NODE: errors.SafetyTripError,
+    TripKind.SET_POINTS_DEAD: errors.DriveFaultError,
+    TripKind.SET_POINTS_FOREIGN: errors.SafetyTripError,
+    TripKind.SIGN: errors.SafetyTripError,
+    TripKind.SIGN_HIDDEN: errors.PlanError,
+    TripKind.NOT_FINITE: errors.SafetyTripError,
+    TripKind.ELEMENT_FAILED: errors.SafetyTripError,
+    TripKind.START_FORCE: errors.PlanError,
+    TripKind.ACCELERATION: errors.SafetyTripError,
+    TripKind.POWER: errors.SafetyTripError,
+    TripKind.ENERGY: errors.SafetyTripError,
+    TripKind.FORGIVEN: errors.SafetyTripError,
+    TripKind.HELD: errors.SafetyTripError,
+    TripKind.SPEED: errors.SafetyTripError,
+    TripKind.POSITION: errors.SafetyTripError,
+    TripKind.DRIFT: errors.SafetyTripError,
 }
 """Exception class of each kind of trip: a fault of the drive, a fault of the bus, or a limit of this package."""
 
@@ -127,14 +120,14 @@ def failed_in(trip: Trip, error: Exception, scene: Scene) -> Trip:
     return replace(trip, axis=axis, detail=f"{fault.key}: {fault.message} ({place})")
 
 
-def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
+def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> errors.HapticFieldbusError:
     """Return the exception for a trip: time, cause, advice; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
     cause, advice = CAUSES[trip.kind](trip, axis)
     if len(plan.axes) > 1:
         cause = f"axis {trip.axis}: {cause}"
     if trip.kind is TripKind.START_FORCE:
-        return PlanError(f"{cause}; no torque was applied. {advice}")
+        return errors.PlanError(f"{cause}; no torque was applied. {advice}")
     tripped = f"Tripped {moment(trip.t_ns, enabled_at_ns)}: {cause}; torque is off. {advice}"
     return TRIP_ERRORS[trip.kind](tripped)
 

@@ -1,4 +1,4 @@
-"""What the simulated drives of a bus share: planned actions, the schedule of their faults, and their true motion.
+"""Parts that the simulated drives of a bus share: planned actions, the schedule of their faults, and their true motion.
 
 Each fault happens once, `at` seconds after *operation enabled*. A drive may be enabled more than once, for example for
 the watchdog test and then for the run. So the time counts anew from each *operation enabled*. Until the first fault has
@@ -87,7 +87,7 @@ _OF_BUS = faults.LineFault | faults.ConnectionReset | faults.HostFault
 
 
 @dataclass(eq=False)
-class _Waiting:
+class _PlannedFault:
     """A fault that is planned, unless it was cancelled."""
 
     fault: TimedFault
@@ -104,8 +104,8 @@ class FaultSchedule:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._waiting: list[_Waiting] = []
-        self._happened: list[_Waiting] = []
+        self._waiting: list[_PlannedFault] = []
+        self._happened: list[_PlannedFault] = []
 
     def begin(
         self, these: Iterable[TimedFault], node: int, action: Callable[[TimedFault], Callable[[int], None]], t_ns: int
@@ -117,7 +117,7 @@ class FaultSchedule:
         self._cancel(node)
         for fault in these:
             if not any(each.concerns(fault, node) for each in (*self._happened, *self._waiting)):
-                waiting = _Waiting(fault, node)
+                waiting = _PlannedFault(fault, node)
                 self._waiting.append(waiting)
                 self._plan(t_ns + round(fault.at * 1e9), partial(self._happen, waiting, action(fault)))
 
@@ -131,7 +131,7 @@ class FaultSchedule:
             waiting.cancelled |= waiting.node == node
         self._waiting = [waiting for waiting in self._waiting if not waiting.cancelled]
 
-    def _happen(self, waiting: _Waiting, act: Callable[[int], None], t_ns: int) -> None:
+    def _happen(self, waiting: _PlannedFault, act: Callable[[int], None], t_ns: int) -> None:
         if not waiting.cancelled:
             self._waiting.remove(waiting)
             self._happened.append(waiting)
@@ -195,10 +195,10 @@ class DriveBench:
     """
 
     def __init__(self, seed: int | str, longest: int | None) -> None:
-        self.agenda = TimerQueue()
+        self.queue = TimerQueue()
         self._seed, self._longest = seed, longest
-        self._schedule = FaultSchedule(self.agenda.plan)
-        self.drives: dict[int, Drive] = {}
+        self._schedule = FaultSchedule(self.queue.plan)
+        self.by_node: dict[int, Drive] = {}
         """Each drive by its number on the bus."""
 
     def drawn(self, slot: DriveOnBus) -> tuple[DriveSettings, Hand | None]:
@@ -218,7 +218,7 @@ class DriveBench:
 
         The faults `of_line` concern every drive, regardless of their node; `action` returns the effect of a fault.
         """
-        self.drives[slot.node] = drive
+        self.by_node[slot.node] = drive
         drive.plant.recorder.longest = self._longest
         timed: list[TimedFault] = []
         for fault in slot.faults:
@@ -233,7 +233,7 @@ class DriveBench:
 
     def plan_fault(self, fault: TimedFault, action: Action, t_ns: int) -> None:
         """Plan a fault whose `at` counts from `t_ns`."""
-        self.agenda.plan(t_ns + round(fault.at * 1e9), action)
+        self.queue.plan(t_ns + round(fault.at * 1e9), action)
 
 
 class DrivenBus(ABC):
@@ -253,12 +253,12 @@ class DrivenBus(ABC):
 
     def body(self, node: int) -> Body:
         """Return the shaft of a drive."""
-        return self._bench.drives[node].plant
+        return self._bench.by_node[node].plant
 
     def trajectory(self, node: int) -> Trajectory:
         """Return the true motion of a shaft up to the present."""
         self.run()
-        self._bench.drives[node].servo.advance(self.reached_ns)
+        self._bench.by_node[node].servo.advance(self.reached_ns)
         return self.so_far(node)
 
     def so_far(self, node: int) -> Trajectory:
@@ -268,5 +268,5 @@ class DrivenBus(ABC):
 
     def forget(self, before_ns: int) -> None:
         """Drop the motion before an instant [ns]."""
-        for drive in self._bench.drives.values():
+        for drive in self._bench.by_node.values():
             drive.plant.recorder.forget(before_ns)

@@ -120,14 +120,14 @@ class VirtualModbusLine:
         clock, section = MonotonicClock(), self._section
         server = Server(clock, self.seed, serial=section.serial, longest=_LONGEST)
         for slot in self._slots:
-            unit = server.desk.rack.add(slot, clock.now_ns())
+            unit = server.requests.drives.add(slot, clock.now_ns())
             self.drives[slot.node] = SimulatedUnit(self, server, unit, clock)
         with device(section) as (own, theirs):
             try:
                 self._opened.set_result(PROTOCOL.bus_name(await listen(server, own, theirs, self._slots)))
                 while not self._stopped.is_set():
                     await asyncio.sleep(_POLL)
-                    server.desk.rack.run(clock.now_ns())
+                    server.requests.drives.run(clock.now_ns())
             finally:
                 await server.close()
 
@@ -158,7 +158,7 @@ class SimulatedUnit(DriveInside):
         """Let a fault of this drive or of its answers happen; its `at` counts from now."""
         if fault.kind not in KINDS or not isinstance(fault, faults.DriveFaultKind | faults.AnswerFault):
             raise ValueError(f'fault "{fault.kind}" cannot begin while the line runs')
-        self._now(lambda: self._server.desk.rack.let_happen(fault, self.node, self._clock.now_ns()))
+        self._now(lambda: self._server.requests.drives.let_happen(fault, self.node, self._clock.now_ns()))
 
     def _ask(self, read: Callable[[Drive], Answer], *, moved: bool = False) -> Answer:
         return self._now(lambda: read(self._unit.drive))
@@ -166,7 +166,7 @@ class SimulatedUnit(DriveInside):
     def _now(self, action: Callable[[], Answer]) -> Answer:
         def at_present() -> Answer:
             now_ns = self._clock.now_ns()
-            self._server.desk.rack.run(now_ns)
+            self._server.requests.drives.run(now_ns)
             self._unit.drive.servo.advance(now_ns)
             return action()
 

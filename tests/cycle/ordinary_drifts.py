@@ -232,7 +232,7 @@ DRIFTS = [
     ("early, late, kept", "late, early, kept", "energy at up"),
     ("echo.kept, echo.own, echo.older", "echo.kept, echo.older, echo.own", "energy at up"),
     ("(shortest, longest, largest_way, jump)", "(shortest, longest, jump, largest_way)", "speed at up"),
-    ("each.sign_watch or Unwatched()", "each.sign_watch", "leans with -1 beyond 1 times the holding force"),
+    ("each.sign_watch or NoSignWatch()", "each.sign_watch", "leans with -1 beyond 1 times the holding force"),
     ("            if watch.left:\n", "            if True:\n", "speed at up"),
     ("                watch.total += state.target\n", "", "energy at up"),
     ("                watch.left -= 1\n", "", "jump at up"),

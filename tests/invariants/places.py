@@ -53,7 +53,7 @@ class CanPlace:
 
     def __init__(self, world: Any, port: Any) -> None:
         self.clock, self._world = world.clock, world
-        self._senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
+        self._senders = {port: MASTER} | {own: slave.node.number for own, slave in world._drives.attached}
 
     @property
     def now_ns(self) -> int:
@@ -61,7 +61,7 @@ class CanPlace:
 
     @property
     def nodes(self) -> set[int]:
-        return set(self._world._rack.slaves)
+        return set(self._world._drives.slaves)
 
     def slave(self, node: int) -> Any:
         return self._world.slave(node)
@@ -88,11 +88,11 @@ class ModbusPlace:
 
     @property
     def now_ns(self) -> int:
-        return int(self._line._rack.now_ns)
+        return int(self._line._drives.now_ns)
 
     @property
     def nodes(self) -> set[int]:
-        return set(self._line._rack.units)
+        return set(self._line._drives.units)
 
     def slave(self, node: int) -> Any:
         return self._line.unit(node)
@@ -105,7 +105,7 @@ class ModbusPlace:
         self._line.run()
 
     def watch(self, seen: Seen) -> None:
-        for unit in self._line._rack.units.values():
+        for unit in self._line._drives.units.values():
             _watch(unit, seen)
 
 
@@ -157,7 +157,7 @@ def place_of(bus: Any) -> Place | None:
         simulated = hasattr(owner, "world") and hasattr(owner, "controller")
         return CanPlace(owner.world, owner.controller.port) if owner is not None and simulated else None
     line = getattr(bus, "_transport", None)
-    return ModbusPlace(line) if hasattr(line, "unit") and hasattr(line, "_rack") else None
+    return ModbusPlace(line) if hasattr(line, "unit") and hasattr(line, "_drives") else None
 
 
 def pdos_of(plan: Any) -> list[Json]:

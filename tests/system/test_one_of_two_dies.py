@@ -86,7 +86,7 @@ class Gateway(SimulatedLine):
         if asked.unit != self.dead or t_ns < self.died_ns:
             super()._execute(asked, t_ns)
             return
-        octets = self._desk.station.frame(asked, exception_for(asked, 11))
+        octets = self._requests.station.frame(asked, exception_for(asked, 11))
         self._comes(t_ns + self._way_ns, octets)
 
 
@@ -106,7 +106,7 @@ def behind_a_gateway(plan: Plan, node: int, died_at: float) -> tuple[float, str,
     def begin(t_ns: int) -> None:
         before(t_ns)
         line.dead, line.died_ns = node, t_ns + round(1e9 * died_at)
-        line._rack.agenda.plan(line.died_ns, partial(drive.fault, 0x2310))
+        line._drives.queue.plan(line.died_ns, partial(drive.fault, 0x2310))
 
     drive.on_enabled = begin
     master, error = ModbusBus(line, clock, section), ""

@@ -124,7 +124,7 @@ class SimulatedDrives(DriveBench):
         self._timers: list[Operation | Alarms] = []
         """Timers of the slaves, each with a `due_ns` of its own."""
         self._line = line
-        self.plan = self.agenda.plan
+        self.plan = self.queue.plan
 
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
@@ -166,7 +166,7 @@ class SimulatedDrives(DriveBench):
 
     def timers(self, t_ns: int) -> None:
         """Run the planned actions and timers that are due."""
-        self.agenda.run(t_ns)
+        self.queue.run(t_ns)
         for _port, slave in self.attached:
             if slave.due_ns <= t_ns:
                 slave.timer(t_ns)
@@ -174,7 +174,7 @@ class SimulatedDrives(DriveBench):
 
     def find_due(self) -> None:
         """Update `due_ns`; call it after anything that may have changed a slave's timers."""
-        due_ns = self.agenda.due_ns
+        due_ns = self.queue.due_ns
         for timers in self._timers:
             if timers.due_ns < due_ns:
                 due_ns = timers.due_ns

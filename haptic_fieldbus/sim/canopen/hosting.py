@@ -33,7 +33,7 @@ from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Frame, Port, arbitration_key
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
-# The outlet of hosted drives to a python-can bus that may go down, and come back.
+# The port of hosted drives to a python-can bus that may go down, and come back.
 #
 # A drive does not end when its cable is pulled: it goes on, hears nothing, and lets go by its own watch. So nothing
 # that the interface raises ends the hosting. It is told once when the bus goes down and once when a frame passes again;
@@ -217,7 +217,7 @@ def host(
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
-    outlet = HostPort(
+    host_port = HostPort(
         open_can(section),
         clock,
         bus.text,
@@ -228,7 +228,7 @@ def host(
     )
     try:
         opened(bus)
-        subject = Host(outlet, clock, seed, bitrate=section.bitrate)
+        subject = Host(host_port, clock, seed, bitrate=section.bitrate)
         for slot in slots:
             subject.add(slot)
         subject.serve_for(_BOOT_NS)
@@ -237,9 +237,9 @@ def host(
                 ready(slot)
             while not stopped():
                 subject.serve(NAP_NS)
-        return outlet.lost
+        return host_port.lost
     finally:
-        outlet.close()
+        host_port.close()
 
 
 class Host:
@@ -247,24 +247,24 @@ class Host:
 
     def __init__(
         self,
-        outlet: HostPort,
+        host_port: HostPort,
         clock: Clock,
         seed: int = DEFAULT_SEED,
         *,
         bitrate: int = DEFAULT_BIT_RATE,
     ) -> None:
-        self._outlet = outlet
+        self._host_port = host_port
         self._clock = clock
         self._bitrate = bitrate
         self._served_ns = clock.now_ns()
         """Time up to which all events have been served."""
-        self._rack = SimulatedDrives(None, seed, LONGEST_REMEMBERED)
+        self._drives = SimulatedDrives(None, seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
         """Handlers of the nodes at the last setting of the frame filter."""
 
     def add(self, slot: DriveOnBus) -> None:
         """Build a drive with everything for its steps, and power it on; raises ValueError when its node-ID is taken."""
-        slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
+        slave = self._drives.add(slot, Port(in_order=False), self._clock.now_ns())
         self._routes.append(None)
         slave.node.commission(self._bitrate)
         slave.drive.plant.prepare()
@@ -272,16 +272,16 @@ class Host:
     def serve(self, longest_ns: int) -> None:
         """Handle one received frame or the next due timer, within `longest_ns`."""
         # A frame that waits may have come before a timer that is due: what waits is looked at first.
-        frame = self._outlet.receive(min(longest_ns, self._rack.due_ns - self._clock.now_ns()))
+        frame = self._host_port.receive(min(longest_ns, self._drives.due_ns - self._clock.now_ns()))
         if frame is None:
             self._catch_up(self._clock.now_ns())
             # The shafts are followed while there is time: after a long silence it would hold up the first answer.
-            for _port, slave in self._rack.attached:
+            for _port, slave in self._drives.attached:
                 slave.drive.servo.advance(self._served_ns)
             return
-        t_ns = self._outlet.arrived_ns(self._served_ns)
+        t_ns = self._host_port.arrived_ns(self._served_ns)
         self._catch_up(t_ns)
-        self._rack.receive(frame, None, t_ns)
+        self._drives.receive(frame, None, t_ns)
         self._flush(t_ns)
 
     def serve_for(self, duration_ns: int) -> None:
@@ -293,9 +293,9 @@ class Host:
     def _catch_up(self, now_ns: int) -> None:
         """Serve all timers that are due, each with its own instant."""
         self._served_ns = now_ns
-        while self._rack.due_ns <= now_ns:
-            due_ns = self._rack.due_ns
-            self._rack.timers(due_ns)
+        while self._drives.due_ns <= now_ns:
+            due_ns = self._drives.due_ns
+            self._drives.timers(due_ns)
             self._flush(due_ns)
 
     def _flush(self, t_ns: int) -> None:
@@ -303,17 +303,17 @@ class Host:
         # Before an answer is sent that lets a master use what has changed.
         self._focus()
         for _ in range(_BURST):
-            waiting = [port for port, _slave in self._rack.attached if port.waiting]
+            waiting = [port for port, _slave in self._drives.attached if port.waiting]
             if not waiting:
                 return
             port = min(waiting, key=lambda port: arbitration_key(port.candidate()))
             frame = port.take()
-            self._outlet.send(frame)
-            self._rack.receive(frame, port, t_ns)
+            self._host_port.send(frame)
+            self._drives.receive(frame, port, t_ns)
 
     def _focus(self) -> None:
         """Tell the bus which frames concern the drives, when a parameter or a state has changed."""
-        slaves = [slave for _port, slave in self._rack.attached]
+        slaves = [slave for _port, slave in self._drives.attached]
         if not all(map(is_, (slave.node.handlers for slave in slaves), self._routes)):
             self._routes = [slave.node.handlers for slave in slaves]
-            self._outlet.focus(frozenset().union(*(slave.concerns for slave in slaves)))
+            self._host_port.focus(frozenset().union(*(slave.concerns for slave in slaves)))

@@ -10,16 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.faults import (
-    Disturbance,
-    FrameDelayed,
-    FrameDropped,
-    FrameDuplicated,
-    FrameGroup,
-    FrameWrongLength,
-    FrameWrongNode,
-)
+from haptic_fieldbus.sim import NEVER_NS, faults
 
 # A CAN frame and the exact number of bits that it takes on the wire.
 #
@@ -345,7 +336,7 @@ class Controller:
 
 _NODE, _FUNCTION = 0x07F, 0x780
 # CiA 301, 7.3.5: function codes of the predefined connection set.
-_FUNCTIONS: dict[FrameGroup, tuple[int, ...]] = {
+_FUNCTIONS: dict[faults.FrameGroup, tuple[int, ...]] = {
     "tpdo": (0x180, 0x280, 0x380, 0x480),
     "rpdo": (0x200, 0x300, 0x400, 0x500),
     "sync": (0x080,),
@@ -354,12 +345,12 @@ _FUNCTIONS: dict[FrameGroup, tuple[int, ...]] = {
     "sdo": (0x580, 0x600),
     "nmt": (0x000,),
 }
-_BROADCAST: tuple[FrameGroup, ...] = ("sync", "nmt")
+_BROADCAST: tuple[faults.FrameGroup, ...] = ("sync", "nmt")
 
 
 @dataclass
 class _Active:
-    fault: Disturbance
+    fault: faults.Disturbance
     left: int
 
 
@@ -369,7 +360,7 @@ class Disturbances:
     def __init__(self) -> None:
         self.active: list[_Active] = []
 
-    def add(self, fault: Disturbance) -> None:
+    def add(self, fault: faults.Disturbance) -> None:
         """Disturb the next frames of a service."""
         self.active.append(_Active(fault, fault.count))
 
@@ -384,7 +375,7 @@ class Disturbances:
         return ((0, frame),)
 
 
-def _concerns(fault: Disturbance, frame: Frame) -> bool:
+def _concerns(fault: faults.Disturbance, frame: Frame) -> bool:
     function, node = frame.can_id & _FUNCTION, frame.can_id & _NODE
     if frame.extended or frame.remote or function not in _FUNCTIONS[fault.frames]:
         return False
@@ -393,15 +384,15 @@ def _concerns(fault: Disturbance, frame: Frame) -> bool:
     return node != 0 and fault.node in (None, node)
 
 
-def _disturbed(fault: Disturbance, frame: Frame) -> Sequence[tuple[int, Frame]]:
+def _disturbed(fault: faults.Disturbance, frame: Frame) -> Sequence[tuple[int, Frame]]:
     match fault:
-        case FrameDropped():
+        case faults.FrameDropped():
             return ()
-        case FrameDelayed(delay=delay):
+        case faults.FrameDelayed(delay=delay):
             return ((round(delay * 1e9), frame),)
-        case FrameDuplicated():
+        case faults.FrameDuplicated():
             return ((0, frame), (0, frame))
-        case FrameWrongLength(length=length):
+        case faults.FrameWrongLength(length=length):
             return ((0, frame._replace(data=frame.data[:length].ljust(length, b"\0"))),)
-        case FrameWrongNode(to=to):
+        case faults.FrameWrongNode(to=to):
             return ((0, frame._replace(can_id=frame.can_id & _FUNCTION | to)),)

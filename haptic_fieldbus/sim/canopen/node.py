@@ -17,17 +17,6 @@ from haptic_fieldbus.sim.canopen.services import lss, nmt
 from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, Alarms, Handler
 from haptic_fieldbus.sim.canopen.services.communication import BitTiming, NodeObjects, Storage, TimeConsumer
 from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, UNCONFIGURED, LssSlave
-from haptic_fieldbus.sim.canopen.services.nmt import (
-    DISCONNECTED,
-    HEARTBEAT_ID,
-    HEARTBEAT_LOST,
-    Consumers,
-    Emergencies,
-    Guarding,
-    NmtState,
-    Producer,
-    Service,
-)
 from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
 from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
@@ -51,7 +40,7 @@ class Node:
         options: NodeOptions,
     ) -> None:
         self.number = number
-        self.state = NmtState.INITIALISING
+        self.state = nmt.NmtState.INITIALISING
         self.handlers: dict[int, Handler] = {}
         self.requests: dict[int, Callable[[int], None]] = {}
         self.now_ns = 0
@@ -66,13 +55,13 @@ class Node:
         self._boot_alarm = alarms.new(self._boot)
         self._sdo_alarm = alarms.new(lambda _t_ns: self._respond(self.sdo.expire()))
         self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
-        self.emergencies = Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
-        self._producer = Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
+        self.emergencies = nmt.Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
+        self._producer = nmt.Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
         consumers = _CONSUMERS if options.consumer is not None else 0
-        self.consumers = Consumers(
+        self.consumers = nmt.Consumers(
             dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
         )
-        self._guarding = Guarding(dictionary, alarms, self._link_lost, self._link_back)
+        self._guarding = nmt.Guarding(dictionary, alarms, self._link_lost, self._link_back)
         self.time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
         self._objects = NodeObjects(dictionary, number)
         self._storage = Storage(dictionary)
@@ -91,7 +80,7 @@ class Node:
         """
         self._initialise(t_ns, None if delay_ns is None else t_ns + delay_ns, power_on=True)
         if delay_ns is None:
-            self._enter(NmtState.PRE_OPERATIONAL)
+            self._enter(nmt.NmtState.PRE_OPERATIONAL)
 
     def commission(self, bitrate: int) -> None:
         """Set the bit rate [bit/s] of the bus, and store it in the node as if it had been configured before."""
@@ -139,13 +128,13 @@ class Node:
     # States.
 
     def _reset_communication(self) -> None:
-        self._application.link_lost(DISCONNECTED, self.now_ns)
+        self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
         self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
 
     def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
         """Enter *initialising* with the power-on values of all objects; without `power_on`, of communication alone."""
         self.now_ns = t_ns
-        self.state = NmtState.INITIALISING
+        self.state = nmt.NmtState.INITIALISING
         self.process.stop()
         self._producer.stop()
         self.consumers.stop()
@@ -173,22 +162,22 @@ class Node:
         self._route()
         if not self._has_node_id:
             return
-        self._emit(Frame(HEARTBEAT_ID + self.number, bytes((NmtState.INITIALISING.value,))))
+        self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((nmt.NmtState.INITIALISING.value,))))
         self._producer.start(t_ns)
-        self._enter(NmtState.PRE_OPERATIONAL)
+        self._enter(nmt.NmtState.PRE_OPERATIONAL)
 
-    def _enter(self, state: NmtState) -> None:
+    def _enter(self, state: nmt.NmtState) -> None:
         if state is self.state:
             return
-        if state is NmtState.STOPPED:
+        if state is nmt.NmtState.STOPPED:
             # Before the state is entered, in which no emergency is sent.
-            self._application.link_lost(DISCONNECTED, self.now_ns)
+            self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
         self.state = state
-        if state is NmtState.OPERATIONAL:
+        if state is nmt.NmtState.OPERATIONAL:
             self.process.start(self.now_ns)
         else:
             self.process.stop()
-        if state is NmtState.STOPPED:
+        if state is nmt.NmtState.STOPPED:
             self.sdo.reset()
             self._sdo_alarm.off()
         self._route()
@@ -196,24 +185,24 @@ class Node:
     def _route(self) -> None:
         """Rebuild the handlers for the present state and parameters."""
         works = nmt.WORKING[self.state]
-        if self.state is NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
+        if self.state is nmt.NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
             # No boot-up is pending: LSS alone can bring the node further.
             works = nmt.WITHOUT_NODE_ID
         handlers: dict[int, Handler] = {}
         requests: dict[int, Callable[[int], None]] = {}
-        if Service.LSS in works:
+        if nmt.Service.LSS in works:
             handlers[lss.REQUEST_ID] = self._lss
-        if Service.SDO in works:
+        if nmt.Service.SDO in works:
             if self.time.can_id is not None:
                 handlers[self.time.can_id] = self.time.received
             handlers[SDO_REQUEST_ID + self.number] = self._sdo
-        if Service.PDO in works:
+        if nmt.Service.PDO in works:
             handlers |= self.process.route(self.now_ns)
             requests |= self.process.requests()
-        if Service.NMT in works:
+        if nmt.Service.NMT in works:
             handlers |= self.consumers.route()
             handlers[0] = self._nmt
-            requests[HEARTBEAT_ID + self.number] = self._guard
+            requests[nmt.HEARTBEAT_ID + self.number] = self._guard
         self.handlers, self.requests = (handlers, requests) if self._bit_timing.on_bus else ({}, {})
 
     @property
@@ -252,26 +241,26 @@ class Node:
             return
         answer = self._guarding.request(self.state.value, t_ns)
         if self.heartbeat_enabled:
-            self._emit(Frame(HEARTBEAT_ID + self.number, answer))
+            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, answer))
 
     def _beat(self) -> None:
         if self.heartbeat_enabled:
-            self._emit(Frame(HEARTBEAT_ID + self.number, bytes((self.state.value,))))
+            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((self.state.value,))))
 
     def _link_lost(self, t_ns: int) -> None:
         """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
-        self.emergencies.raise_error(HEARTBEAT_LOST)
-        self._application.link_lost(HEARTBEAT_LOST, t_ns)
+        self.emergencies.raise_error(nmt.HEARTBEAT_LOST)
+        self._application.link_lost(nmt.HEARTBEAT_LOST, t_ns)
         self._enter(nmt.AFTER_ERROR.get((self._objects.error_behaviour, self.state), self.state))
 
     def _link_back(self) -> None:
         # Both share one error; it is over only when nobody is missing any more.
         if not self.consumers.lost and not self._guarding.lost:
-            self.emergencies.clear(HEARTBEAT_LOST)
+            self.emergencies.clear(nmt.HEARTBEAT_LOST)
 
     def _send_emergency(self, data: bytes) -> None:
         cob_id = self._objects.emergency_cob_id
-        if Service.SDO in nmt.WORKING[self.state] and not cob_id & INVALID:
+        if nmt.Service.SDO in nmt.WORKING[self.state] and not cob_id & INVALID:
             self._emit(Frame(cob_id & ID, data))
 
     def _emit(self, frame: Frame) -> None:

@@ -168,7 +168,7 @@ class Slave:
 
         self._frames = twice
 
-    # Called by the rack.
+    # Called by `SimulatedDrives`.
 
     @property
     def due_ns(self) -> int:

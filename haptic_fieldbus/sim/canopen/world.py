@@ -4,7 +4,7 @@ Theory: an event is a frame that ends, a timer of a drive, a fault, or the start
 happen in this order, so every frame queued at an instant takes part in its arbitration. Plants are moved, exactly, when
 a drive reads them (see `plant`). The world is lazy: it runs when a program sends (up to the present) or receives (up to
 the next frame, or to the deadline, and the clock advances with it). Everything random is drawn from the seed (see
-`rack`), so in virtual time the same seed gives the same octets. `pace` describes how programs share the world in real
+`drives`), so in virtual time the same seed gives the same octets. `pace` describes how programs share the world in real
 time.
 
 A bench with several buses consists of several worlds with one clock. Only a program connects them, so each world
@@ -246,8 +246,8 @@ class World(DrivenBus):
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
-        self._rack = SimulatedDrives(self, seed, longest)
-        super().__init__(self._rack)
+        self._drives = SimulatedDrives(self, seed, longest)
+        super().__init__(self._drives)
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
@@ -267,9 +267,9 @@ class World(DrivenBus):
     def add(self, slot: DriveOnBus) -> Slave:
         """Put a drive on the wire; raises ValueError when its node-ID is taken."""
         # Before a port is attached, which a refused drive would leave behind.
-        self._rack.check_free(slot.node)
+        self._drives.check_free(slot.node)
         self.run()
-        slave = self._rack.add(slot, self._wire.attach(in_order=False), self._now_ns)
+        slave = self._drives.add(slot, self._wire.attach(in_order=False), self._now_ns)
         slave.node.commission(self.bitrate)
         return slave
 
@@ -296,7 +296,7 @@ class World(DrivenBus):
     # Looking at it.
 
     def slave(self, node: int) -> Slave:
-        return self._rack.slaves[node]
+        return self._drives.slaves[node]
 
     def forget(self, before_ns: int) -> None:
         """Drop the motion and the traffic before an instant [ns]."""
@@ -323,8 +323,8 @@ class World(DrivenBus):
         if controller.off:
             return False
         if self.adapter_ns:
-            self._rack.plan(now_ns + self.adapter_ns, lambda _t_ns: controller.port.send(frame))
-            self._rack.find_due()
+            self._drives.plan(now_ns + self.adapter_ns, lambda _t_ns: controller.port.send(frame))
+            self._drives.find_due()
         else:
             controller.port.send(frame)
         return True
@@ -352,7 +352,7 @@ class World(DrivenBus):
     @property
     def next_ns(self) -> int:
         """Return the time of the next event, if no program sends before it; NEVER_NS if there is no further event."""
-        return min(self._rack.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
+        return min(self._drives.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
 
     @property
     def is_idle(self) -> bool:
@@ -361,10 +361,10 @@ class World(DrivenBus):
 
     def _run(self, limit_ns: int, until: deque[Received] | None = None) -> None:
         """Run the events up to and including the limit, or until a frame was received."""
-        wire, rack = self._wire, self._rack
+        wire, drives = self._wire, self._drives
         while not until:
             # No arbitration can start while a frame is on the wire.
-            end_ns, due_ns = wire.end_ns, rack.due_ns
+            end_ns, due_ns = wire.end_ns, drives.due_ns
             t_ns = end_ns if end_ns != NEVER_NS else wire.start_ns(self._now_ns)
             if due_ns < t_ns:
                 t_ns = due_ns
@@ -378,11 +378,11 @@ class World(DrivenBus):
                 self._deliver(t_ns)
             # A frame starts last, after all frames of this instant have been queued.
             elif due_ns == t_ns:
-                rack.timers(t_ns)
+                drives.timers(t_ns)
             else:
                 wire.start(t_ns)
                 # Mostly nothing happens before the frame ends, and the program waits for it.
-                if (end_ns := wire.end_ns) < rack.due_ns and end_ns <= limit_ns:
+                if (end_ns := wire.end_ns) < drives.due_ns and end_ns <= limit_ns:
                     self._now_ns = end_ns
                     self._deliver(end_ns)
 
@@ -391,10 +391,10 @@ class World(DrivenBus):
         if self._disturbances.active:
             for later_ns, arriving in self._disturbances.arriving(frame):
                 if later_ns:
-                    self._rack.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
+                    self._drives.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
                 else:
                     self._pass_on(arriving, sender, t_ns)
-            self._rack.find_due()
+            self._drives.find_due()
         else:
             self._pass_on(frame, sender, t_ns)
         # Taps see what was sent, whatever arrives of it.
@@ -405,35 +405,35 @@ class World(DrivenBus):
                 tap(t_ns, frame.can_id, frame.data)
 
     def _pass_on(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
-        self._rack.receive(frame, sender, t_ns)
+        self._drives.receive(frame, sender, t_ns)
         if not self.adapter_ns:
             for controller in self._controllers:
                 controller.frame_ended(frame, sender, t_ns)
             return
         for controller in self._controllers:
-            self._rack.plan(t_ns + self.adapter_ns, partial(controller.frame_ended, frame, sender))
-        self._rack.find_due()
+            self._drives.plan(t_ns + self.adapter_ns, partial(controller.frame_ended, frame, sender))
+        self._drives.find_due()
 
     # Faults.
 
     def let_happen(self, node: int, fault: DriveFaultKind | LineFault | HostFault) -> None:
         """Plan a fault of a drive or of its bus; its `at` counts from the present."""
         self.run()
-        self._rack.let_happen(fault, node, self._now_ns)
+        self._drives.let_happen(fault, node, self._now_ns)
 
     def bus_off(self, t_ns: int, until_ns: int) -> None:
         """Put the controllers of all programs in bus-off (see `injection.Line`)."""
         for controller in self._controllers:
             controller.bus_off(t_ns)
             if until_ns != NEVER_NS:
-                self._rack.plan(until_ns, controller.restarted)
+                self._drives.plan(until_ns, controller.restarted)
 
     def interface_down(self, t_ns: int, until_ns: int) -> None:
         """Take the interfaces of all programs down."""
         for controller in self._controllers:
             controller.interface_down()
             if until_ns != NEVER_NS:
-                self._rack.plan(until_ns, controller.interface_up)
+                self._drives.plan(until_ns, controller.interface_up)
 
     def disturb(self, fault: Disturbance) -> None:
         """Disturb the next frames of a service."""

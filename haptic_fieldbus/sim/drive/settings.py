@@ -110,13 +110,7 @@ def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
 
     Unknown values are those of the shipped bench; raises ValueError when that has none.
     """
-    bench = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
-    inertia = axis.inertia if axis.inertia is not None else bench.inertia
-    damping = axis.viscous_damping if axis.viscous_damping is not None else bench.viscous_damping
-    rated = axis.rated_torque if axis.rated_torque is not None else bench.rated_torque
-    if inertia is None or damping is None or rated is None:
-        raise ValueError("the shipped bench has unknown values")
-    return inertia, damping, rated
+    return _known(axis, "inertia"), _known(axis, "viscous_damping"), _known(axis, "rated_torque")
 
 
 def _known_currents(axis: RigAxis, settings: DriveSettings) -> tuple[float, float, float]:
@@ -124,12 +118,18 @@ def _known_currents(axis: RigAxis, settings: DriveSettings) -> tuple[float, floa
 
     Unknown values are those of the shipped bench; raises ValueError when that has none.
     """
-    bench = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
-    rated = settings.rated_current or axis.rated_current or bench.rated_current
-    peak, constant = axis.peak_current or bench.peak_current, axis.torque_constant or bench.torque_constant
-    if rated is None or peak is None or constant is None:
-        raise ValueError("the shipped bench has unknown values")
-    return rated, peak, constant
+    rated = settings.rated_current or _known(axis, "rated_current")
+    return rated, _known(axis, "peak_current"), _known(axis, "torque_constant")
+
+
+def _known(axis: RigAxis, key: str) -> float:
+    """Return a value of the axis, or that of the shipped bench; raises ValueError when that has none."""
+    given: float | None = getattr(axis, key)
+    if given is None:
+        given = getattr(default_axis(axis.mechanism.workspace, bus="", node=1, profile=axis.profile), key)
+    if given is None:
+        raise ValueError(f"the shipped bench has unknown values: {key}")
+    return given
 
 
 def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:

@@ -25,7 +25,7 @@ class Body(ABC):
         self.t_ns = t_ns
         self.state = state
         self.recorder = Recorder(recorded)
-        self._agenda: deque[tuple[int, Piece | None]] = deque()
+        self._pieces: deque[tuple[int, Piece | None]] = deque()
         self._hand: Grip | None = None
         """The hand that has released the handle, or waits for *operation enabled*; None without such a hand."""
         self._leader: Grip | None = None
@@ -57,7 +57,7 @@ class Body(ABC):
 
     def start_hand(self) -> None:
         """Start the hand's clock now, at 0; a hand that has released the handle, or has waited, grips it again."""
-        self._agenda.clear()
+        self._pieces.clear()
         if self._hand is not None and self._grip is not self._hand:
             # At the place of the handle, and as fast as it.
             self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
@@ -66,9 +66,9 @@ class Body(ABC):
             release = self._grip.release
             # A hand that has let go is gone: the pieces after that never begin.
             pieces = [piece for piece in self._grip.pieces if release is None or piece.start < release]
-            self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in pieces)
+            self._pieces.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in pieces)
             if release is not None:
-                self._agenda.append((self.t_ns + round(release * 1e9), None))
+                self._pieces.append((self.t_ns + round(release * 1e9), None))
             # A piece at 0 s begins at once.
             self.advance(self.t_ns)
 
@@ -78,13 +78,13 @@ class Body(ABC):
         The mass of a leading hand is so large that it would continue to move by itself. If another hand leads while the
         drive is off, it takes the handle and starts again.
         """
-        self._agenda.clear()
+        self._pieces.clear()
         if self._leader is not None:
             if self._grip is not None and self._grip is not self._leader:
                 self._hand = self._grip
             self.state = (*self.state[:STRETCH], 0.0, 0.0, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._leader)
-            self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._leader.pieces)
+            self._pieces.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._leader.pieces)
         elif self._grip is not None and any(self.state[HAND_SPEED:TARGET]):
             self.state = (*self.state[:HAND_SPEED], 0.0, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._grip)
@@ -102,7 +102,7 @@ class Body(ABC):
 
     def lead(self, grip: Grip, force: float) -> None:
         """Let this hand hold the handle from now on, with a force on its mass [N·m]; the one before is gone."""
-        self._agenda.clear()
+        self._pieces.clear()
         if self._grip is not grip:
             self._guest = grip
             self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
@@ -111,7 +111,7 @@ class Body(ABC):
 
     def let_go(self) -> None:
         """Let the hand go that holds the handle, if one does."""
-        self._agenda.clear()
+        self._pieces.clear()
         if self._grip is not None:
             self._begin(None)
 
@@ -119,7 +119,7 @@ class Body(ABC):
         """Let the force of the hand that holds the handle follow the pieces of `grip`, its release included."""
         begins = ((piece.start, piece) for piece in grip.pieces if grip.release is None or piece.start < grip.release)
         ends = [] if grip.release is None else [(grip.release, None)]
-        self._agenda.extend((self.t_ns + round(start * 1e9), piece) for start, piece in (*begins, *ends))
+        self._pieces.extend((self.t_ns + round(start * 1e9), piece) for start, piece in (*begins, *ends))
 
     @property
     def led(self) -> bool:
@@ -138,20 +138,20 @@ class Body(ABC):
         """Move to `t_ns`, which must not be before the body's own time."""
         if t_ns - self.t_ns >= 2 * LEADING_NS and self.led:
             self._leave_out((t_ns - self.t_ns) // LEADING_NS - 1)
-        agenda = self._agenda
-        while agenda and agenda[0][0] <= t_ns:
-            at_ns, piece = agenda.popleft()
+        pieces = self._pieces
+        while pieces and pieces[0][0] <= t_ns:
+            at_ns, piece = pieces.popleft()
             self._move(at_ns)
             self._begin(piece)
             if self.led:
-                self._agenda.append((at_ns + LEADING_NS, piece))
+                self._pieces.append((at_ns + LEADING_NS, piece))
         self._move(t_ns)
 
     def _leave_out(self, cycles: int) -> None:
         """Skip equal cycles of the leading hand after a long time without access."""
         skipped_ns = cycles * LEADING_NS
         self.t_ns += skipped_ns
-        self._agenda = deque((at_ns + skipped_ns, piece) for at_ns, piece in self._agenda)
+        self._pieces = deque((at_ns + skipped_ns, piece) for at_ns, piece in self._pieces)
         self._continue(self.state)
 
     def _begin(self, piece: Piece | None) -> None:

@@ -25,7 +25,7 @@ GARBAGE = (1, 40)
 
 
 @dataclass
-class _Pending:
+class _NextAnswers:
     fault: faults.AnswerDisturbance
     unit: int
     left: int
@@ -37,13 +37,13 @@ class AnswerDisturbances:
     def __init__(self, seed: int | str, *, serial: bool) -> None:
         self._random = Random(f"{seed}/answers")
         self._serial = serial
-        self.waiting: list[_Pending] = []
+        self.waiting: list[_NextAnswers] = []
         self._held: list[bytes] = []
         """Answers held back until the next request."""
 
     def add(self, fault: faults.AnswerDisturbance, unit: int) -> None:
         """Disturb the next answers of a drive."""
-        self.waiting.append(_Pending(fault, unit, fault.count))
+        self.waiting.append(_NextAnswers(fault, unit, fault.count))
 
     def take(self, unit: int) -> faults.AnswerDisturbance | None:
         """Return the fault of this answer, and count it; None when it has none."""
@@ -137,7 +137,7 @@ class SimulatedUnits(DriveBench):
     @property
     def due_ns(self) -> int:
         """Return the time of the next timer or planned action; NEVER_NS when there is none."""
-        due_ns = self.agenda.due_ns
+        due_ns = self.queue.due_ns
         for timers in self._timers:
             if timers.due_ns < due_ns:
                 due_ns = timers.due_ns
@@ -153,7 +153,7 @@ class SimulatedUnits(DriveBench):
     def serve(self, due_ns: int) -> None:
         """Serve the timers and actions of one instant, which `due_ns` has given."""
         self.now_ns = due_ns
-        self.agenda.run(due_ns)
+        self.queue.run(due_ns)
         for unit in self.units.values():
             for timer in unit.timers:
                 if timer.due_ns <= due_ns:
@@ -174,13 +174,13 @@ class SimulatedUnits(DriveBench):
             return partial(self._line.disturb, fault, unit.number)
         if not isinstance(fault, faults.DriveFaultKind):
             raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
-        return partial(inject_unit, fault, unit, self.agenda.plan)
+        return partial(inject_unit, fault, unit, self.queue.plan)
 
     def _meddle(self, fault: faults.ForeignSetPoints, unit: Unit, number: int, t_ns: int) -> None:
         """Let another master write one of its set-points, and plan the next write."""
         unit.write_as_stranger(fault.share, t_ns)
         if fault.count is None or number < fault.count:
-            self.agenda.plan(t_ns + round(fault.interval * 1e9), partial(self._meddle, fault, unit, number + 1))
+            self.queue.plan(t_ns + round(fault.interval * 1e9), partial(self._meddle, fault, unit, number + 1))
 
 
 def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:

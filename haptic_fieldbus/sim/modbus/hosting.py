@@ -49,9 +49,11 @@ _NOTHING = SimDevice(0, simdata=SimData(0, datatype=DataType.REGISTERS))
 class Connection(ServerRequestHandler):
     """One master's connection, or the serial line."""
 
-    def __init__(self, owner: ModbusBaseServer, desk: RequestServer, clock: Clock, is_dead: Callable[[], bool]) -> None:
+    def __init__(
+        self, owner: ModbusBaseServer, requests: RequestServer, clock: Clock, is_dead: Callable[[], bool]
+    ) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
-        self._desk, self._clock, self._is_dead = desk, clock, is_dead
+        self._requests, self._clock, self._is_dead = requests, clock, is_dead
         self._serial = isinstance(owner, ModbusSerialServer)
         self._octets, self._heard_ns = b"", 0
 
@@ -66,17 +68,17 @@ class Connection(ServerRequestHandler):
         if self._serial and now_ns > self._heard_ns + SILENCE_NS:
             self._octets = b""
         self._octets, self._heard_ns = self._octets + data, now_ns
-        self._desk.rack.run(now_ns)
+        self._requests.drives.run(now_ns)
         while self._octets and not self._is_dead():
             if not self._serial and starts_no_frame(self._octets):
                 self.reset()
                 return
-            used, asked = self._desk.station.next(self._octets)
+            used, asked = self._requests.station.next(self._octets)
             if not used:
                 return
             self._octets = self._octets[used:]
-            held = self._desk.disturbances.released()
-            arriving = [] if asked is None else list(self._desk.answer(asked, now_ns))
+            held = self._requests.disturbances.released()
+            arriving = [] if asked is None else list(self._requests.answer(asked, now_ns))
             for later_ns, octets in [(0, each) for each in held] + arriving:
                 self._say(later_ns, octets)
 
@@ -99,7 +101,7 @@ class Server:
     """Drives on one TCP port or one serial device."""
 
     def __init__(self, clock: Clock, seed: int, *, serial: bool, longest: int | None) -> None:
-        self.desk = RequestServer(self, seed, serial=serial, longest=longest)
+        self.requests = RequestServer(self, seed, serial=serial, longest=longest)
         self._clock = clock
         self._listener: ModbusBaseServer | None = None
         self._connections: list[Connection] = []
@@ -122,12 +124,12 @@ class Server:
         if self._listener is not None:
             await self._listener.shutdown()  # type: ignore[no-untyped-call]
 
-    # Faults (see `rack.FaultyLine`).
+    # Faults (see `drives.FaultyLine`).
 
     def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None:
         """Disturb the next answers of a drive, or end all connections."""
         if not isinstance(fault, faults.ConnectionReset):
-            self.desk.disturbances.add(fault, number)
+            self.requests.disturbances.add(fault, number)
             return
         self._dead_until_ns = until(t_ns, fault.duration)
         for connection in self._connections:
@@ -140,7 +142,7 @@ class Server:
 
     def _connected(self, listener: ModbusBaseServer) -> Connection:
         self._connections = [each for each in self._connections if each.transport]
-        self._connections.append(Connection(listener, self.desk, self._clock, self._is_dead))
+        self._connections.append(Connection(listener, self.requests, self._clock, self._is_dead))
         return self._connections[-1]
 
     def _is_dead(self) -> bool:
@@ -212,7 +214,7 @@ async def _host(
     errors = port_errors() if section.serial else (OSError,)
     server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
     for slot in slots:
-        server.desk.rack.add(slot, clock.now_ns()).drive.plant.prepare()
+        server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
     with device(section) as (own, theirs):
         try:
             joined = await listen(server, own, theirs, slots)
@@ -228,7 +230,7 @@ async def _host(
                     ready(slot)
                 while not stopped():
                     await asyncio.sleep(NAP_NS * 1e-9)
-                    server.desk.rack.run(clock.now_ns())
+                    server.requests.drives.run(clock.now_ns())
         finally:
             await server.close()
 

@@ -40,7 +40,7 @@ Tap = Callable[[int, bool, bytes], None]
 """Callback for a frame: begin [ns], True if the master sent it, and the octets that arrive."""
 
 
-class _Coming(NamedTuple):
+class _Arrival(NamedTuple):
     """Octets on their way to the master: arrival of the first and of the last one [ns]."""
 
     first_ns: int
@@ -64,10 +64,10 @@ class SimulatedLine(DrivenBus):
         """With `echo` the master receives its own frames, as with some adapters."""
         self.name, self.serial = name, serial
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
-        self._desk = RequestServer(self, seed, serial=serial)
-        self._rack = self._desk.rack
-        super().__init__(self._rack)
-        self._coming: list[_Coming] = []
+        self._requests = RequestServer(self, seed, serial=serial)
+        self._drives = self._requests.drives
+        super().__init__(self._drives)
+        self._coming: list[_Arrival] = []
         self._next_ns = NEVER_NS
         """Arrival of the last octet of the frame that comes first."""
         self._octet_ns = wire.octet * 1e9
@@ -82,10 +82,10 @@ class SimulatedLine(DrivenBus):
 
     def add(self, slot: DriveOnBus) -> Unit:
         """Put a drive on the line; raises ValueError when its unit id is taken."""
-        return self._rack.add(slot, self._clock.now_ns())
+        return self._drives.add(slot, self._clock.now_ns())
 
     def unit(self, number: int) -> Unit:
-        return self._rack.units[number]
+        return self._drives.units[number]
 
     def tap(self, callback: Tap) -> None:
         """Call `callback` with every frame."""
@@ -94,7 +94,7 @@ class SimulatedLine(DrivenBus):
     def let_happen(self, number: int, fault: faults.DriveFaultKind | faults.AnswerFault | faults.HostFault) -> None:
         """Plan a fault of a drive or of its line; its `at` counts from the present."""
         self.run()
-        self._rack.let_happen(fault, number, self._clock.now_ns())
+        self._drives.let_happen(fault, number, self._clock.now_ns())
 
     # The transport.
 
@@ -116,30 +116,30 @@ class SimulatedLine(DrivenBus):
             self._traffic.append((begin_ns, end_ns))
         if self._echo:
             self._comes(begin_ns, frame)
-        for octets in self._desk.disturbances.released():
+        for octets in self._requests.disturbances.released():
             self._comes(begin_ns + self._way_ns, octets)
-        _, asked = self._desk.station.next(frame)
+        _, asked = self._requests.station.next(frame)
         if asked is not None and not glued:
             heard_ns = end_ns + self._way_ns + self._silence_ns
-            self._rack.agenda.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
+            self._drives.queue.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
 
     def receive(self, deadline_ns: int) -> bytes:
         """Return the octets that have arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
-        clock, rack, now_ns = self._clock, self._rack, self._check_alive()
+        clock, drives, now_ns = self._clock, self._drives, self._check_alive()
         octets = self._taken(now_ns)
         if octets:
             return octets
         limit_ns = now_ns + max(0, deadline_ns - self._host.now_ns())
-        while (due_ns := rack.due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
-            rack.serve(due_ns)
+        while (due_ns := drives.due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
+            drives.serve(due_ns)
             if self._broken:
                 clock.sleep_until(min(limit_ns, self._dead_since_ns))
                 self._check_alive()
         clock.sleep_until(end_ns)
         now_ns = clock.now_ns()
         if now_ns >= due_ns:  # a real clock has gone on
-            rack.run(now_ns)
-        rack.now_ns = now_ns
+            drives.run(now_ns)
+        drives.now_ns = now_ns
         return self._taken(now_ns)
 
     def reopen(self) -> None:
@@ -154,11 +154,11 @@ class SimulatedLine(DrivenBus):
 
     def run(self) -> None:
         """Run all events up to the present of the clock."""
-        self._rack.run(self._clock.now_ns())
+        self._drives.run(self._clock.now_ns())
 
     @property
     def reached_ns(self) -> int:
-        return self._rack.now_ns
+        return self._drives.now_ns
 
     # Faults.
 
@@ -168,7 +168,7 @@ class SimulatedLine(DrivenBus):
             self._broken, self._dead_since_ns, self._dead_until_ns = True, t_ns, until(t_ns, fault.duration)
             self._lose()
         else:
-            self._desk.disturbances.add(fault, number)
+            self._requests.disturbances.add(fault, number)
 
     def host_fault(self, fault: faults.HostFault) -> None:
         """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
@@ -179,12 +179,12 @@ class SimulatedLine(DrivenBus):
     # Inside.
 
     def _answer_ns(self, asked: ServerRequest) -> int:
-        unit = self._rack.units.get(asked.unit)
+        unit = self._drives.units.get(asked.unit)
         return 0 if unit is None else unit.answer_ns
 
     def _execute(self, asked: ServerRequest, t_ns: int) -> None:
         """Execute a request, and send its answer."""
-        for later_ns, octets in self._desk.answer(asked, t_ns):
+        for later_ns, octets in self._requests.answer(asked, t_ns):
             for tap in self._taps:
                 tap(t_ns + later_ns, False, octets)
             self._comes(t_ns + later_ns + self._way_ns, octets)
@@ -197,8 +197,8 @@ class SimulatedLine(DrivenBus):
             if self.serial:
                 self._traffic.append((begin_ns, begin_ns + round(self._octet_ns * len(octets))))
 
-    def _arriving(self, first_ns: int, octets: bytes) -> _Coming:
-        return _Coming(first_ns, first_ns + round(self._octet_ns * (len(octets) - 1)), octets)
+    def _arriving(self, first_ns: int, octets: bytes) -> _Arrival:
+        return _Arrival(first_ns, first_ns + round(self._octet_ns * (len(octets) - 1)), octets)
 
     def _is_glued(self, t_ns: int) -> bool:
         """Return whether a frame is on the serial line at this time, or ended less than the silence before."""
@@ -231,7 +231,7 @@ class SimulatedLine(DrivenBus):
     def _check_alive(self) -> int:
         """Run all events up to the present [ns], and return it; raises BusError when the line is dead."""
         now_ns = self._clock.now_ns()
-        self._rack.run(now_ns)
+        self._drives.run(now_ns)
         if self._broken:
             raise self._error(errno.EIO if self.serial else errno.ECONNRESET)
         return now_ns

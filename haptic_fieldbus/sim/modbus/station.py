@@ -173,13 +173,13 @@ class RequestServer:
     def __init__(
         self, line: FaultyLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
     ) -> None:
-        self.rack = SimulatedUnits(line, seed, longest)
-        self.station = Station(self.rack.units, serial=serial)
+        self.drives = SimulatedUnits(line, seed, longest)
+        self.station = Station(self.drives.units, serial=serial)
         self.disturbances = AnswerDisturbances(seed, serial=serial)
 
     def answer(self, asked: ServerRequest, t_ns: int) -> Iterable[tuple[int, bytes]]:
         """Execute a request; return the frames that arrive as its answer: additional delay [ns] and octets."""
-        unit, fault = self.rack.units.get(asked.unit), None
+        unit, fault = self.drives.units.get(asked.unit), None
         if self.disturbances.waiting and unit is not None and unit.hears(t_ns):
             fault = self.disturbances.take(asked.unit)
         if isinstance(fault, faults.AnswerException):

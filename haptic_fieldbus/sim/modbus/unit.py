@@ -8,15 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from haptic_fieldbus.drive.cia402 import (
-    Cia402Profile,
-    LinkLoss,
-    MappedObject,
-    OptionCode,
-    PositionSection,
-    TorqueSection,
-    VelocitySection,
-)
+from haptic_fieldbus.drive import cia402
 from haptic_fieldbus.drive.power import PowerRow, PowerState
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS, RigAxis
@@ -44,7 +36,7 @@ ABORT_OPTION, REACTION_OPTION = 0x6007, 0x605E
 
 
 @dataclass(frozen=True, kw_only=True)
-class InnerProfile(Cia402Profile):
+class InnerProfile(cia402.Cia402Profile):
     """CiA 402 profile of the drive inside, with the watchdog of its Modbus profile."""
 
     watched: bool
@@ -64,16 +56,20 @@ def inner_profile(profile: ModbusProfile) -> InnerProfile:
         timing=profile.timing,
         name=profile.name,
         source=profile.source,
-        torque=TorqueSection(
+        torque=cia402.TorqueSection(
             mode,
             _object(TARGET, torque.target),
             _object(ACTUAL, torque.actual) if torque.actual is not None else None,
             _object(RATED, torque.rated) if torque.rated is not None else None,
             _object(DEMAND, torque.demand) if torque.demand is not None else None,
         ),
-        position=PositionSection(_object(POSITION, profile.position.actual)) if profile.position is not None else None,
-        velocity=VelocitySection(_object(VELOCITY, profile.velocity.actual)) if profile.velocity is not None else None,
-        link_loss=LinkLoss(
+        position=None
+        if profile.position is None
+        else cia402.PositionSection(_object(POSITION, profile.position.actual)),
+        velocity=None
+        if profile.velocity is None
+        else cia402.VelocitySection(_object(VELOCITY, profile.velocity.actual)),
+        link_loss=cia402.LinkLoss(
             abort_connection_option=_option(profile, ABORT_OPTION),
             fault_reaction_option=_option(profile, REACTION_OPTION),
         ),
@@ -86,13 +82,13 @@ def written_registers(profile: ModbusProfile) -> tuple[WrittenRegister, ...]:
     return (*profile.setup, *(profile.watchdog.writes if profile.watchdog is not None else ()))
 
 
-def _object(index: int, register: Register) -> MappedObject:
-    return MappedObject(index, register.type, unit=register.unit)
+def _object(index: int, register: Register) -> cia402.MappedObject:
+    return cia402.MappedObject(index, register.type, unit=register.unit)
 
 
-def _option(profile: ModbusProfile, index: int) -> OptionCode | None:
+def _option(profile: ModbusProfile, index: int) -> cia402.OptionCode | None:
     found = (register for register in written_registers(profile) if register.object == index)
-    return next((OptionCode(index, register.value) for register in found), None)
+    return next((cia402.OptionCode(index, register.value) for register in found), None)
 
 
 # The drive's watch on its master: a time within which a target torque must be written.
@@ -219,7 +215,7 @@ class Unit:
         self._now_ns = t_ns
         self._lost_master = 0
         self._scale_position(axis)
-        self._front = self._add_power()
+        self._power_registers = self._add_power()
         self.watchdog = self._add_watchdog()
         self.timers: tuple[Operation | Watchdog, ...] = (self.drive.operation,)
         """The timers of the drive, each with a `due_ns` of its own."""
@@ -228,7 +224,7 @@ class Unit:
         self._add_signals()
         self._add_others()
 
-    # Called by the rack.
+    # Called by `SimulatedUnits`.
 
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
@@ -246,8 +242,8 @@ class Unit:
         for entry in self._kept:
             entry.reset()
         self.drive.restart(t_ns)
-        if self._front is not None:
-            self._front.command.reset()
+        if self._power_registers is not None:
+            self._power_registers.command.reset()
         if self.watchdog is not None:
             self.watchdog.restart(t_ns)
 
@@ -332,15 +328,15 @@ class Unit:
             self.registers.both(power.status, objects.statusword)
             self.registers.both(power.command, objects.controlword)
             return None
-        front = PowerRegisters(power, lambda: drive.power.state, self._obey)
-        self.registers.add(power.status, front.status)
-        self.registers.add(power.command, front.command, front.command)
+        power_registers = PowerRegisters(power, lambda: drive.power.state, self._obey)
+        self.registers.add(power.status, power_registers.status)
+        self.registers.add(power.command, power_registers.command, power_registers.command)
         # No register tells this drive its mode of operation in the words of CiA 402.
         objects.mode.value = objects.mode.default = CYCLIC_TORQUE
         if all(row.state is not PowerState.FAULT_REACTION_ACTIVE for row in power.rows):
             # A drive that braked in *fault* would not be off, though it says so.
             objects.fault_reaction_option.value = DISABLE
-        return front
+        return power_registers
 
     def _obey(self, controlword: int) -> None:
         self.drive.objects.controlword.value = controlword

@@ -27,10 +27,10 @@ class Hosted:
         self.theirs = can.Bus(interface="virtual", channel=channel, receive_own_messages=echoes)
         self.bus = can.Bus(interface="virtual", channel=channel)
         self.told: list[str] = []
-        self.outlet = HostPort(
+        self.host_port = HostPort(
             self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened, echoes=echoes
         )
-        self.host = Host(self.outlet, self.clock)
+        self.host = Host(self.host_port, self.clock)
         for node in nodes:
             drive = NamedDrive("generic_cia402", node)
             bench = (drive, "virtual:hosting", Workspace.LINEAR, hand_named(hand), faults)

@@ -95,7 +95,7 @@ class TestHost:
     def test_a_full_transmit_queue_loses_frames_and_counts_them(self, hosted: Hosted) -> None:
         hosted.theirs.send = _refuse("Transmit buffer full")  # type: ignore[method-assign,assignment]
         hosted.serve()
-        assert hosted.outlet.lost == 2
+        assert hosted.host_port.lost == 2
         assert hosted.told == []
 
     def test_a_node_id_is_given_once(self, hosted: Hosted) -> None:
@@ -161,7 +161,7 @@ class TestWhatIsBuiltBeforeReady:
     def test_while_nothing_is_asked_the_shafts_are_followed(self) -> None:
         """Work that a silence of minutes leaves would hold up the first answer."""
         hosted = Hosted(5, hand="push", led=True)
-        (slave,) = hosted.host._rack.slaves.values()
+        (slave,) = hosted.host._drives.slaves.values()
         for _ in range(50):
             hosted.serve(100 * MS)
             assert slave.drive.plant.t_ns == hosted.clock.now_ns()
@@ -230,7 +230,7 @@ class TestWhatConcernsTheDrives:
 
     def _told(self, hosted: Hosted) -> list[set[tuple[int, bool]]]:
         told: list[set[tuple[int, bool]]] = []
-        hosted.outlet.focus = lambda concerns: told.append(set(concerns))  # type: ignore[method-assign]
+        hosted.host_port.focus = lambda concerns: told.append(set(concerns))  # type: ignore[method-assign]
         return told
 
     def test_is_known_before_the_answer_to_what_changed_it(self) -> None:
@@ -242,8 +242,8 @@ class TestWhatConcernsTheDrives:
         assert (0x205, False) in told[-1]
         assert (0x77F, False) not in told[-1]
         seen: list[set[tuple[int, bool]]] = []
-        send = hosted.outlet.send
-        hosted.outlet.send = lambda frame: (seen.append(told[-1]), send(frame))[1]  # type: ignore[func-returns-value,method-assign]
+        send = hosted.host_port.send
+        hosted.host_port.send = lambda frame: (seen.append(told[-1]), send(frame))[1]  # type: ignore[func-returns-value,method-assign]
         hosted.send(0x605, bytes.fromhex("23 16 10 01 32 00 7f 00"))
         hosted.serve(0)
         assert (0x77F, False) in seen[-1]
@@ -256,7 +256,7 @@ class TestWhatConcernsTheDrives:
         for command in (1, 2, 128, 130, 129, 1):
             hosted.send(0, bytes((command, 0)))
             hosted.serve(100 * MS)
-            for _, slave in hosted.host._rack.attached:
+            for _, slave in hosted.host._drives.attached:
                 heard = {(each, False) for each in slave.node.handlers} | {(each, True) for each in slave.node.requests}
                 assert heard <= told[-1]
             # All that it hears when it is operational, whatever its state is.

@@ -300,7 +300,7 @@ class TestFaults:
 
     def test_a_fault_planned_by_a_test_counts_from_now(self) -> None:
         drive = Driven()
-        drive.rack.let_happen(faults.DriveFault("drive_fault", 0.01), drive.unit.number, drive.t_ns)
+        drive.drives.let_happen(faults.DriveFault("drive_fault", 0.01), drive.unit.number, drive.t_ns)
         drive.enable()
         drive.wait(11)
         assert drive.state() is State.FAULT
@@ -308,4 +308,4 @@ class TestFaults:
     def test_two_drives_of_one_unit_id_are_refused(self) -> None:
         drive = Driven()
         with pytest.raises(ValueError, match="unit 3 is on this line already"):
-            drive.rack.add(slot(), 0)
+            drive.drives.add(slot(), 0)

@@ -54,13 +54,13 @@ class Driven:
 
     def __init__(self, profile: ModbusProfile = GENERIC, *these: faults.Fault, hand: str = "none") -> None:
         self.line = NoLine()
-        self.rack = SimulatedUnits(self.line, seed=1)
-        self.unit = self.rack.add(slot(profile, *these, hand=hand), 0)
+        self.drives = SimulatedUnits(self.line, seed=1)
+        self.unit = self.drives.add(slot(profile, *these, hand=hand), 0)
         self.t_ns = 0
 
     def wait(self, milliseconds: float) -> None:
         self.t_ns += round(milliseconds * MS)
-        self.rack.run(self.t_ns)
+        self.drives.run(self.t_ns)
 
     def read(self, address: int, count: int = 1, function: int = 3) -> list[int] | Refusal:
         outcome = self.unit.read(function, address, count, self.t_ns)

@@ -95,7 +95,7 @@ class TestABusThatGoesDown:
                 raise refusal
             return again()
 
-        monkeypatch.setattr(hosted.outlet, "_reopen", reopened)
+        monkeypatch.setattr(hosted.host_port, "_reopen", reopened)
         hosted.serve()
         hosted.theirs.recv = _raising(OSError(errno.ENODEV, "gone"))  # type: ignore[method-assign]
         for _ in range(12):
@@ -124,11 +124,11 @@ class TestTheInstantOfAFrame:
     def _arrived(self, ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
         clock = VirtualClock(10 * MS)
         with can.Bus(interface="virtual", channel="stamps") as bus:
-            outlet = HostPort(bus, clock, "virtual:stamps", print, stamped=stamped)
+            host_port = HostPort(bus, clock, "virtual:stamps", print, stamped=stamped)
             message = can.Message(timestamp=time.time() - ago)
             bus.recv = lambda timeout=None: message  # type: ignore[method-assign]
-            assert outlet.receive(0) is not None
-            return outlet.arrived_ns(earliest_ns)
+            assert host_port.receive(0) is not None
+            return host_port.arrived_ns(earliest_ns)
 
     def test_is_its_stamp(self) -> None:
         assert 9.7 * MS <= self._arrived(0.0002, 0) <= 9.8 * MS
@@ -153,7 +153,7 @@ class TestTheInstantOfAFrame:
         hosted.send(0x605, bytes.fromhex("23 16 10 01 32 00 7f 00"))
         enabled(hosted)
         stamps: list[int] = []
-        hosted.outlet.arrived_ns = lambda earliest_ns: stamps.pop(0) if stamps else hosted.clock.now_ns()  # type: ignore[method-assign]
+        hosted.host_port.arrived_ns = lambda earliest_ns: stamps.pop(0) if stamps else hosted.clock.now_ns()  # type: ignore[method-assign]
 
         def slept(beats: int) -> list[int]:
             begun_ns = hosted.clock.now_ns()
@@ -176,7 +176,7 @@ class TestTheInstantOfAFrame:
         hosted.serve(400 * MS)
 
         def latched(late_ns: int) -> int:
-            hosted.outlet.arrived_ns = lambda earliest_ns: hosted.clock.now_ns() - late_ns  # type: ignore[method-assign]
+            hosted.host_port.arrived_ns = lambda earliest_ns: hosted.clock.now_ns() - late_ns  # type: ignore[method-assign]
             hosted.send(0x80, b"")
             hosted.clock.compute(late_ns)
             hosted.host.serve(0)
