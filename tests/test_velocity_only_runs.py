@@ -20,7 +20,6 @@ from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
@@ -32,6 +31,7 @@ from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
 from tests.builders import VELOCITY_ONLY, can_traffic, plan_of, rig_of, scene_of
 from tests.cycle.test_cycle import Constant
 from tests.velocity_only import velocity_only
+from tests.whole_loop import run_loop
 
 Array = NDArray[np.float64]
 SCENES = ["wall", "damped_wall", "sprung_mass"]

@@ -36,7 +36,6 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.element_forces import (
     POINTS_PER_PERIOD,
-    Handover,
     PartState,
     Span,
     begins,
@@ -45,7 +44,6 @@ from haptic_fieldbus.assessing.element_forces import (
     new_nodes,
     new_rows,
     part_of,
-    spans,
     stepped_forces,
 )
 from haptic_fieldbus.assessing.recording import (
@@ -229,11 +227,6 @@ class ErrorPoints:
         return mask
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorSplit(ErrorPoints, ErrorFigures):
-    """Error of a whole run: its figures, and all its points."""
-
-
 class Splitter:
     """Splits the error of one axis, part by part, from `begin_ns` to the last sample, at `POINTS_PER_PERIOD`.
 
@@ -400,30 +393,3 @@ class Splitter:
         for tie in ties:
             total += tie.replayed(feedback, self._period, self._carried)
         return total
-
-
-def split(
-    elements: Sequence[Element],
-    recording: Recording,
-    trajectory: TrueMotion,
-    conversion: Conversion,
-    *,
-    period: float,
-    begin_ns: int,
-    method: str | None = None,
-    unit: str = "N",
-    step: float = 0.0,
-    late: tuple[float, float] = (0.0, 0.0),
-    exchanges: Sequence[Handover[Element]] = (),
-    ties: Sequence["Tie"] = (),
-) -> ErrorSplit:
-    """Return the error of a completely recorded run; the arguments are those of `Splitter`.
-
-    Raises ValueError when nothing was recorded after `begin_ns`, or when the drive took over no recorded command.
-    """
-    splitter = Splitter(period=period, begin_ns=begin_ns, method=method, unit=unit, step=step, late=late)
-    acted = spans(elements, exchanges, recording.times_ns)
-    points = splitter.take(recording, trajectory, conversion, acted=acted, ties=ties)
-    if splitter.figures is None:
-        raise ValueError(f"nothing was recorded after {begin_ns} ns")
-    return ErrorSplit(**vars(splitter.figures), **vars(points))

@@ -107,21 +107,6 @@ def finished(steps: Steps[T]) -> T:
             return found
 
 
-def run_loop(
-    plan: Plan,
-    cycle: Cycle,
-    bus: Bus,
-    clock: Clock,
-    *,
-    cycles: int,
-    record: Record | None = None,
-    progress: Callable[[int], None] | None = None,
-    report: LoopReport | None = None,
-) -> LoopReport:
-    """Run an opened bus as `loop_steps` without pauses, and return the report of the run."""
-    return finished(loop_steps(plan, cycle, bus, clock, cycles=cycles, record=record, progress=progress, report=report))
-
-
 def loop_steps(
     plan: Plan,
     cycle: Cycle,

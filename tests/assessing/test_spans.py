@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.element_forces import Handover, spans
 from haptic_fieldbus.assessing.recording import Conversion, Recording
-from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
 from haptic_fieldbus.cycle.laws import Field, Sensed, blended, field_of
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.friction import Friction
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
+from tests.assessing.splitting import ErrorSplit, split
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]

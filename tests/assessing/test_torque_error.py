@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD
 from haptic_fieldbus.assessing.recording import Conversion, Recording
-from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.scenes.element import DynamicElement, Element, StaticElement
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
+from tests.assessing.splitting import ErrorSplit, split
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -12,9 +12,9 @@ from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
-from haptic_fieldbus.running.loop import run_loop
 from tests.builders import WALL, plan_of, rig_of
 from tests.buses.canopen.benches import HEARTBEAT, NODE, RPDO, TORQUE_FREE, Bench
+from tests.whole_loop import run_loop
 
 PERIOD_NS = 1_000_000
 MILLISECOND_NS = 1_000_000

@@ -15,7 +15,6 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DriveFaultError, SafetyTripError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
@@ -23,6 +22,7 @@ from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import PROFILE, can_traffic, plan_of, scene_of
+from tests.whole_loop import run_loop
 
 RPDO = 0x201
 TORQUE_FREE = bytes(4)

@@ -16,13 +16,13 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.protocols.canopen.bus import can_section
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.invariants.attach import watched
 from tests.soak.case import profiles
+from tests.whole_loop import run_loop
 
 CHANNEL, NODES = "maxon_epos4@5,generic_cia402@6", (5, 6)
 SERVICES = (0x000, 0x080, 0x100, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x600, 0x700, 0x7E4)

@@ -16,7 +16,6 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load, select
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
@@ -24,6 +23,7 @@ from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS, Hand, Piece
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from tests.builders import can_traffic
+from tests.whole_loop import run_loop
 
 TURN, STROKE, ARM = math.pi, 0.03, 1e6
 """Of the rigid hand: [rad/s], [m], [kg]."""

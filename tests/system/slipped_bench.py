@@ -19,12 +19,12 @@ from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.registry import protocol_named
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS
+from tests.whole_loop import run_loop
 
 SLIPS = (1000.0, 1e-3, 4.0, 0.25, 1e6, 1e-6, 180.0 / math.pi, math.pi / 180.0, 10.0, 0.1, 2.0 * math.pi)
 """A prefix or two, lines for counts, degrees, a digit, radians for turns."""

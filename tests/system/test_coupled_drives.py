@@ -23,7 +23,6 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import BusError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.running.session import Session
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
@@ -36,6 +35,7 @@ from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
 from tests.builders import PROFILE, can_traffic, endless_rig, plan_of, rig_of, scene_of
 from tests.several_buses import rig_on
+from tests.whole_loop import run_loop
 
 Array = NDArray[np.float64]
 MS = 1_000_000

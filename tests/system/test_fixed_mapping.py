@@ -17,7 +17,6 @@ from haptic_fieldbus.errors import BusConfigurationError, ImageTooLargeError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.protocols.canopen.from_eds import draft_of
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
@@ -26,6 +25,7 @@ from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, rig_of
 from tests.eds.fixed_mapping import CONTROLWORD, MODE, RPDOS, TARGET_TORQUE, Mappings, fixed_profile, written
 from tests.sim.bench import DriveBench, Refusal
+from tests.whole_loop import run_loop
 
 GENERIC = "generic_cia402"
 Frames = list[tuple[int, bytes]]

@@ -26,7 +26,6 @@ from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.eds_proof import proof_of
 from haptic_fieldbus.sim.canopen.world import World
@@ -38,6 +37,7 @@ from tests.eds.peculiar import DRIVES, FORCE
 from tests.eds.vendor_files import both, eds_of, path_of
 from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
 from tests.protocols.canopen.test_from_eds import NO_DRIVE, UNUSABLE, USABLE, of_vendors
+from tests.whole_loop import run_loop
 
 GENERIC = "generic_cia402"
 WITHOUT_GUARD = ["no_option_codes.eds", "ingenia_everest_xcr.eds"]

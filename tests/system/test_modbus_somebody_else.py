@@ -14,7 +14,6 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE
 from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, SafetyTripError, UsageError
 from haptic_fieldbus.planning.deadlines import EndCause
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
@@ -26,6 +25,7 @@ from tests.builders import endless_rig
 from tests.buses.modbus.servers import Drive, tcp_server
 from tests.invariants.attach import Findings, watched
 from tests.sim.modbus.units import MODE, TARGET
+from tests.whole_loop import run_loop
 
 TCP, RTU = "sim-modbus-tcp", "sim-modbus-rtu@115200"
 AFTER_NS = 1_000_000_000

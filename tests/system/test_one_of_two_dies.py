@@ -18,7 +18,6 @@ from haptic_fieldbus.planning.deadlines import EndCause
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import modbus_section
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -29,6 +28,7 @@ from haptic_fieldbus.sim.modbus.line import SimulatedLine
 from haptic_fieldbus.sim.modbus.station import ServerRequest, exception_for
 from tests.builders import endless_rig
 from tests.invariants.attach import watched
+from tests.whole_loop import run_loop
 
 CAN, TCP, RTU = "sim", "sim-modbus-tcp", "sim-modbus-rtu@115200"
 DRIVES = {CAN: "generic_cia402", TCP: "generic_cia402_modbus", RTU: "generic_cia402_modbus"}

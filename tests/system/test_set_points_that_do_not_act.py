@@ -16,7 +16,6 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, UnstableSceneError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
@@ -28,6 +27,7 @@ from haptic_fieldbus.sim.hand import Hand, Piece
 from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of, shipped
 from tests.invariants.attach import watched
 from tests.softened import softened
+from tests.whole_loop import run_loop
 
 RATES = (1000.0, 250.0, 50.0)
 CONTACT = 1.0

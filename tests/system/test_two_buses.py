@@ -22,7 +22,6 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import BusError, DriveFaultError, HapticFieldbusError, UsageError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
@@ -31,6 +30,7 @@ from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import PROFILE, can_traffic, plan_of, scene_of
 from tests.several_buses import rig_on
+from tests.whole_loop import run_loop
 
 Array = NDArray[np.float64]
 MS = 1_000_000

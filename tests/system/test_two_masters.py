@@ -18,7 +18,6 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.errors import ForeignMasterError, SafetyTripError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
@@ -26,6 +25,7 @@ from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import WALL, plan_of, rig_of
 from tests.buses.canopen.test_other_master import COMMANDS
 from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
+from tests.whole_loop import run_loop
 
 PERIOD_NS = 1_000_000
 CONTACT = 600

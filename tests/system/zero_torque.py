@@ -16,7 +16,6 @@ from haptic_fieldbus.planning.deadlines import REMAINDER, EndCause
 from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
@@ -24,6 +23,7 @@ from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from tests.builders import can_traffic, endless_rig, shipped
+from tests.whole_loop import run_loop
 
 RATES = (1000.0, 250.0, 50.0)
 AT_EVERY_RATE = ("generic_cia402", "maxon_epos4")

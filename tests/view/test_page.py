@@ -360,6 +360,14 @@ def lying_on_another(browser: webdriver.Chrome) -> list[tuple[str, str]]:
     return found
 
 
+def without_a_scale(browser: webdriver.Chrome) -> list[str]:
+    """Return the pictures of forces and of times beside which fewer than two numbers stand."""
+    counted = """return [...window.written].filter(([canvas]) => canvas.dataset.kind !== "handle").map(
+        ([canvas, words]) => [canvas.ariaLabel, words.filter(([text, , right, base]) => Number.isFinite(Number(text))
+            && right < 52 && base > 22 && base < canvas.clientHeight - 12).length])"""
+    return [name for name, count in browser.execute_script(counted) if count < 2]
+
+
 @pytest.mark.parametrize("scene", ["detents", "virtual_coupling", "knob_menu", "virtual_shaft", "teleoperation"])
 def test_no_word_of_a_picture_lies_on_another_one_at_any_width(browser: webdriver.Chrome, scene: str) -> None:
     with serving("run", scene, "--view", "--view-port", "0", "--hand", "none") as served:
@@ -372,6 +380,7 @@ def test_no_word_of_a_picture_lies_on_another_one_at_any_width(browser: webdrive
                 "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0], 300)))"
             )
             assert lying_on_another(browser) == []
+            assert without_a_scale(browser) == []
             assert not browser.execute_script("return document.body.classList.contains('lost')")
             lowest = "Math.min(...[...document.querySelectorAll('canvas[data-kind]')].map((each) => each.clientHeight))"
             assert browser.execute_script(f"return {lowest}") >= 85

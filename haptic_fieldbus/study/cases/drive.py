@@ -15,7 +15,7 @@ from haptic_fieldbus.cycle import Cycle, LinkFlag, TripKind
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.running.loop import finished, loop_steps
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
@@ -127,7 +127,7 @@ def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: tuple[Fault, ...]
     bus, truth = simulated_bus(plan, plan.buses[0], clock, hand=at_once, faults=faults)
     try:
         bus.open(plan)
-        run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, report=report)
+        finished(loop_steps(plan, Cycle(plan), bus, clock, cycles=cycles, report=report))
     except BusError as raised:
         error = type(raised).__name__
     finally:

@@ -31,7 +31,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, zoh
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.running.loop import finished, loop_steps
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
@@ -198,7 +198,7 @@ def _late(plan: Plan, cycles: int) -> list[float]:
     record = Record(columns(plan), cycles + 1000)
     try:
         bus.open(plan)
-        run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, record=record)
+        finished(loop_steps(plan, Cycle(plan), bus, clock, cycles=cycles, record=record))
         if line is None:
             return [math.inf]
         times, torques = line.trajectory(axis.node).targets()

@@ -15,7 +15,7 @@ from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
-from haptic_fieldbus.running.loop import UNCONFIRMED, run_loop
+from haptic_fieldbus.running.loop import UNCONFIRMED
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
 from tests.builders import scene_of
@@ -35,6 +35,7 @@ from tests.buses.modbus.servers import (
     rtu_server,
     tcp_server,
 )
+from tests.whole_loop import run_loop
 
 Lines = Callable[..., AbstractContextManager[Server]]
 LINES: dict[str, Lines] = {"tcp": tcp_server, "rtu": rtu_server}
