@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 from rows import machine
@@ -72,8 +72,7 @@ def in_a_process(wishes: str, seconds: float) -> str:
 def sleep(wishes: list[str], seconds: float) -> None:
     """Be one row: print the share of processor time, and the lateness of each period [µs]."""
     spin_ns = SPIN_NS if "spin" in wishes else 0
-    with ExitStack() as held:
-        got = [held.enter_context(WISHES[wish]()) for wish in wishes if wish in WISHES]
+    with rights.requested(*(WISHES[wish] for wish in wishes if wish in WISHES)) as got:
         refused = [right.wished for right in got if not right.granted]
         if refused:
             print(f"refused: {', '.join(refused)}")

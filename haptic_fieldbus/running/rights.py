@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from statistics import quantiles
 
@@ -43,70 +44,70 @@ LIMITS = (
 )
 """Advice for SCHED_FIFO and for locked memory."""
 
-Wish = Callable[[], AbstractContextManager[Right]]
+Outcome = tuple[Right, Callable[[], object] | None]
+"""A right that was requested, and the function that puts back what was before; None where nothing changed."""
 
 
-@contextmanager
-def real_time(*, pinned: bool = True) -> Iterator[tuple[Right, ...]]:
+def real_time(*, pinned: bool = True) -> AbstractContextManager[tuple[Right, ...]]:
     """Request all rights for punctual wake-ups of this thread; yield the outcome of each.
 
     `pinned` requests one processor too. Locked memory concerns the whole process, all other rights this thread alone.
     """
-    with ExitStack() as held:
-        # The slack is first, because a thread at SCHED_FIFO cannot set it.
-        wishes = (_timer_slack, _fifo, *((_one_processor,) if pinned else ()), _locked_memory, _no_idle_states)
-        yield tuple([held.enter_context(wish()) for wish in wishes])
+    # The slack is first, because a thread at SCHED_FIFO cannot set it.
+    return requested(_timer_slack, _fifo, *((_one_processor,) if pinned else ()), _locked_memory, _no_idle_states)
 
 
 @contextmanager
-def _fifo() -> Iterator[Right]:
+def requested(*wishes: Callable[[], Outcome]) -> Iterator[tuple[Right, ...]]:
+    """Request rights one after another; yield the outcome of each, and put everything back after the block."""
+    rights = list[Right]()
+    with ExitStack() as held:
+        for wish in wishes:
+            right, restore = wish()
+            rights.append(right)
+            held.callback(restore or (lambda: None))
+        yield tuple(rights)
+
+
+def _fifo() -> Outcome:
     """Request SCHED_FIFO; an existing real-time class of this thread stays."""
     wished = f"SCHED_FIFO {PRIORITY}"
     if not hasattr(os, "sched_setscheduler"):
-        yield Right("scheduling", wished, "system default", False)
-        return
+        return Right("scheduling", wished, "system default", False), None
     before, priority = os.sched_getscheduler(0), os.sched_getparam(0)
     if before in REAL_TIME:
-        yield Right("scheduling", wished, f"{REAL_TIME[before]} {priority.sched_priority}", True)
-        return
+        return Right("scheduling", wished, f"{REAL_TIME[before]} {priority.sched_priority}", True), None
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError:
-        yield Right("scheduling", wished, "normal scheduling", False, LIMITS)
-        return
-    try:
-        yield Right("scheduling", wished, wished, True)
-    finally:
-        os.sched_setscheduler(0, before, priority)
+        return Right("scheduling", wished, "normal scheduling", False, LIMITS), None
+    return Right("scheduling", wished, wished, True), partial(os.sched_setscheduler, 0, before, priority)
 
 
 REAL_TIME = {getattr(os, name): name for name in ("SCHED_FIFO", "SCHED_RR", "SCHED_DEADLINE") if hasattr(os, name)}
 """Scheduling classes with priority over ordinary work, by number."""
 
 
-@contextmanager
-def _one_processor() -> Iterator[Right]:
+def _one_processor() -> Outcome:
     """Request one processor, if a thread at SCHED_FIFO could run on many."""
     if not hasattr(os, "sched_setaffinity"):
-        yield Right("processor", "one processor", "any", False)
-        return
+        return Right("processor", "one processor", "any", False), None
     before = os.sched_getaffinity(0)
     chosen = processor_of(before, os.cpu_count() or 1) if os.sched_getscheduler(0) in REAL_TIME else None
     if chosen is None:
         allowed = f"processor {max(before)}" if len(before) == 1 else f"any of {len(before)} processors"
-        yield Right("processor", allowed, allowed, True)
-        return
+        return Right("processor", allowed, allowed, True), None
     wished = f"processor {chosen}"
     try:
         os.sched_setaffinity(0, {chosen})
     except OSError:
-        yield Right("processor", wished, "any", False)
-        return
-    try:
-        yield Right("processor", wished, wished, True)
-    finally:
+        return Right("processor", wished, "any", False), None
+
+    def restore() -> None:
         with suppress(OSError):  # a processor may have gone meanwhile
             os.sched_setaffinity(0, before)
+
+    return Right("processor", wished, wished, True), restore
 
 
 MANY = 4
@@ -121,63 +122,45 @@ def processor_of(allowed: set[int], count: int) -> int | None:
     return max(allowed) if len(allowed) == count >= MANY else None
 
 
-@contextmanager
-def _locked_memory() -> Iterator[Right]:
+def _locked_memory() -> Outcome:
     """Request locked memory; memory that the calling program had locked stays locked."""
     wished = "memory locked"
     if not sys.platform.startswith("linux"):
-        yield Right("memory", wished, "not locked", False)
-        return
+        return Right("memory", wished, "not locked", False), None
     locked = _status("VmLck", 10)
     limit = _memory_limit()
     # Under a limit, memory that is locked as soon as it is asked for would be refused in the middle of the run.
     flags = _LOCK_PRESENT | (_LOCK_FUTURE if limit is None else 0)
     if _libc().mlockall(flags):
-        yield Right("memory", wished, f"at most {(limit or 0) >> 20} MiB", False, LIMITS)
-        return
-    try:
-        yield Right("memory", wished, wished, True)
-    finally:
-        if not locked:
-            _libc().munlockall()
+        return Right("memory", wished, f"at most {(limit or 0) >> 20} MiB", False, LIMITS), None
+    return Right("memory", wished, wished, True), None if locked else _libc().munlockall
 
 
-@contextmanager
-def _timer_slack() -> Iterator[Right]:
+def _timer_slack() -> Outcome:
     """Request wake-ups without delay."""
     wished = f"timer slack {TIMER_SLACK_NS} ns"
     before = _libc().prctl(_GET_TIMER_SLACK, 0, 0, 0, 0) if sys.platform.startswith("linux") else -1
     if before < 0 or _libc().prctl(_SET_TIMER_SLACK, TIMER_SLACK_NS, 0, 0, 0):
-        yield Right("timer_slack", wished, "system default", False)
-        return
-    try:
-        yield Right("timer_slack", wished, wished, True)
-    finally:
-        _libc().prctl(_SET_TIMER_SLACK, before, 0, 0, 0)
+        return Right("timer_slack", wished, "system default", False), None
+    return Right("timer_slack", wished, wished, True), partial(_libc().prctl, _SET_TIMER_SLACK, before, 0, 0, 0)
 
 
-@contextmanager
-def _no_idle_states() -> Iterator[Right]:
+def _no_idle_states() -> Outcome:
     """Request processors without deep sleep; most systems grant it to root alone, and many virtual machines lack it."""
     wished = "no deep idle states"
     try:
         held = os.open(IDLE_STATES, os.O_WRONLY)
     except FileNotFoundError:
-        yield Right("idle_states", wished, "chosen by the kernel", False)
-        return
+        return Right("idle_states", wished, "chosen by the kernel", False), None
     except OSError:
         rule = 'KERNEL=="cpu_dma_latency", GROUP="GROUP", MODE="0660"'
         advice = (
             f"to keep processors out of deep idle states, write {rule} into /etc/udev/rules.d/99-haptic.rules and "
             "restart"
         )
-        yield Right("idle_states", wished, "chosen by the kernel", False, advice)
-        return
-    try:
-        os.write(held, struct.pack("i", 0))
-        yield Right("idle_states", wished, wished, True)
-    finally:
-        os.close(held)
+        return Right("idle_states", wished, "chosen by the kernel", False, advice), None
+    os.write(held, struct.pack("i", 0))
+    return Right("idle_states", wished, wished, True), partial(os.close, held)
 
 
 def _libc() -> ctypes.CDLL:

@@ -50,7 +50,7 @@ def test_what_is_granted_is_there_and_is_put_back() -> None:
 def test_the_timer_slack_is_one_nanosecond_without_a_real_time_class_too() -> None:
     """0 would mean the default of 50 µs (PR_SET_TIMERSLACK(2const))."""
     before = STATE["timer_slack"]()
-    with rights._timer_slack() as right:
+    with rights.requested(rights._timer_slack) as (right,):
         assert right.granted
         assert int(str(STATE["timer_slack"]())) == 1
     assert STATE["timer_slack"]() == before
