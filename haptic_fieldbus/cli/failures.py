@@ -5,18 +5,8 @@ from dataclasses import dataclass
 
 import typer
 
+from haptic_fieldbus import errors
 from haptic_fieldbus.cli.screen import faults_to_json, json_text, plain, show
-from haptic_fieldbus.errors import (
-    BusError,
-    DocumentError,
-    DriveFaultError,
-    Fault,
-    HapticFieldbusError,
-    PlanError,
-    SafetyTripError,
-    UsageError,
-    VcanError,
-)
 
 
 @dataclass(frozen=True)
@@ -27,19 +17,19 @@ class ExitStatus:
     key: str | None
 
 
-OUTCOMES: dict[type[HapticFieldbusError], ExitStatus] = {
-    BusError: ExitStatus(1, "failed"),
-    DriveFaultError: ExitStatus(1, "failed"),
-    UsageError: ExitStatus(2, None),
-    DocumentError: ExitStatus(2, None),
-    SafetyTripError: ExitStatus(3, "tripped"),
-    PlanError: ExitStatus(4, "refused"),
-    VcanError: ExitStatus(125, "failed"),
+OUTCOMES: dict[type[errors.HapticFieldbusError], ExitStatus] = {
+    errors.BusError: ExitStatus(1, "failed"),
+    errors.DriveFaultError: ExitStatus(1, "failed"),
+    errors.UsageError: ExitStatus(2, None),
+    errors.DocumentError: ExitStatus(2, None),
+    errors.SafetyTripError: ExitStatus(3, "tripped"),
+    errors.PlanError: ExitStatus(4, "refused"),
+    errors.VcanError: ExitStatus(125, "failed"),
 }
 """Outcome of each class of errors; a subclass without an entry has that of its nearest base."""
 
 
-def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
+def outcome_of(error: type[errors.HapticFieldbusError]) -> ExitStatus:
     """Return the outcome of the error's class or of its nearest base; 1 ("failed") when none is in the table."""
     return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), ExitStatus(1, "failed"))
 
@@ -50,16 +40,16 @@ TYPER_ERROR: type[BaseException] = typer.BadParameter.__mro__[2]
 
 def print_object(error: BaseException) -> None:
     """Print a failure as one JSON object in one line: class, exit status, and the faults as `profiles check` does."""
-    kind = type(error) if isinstance(error, HapticFieldbusError) else UsageError
-    if isinstance(error, DocumentError):
+    kind = type(error) if isinstance(error, errors.HapticFieldbusError) else errors.UsageError
+    if isinstance(error, errors.DocumentError):
         faults = faults_to_json((error.source, fault) for fault in error.faults)
     else:
         message = "\n".join([getattr(error, "format_message", error.__str__)(), *getattr(error, "__notes__", ())])
-        faults = faults_to_json([(None, Fault("", message))])
+        faults = faults_to_json([(None, errors.Fault("", message))])
     print(json_text({"error": kind.__name__, "exit_status": outcome_of(kind).status, "errors": plain(faults)}))
 
 
-def tell(error: HapticFieldbusError) -> int:
+def tell(error: errors.HapticFieldbusError) -> int:
     """Print the error's message and notes to standard error, and return the exit status."""
     outcome = outcome_of(type(error))
     # The sentence on a trip begins with the word that is the key.
