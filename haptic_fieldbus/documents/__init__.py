@@ -11,22 +11,6 @@ from haptic_fieldbus.documents.names import beside, file_names, file_of, is_eds,
 from haptic_fieldbus.documents.safe_read import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
 
 __all__ = [
-    "EDS_SIZE",
-    "TABLE_SIZE",
-    "TOML_SIZE",
-    "Document",
-    "KeyPath",
-    "beside",
-    "check_kind",
-    "file_names",
-    "file_of",
-    "is_eds",
-    "is_path",
-    "knows",
-    "nearest",
-    "read_document",
-    "read_octets",
-    "schema_of",
-    "suggestion",
-    "table_of",
-]
+    "EDS_SIZE", "TABLE_SIZE", "TOML_SIZE", "Document", "KeyPath", "beside", "check_kind", "file_names", "file_of",
+    "is_eds", "is_path", "knows", "nearest", "read_document", "read_octets", "schema_of", "suggestion", "table_of",
+]  # fmt: skip

@@ -10,15 +10,6 @@ from haptic_fieldbus.eds.reader import load_eds, read_eds
 from haptic_fieldbus.eds.writer import eds_text
 
 __all__ = [
-    "DeviceInfo",
-    "Eds",
-    "EdsEntry",
-    "EdsObject",
-    "EdsType",
-    "EdsValue",
-    "NodeOffset",
-    "ObjectCode",
-    "eds_text",
-    "load_eds",
-    "read_eds",
-]
+    "DeviceInfo", "Eds", "EdsEntry", "EdsObject", "EdsType", "EdsValue", "NodeOffset", "ObjectCode", "eds_text",
+    "load_eds", "read_eds",
+]  # fmt: skip

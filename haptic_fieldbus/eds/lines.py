@@ -221,10 +221,18 @@ class FileSection:
         item = self.items.get(key.lower())
         return item.value if item is not None else ""
 
-    def line_of(self, key: str) -> int:
-        """Return the line of a key, or of the section when the key is missing."""
+    def number(self, key: str, faults: list[Fault]) -> int | None:
+        """Return the number of a key; None when it is missing, empty or not understood, which is noted."""
+        try:
+            return whole_number(self.text(key)) if self.text(key) else None
+        except ValueError as error:
+            faults.append(self.fault(key, str(error)))
+            return None
+
+    def fault(self, key: str, message: str) -> Fault:
+        """Return a fault at a key, in the line of the section when the key is missing."""
         item = self.items.get(key.lower())
-        return item.line if item is not None else self.line
+        return Fault(f"[{self.name}] {key}".rstrip(), message, item.line if item is not None else self.line)
 
     def __contains__(self, key: str) -> bool:
         return key.lower() in self.items
@@ -271,12 +279,10 @@ def _add(section: FileSection, line: str, number: int, faults: list[Fault]) -> N
     if not equals or not key:
         faults.append(Fault(f"[{section.name}]", f'"{line}" is no key with a value', number))
         return
-    bare = _COMMENT.sub("", value)
+    bare, place = _COMMENT.sub("", value), f"[{section.name}] {key}"
     if bare != value:
-        faults.append(
-            Fault(f"[{section.name}] {key}", "a comment after a value; expected it on a separate line", number)
-        )
+        faults.append(Fault(place, "a comment after a value; expected it on a separate line", number))
     before = section.items.get(key.lower())
     if before is not None:
-        faults.append(Fault(f"[{section.name}] {key}", f"already in line {before.line}", number))
+        faults.append(Fault(place, f"already in line {before.line}", number))
     section.items[key.lower()] = Item(key, bare, number)

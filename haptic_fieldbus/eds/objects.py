@@ -6,7 +6,7 @@ DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValu
 
 from collections.abc import Mapping
 
-from haptic_fieldbus.eds.lines import FileSection, value_of, whole_number
+from haptic_fieldbus.eds.lines import FileSection, value_of
 from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, EdsValue, ObjectCode
 from haptic_fieldbus.eds.names import EdsType
 from haptic_fieldbus.errors import Fault
@@ -150,13 +150,7 @@ class ObjectReader:
             return None
 
     def _number(self, section: FileSection, key: str) -> int | None:
-        """Return the number of a key; None when it is missing, empty or not understood."""
-        try:
-            return whole_number(section.text(key)) if section.text(key) else None
-        except ValueError as error:
-            self._fault(section, key, str(error))
-            return None
+        return section.number(key, self._faults)
 
     def _fault(self, section: FileSection, key: str, message: str) -> None:
-        place = f"[{section.name}] {key}".rstrip()
-        self._faults.append(Fault(place, message, section.line_of(key)))
+        self._faults.append(section.fault(key, message))

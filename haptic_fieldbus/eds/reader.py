@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from haptic_fieldbus.documents import EDS_SIZE, read_octets
-from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets, whole_number
+from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets
 from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsObject
 from haptic_fieldbus.eds.objects import ObjectReader
 from haptic_fieldbus.errors import EdsError, Fault
@@ -53,8 +53,8 @@ def read_eds(data: bytes, source: str = "") -> Eds:
     return Eds(
         objects=objects,
         device=_device(sections.get("deviceinfo"), faults),
-        node=_number(commissioning, "NodeID", faults),
-        dummies=tuple(number for number in DUMMY_TYPES if _number(dummies, f"Dummy{number:04d}", faults)),
+        node=commissioning.number("NodeID", faults),
+        dummies=tuple(number for number in DUMMY_TYPES if dummies.number(f"Dummy{number:04d}", faults)),
         file_info={item.key: item.value for item in about.items.values()},
         # The key `Lines` is only the number of the lines.
         comments=tuple(item.value for key, item in comments.items.items() if key.startswith("line") and key != "lines"),
@@ -94,17 +94,16 @@ def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsO
             faults.append(Fault(f"[{name}]", "the list of objects is missing"))
             continue
         for item in section.items.values():
-            number = _number(section, item.key, faults)
+            number = section.number(item.key, faults)
             if item.key.lower() == "supportedobjects" or number is None:
                 continue
             listed.add(number)
             if number not in objects:
                 faults.append(Fault(f"[{section.name}] {item.key}", f"[{number:04X}] is not in this file", item.line))
-        count, entries = _number(section, "SupportedObjects", faults), len(section.items)
+        count, entries = section.number("SupportedObjects", faults), len(section.items)
         entries -= "supportedobjects" in section
         if count is not None and count != entries:
-            line = section.line_of("SupportedObjects")
-            faults.append(Fault(f"[{section.name}] SupportedObjects", f"{count}, but {entries} are listed", line))
+            faults.append(section.fault("SupportedObjects", f"{count}, but {entries} are listed"))
     for index, found in objects.items():
         if index not in listed:
             faults.append(Fault(f"[{index:04X}]", "is in no list of objects", found.line))
@@ -116,10 +115,10 @@ def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
         return DeviceInfo()
 
     def number(key: str) -> int | None:
-        return _number(section, key, faults)
+        return section.number(key, faults)
 
     if number("CompactPDO"):
-        line = section.line_of("CompactPDO")
+        line = section.items["compactpdo"].line
         faults.append(Fault("[DeviceInfo] CompactPDO", "missing PDO parameters are not added", line))
     granularity = number("Granularity")
     return DeviceInfo(
@@ -135,12 +134,3 @@ def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
         granularity=8 if granularity is None else granularity,
         lss=bool(number("LSS_Supported")),
     )
-
-
-def _number(section: FileSection, key: str, faults: list[Fault]) -> int | None:
-    """Return the number of a key; None when it is missing, empty or not understood, which is noted."""
-    try:
-        return whole_number(section.text(key)) if section.text(key) else None
-    except ValueError as error:
-        faults.append(Fault(f"[{section.name}] {key}", str(error), section.line_of(key)))
-        return None

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE, SIMULATION
 from haptic_fieldbus.documents import Document, KeyPath
@@ -47,6 +47,27 @@ def bit_rate(text: str) -> int | None:
 
 Members = Mapping[str, tuple[DriveProfile, AxisTraffic]]
 """Axes on a bus: name → (profile, traffic)."""
+
+
+Signals = Sequence[Signal]
+Profile = TypeVar("Profile", bound=DriveProfile)
+Traffic = TypeVar("Traffic", bound=AxisTraffic)
+
+
+@dataclass(frozen=True)
+class BusMember(Generic[Profile, Traffic]):
+    """One axis on a bus of one protocol: its name, profile and traffic."""
+
+    axis: str
+    profile: Profile
+    traffic: Traffic
+
+
+def traffic_as(kind: type[Traffic], words: str, traffic: AxisTraffic) -> Traffic:
+    """Return the traffic of an axis as that of one protocol; raises TypeError when another protocol made it."""
+    if not isinstance(traffic, kind):
+        raise TypeError(f"expected {words}, not {type(traffic).__name__}")
+    return traffic
 
 
 class FieldbusProtocol(Protocol):
@@ -99,12 +120,7 @@ class FieldbusProtocol(Protocol):
         """Return the table of statuswords and controlwords by which the master commands the power state."""
 
     def axis_traffic(
-        self,
-        axis: RigAxis,
-        section: BusSection,
-        profile: DriveProfile,
-        incoming: Sequence[Signal],
-        outgoing: Sequence[Signal],
+        self, axis: RigAxis, section: BusSection, profile: DriveProfile, incoming: Signals, outgoing: Signals
     ) -> AxisTraffic:
         """Lay out the signals of one axis on its bus.
 

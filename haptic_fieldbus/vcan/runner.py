@@ -15,7 +15,6 @@ from importlib.resources import files
 from math import inf
 from pathlib import Path
 from time import monotonic
-from typing import Protocol
 
 from haptic_fieldbus.errors import UsageError, VcanError
 from haptic_fieldbus.vcan.guest import CANNOT_RUN, SIGNALLED, Guest, ProcessGroup, require_guest, waited
@@ -35,14 +34,14 @@ OWN_ENVIRONMENT = {
 
 
 @dataclass(frozen=True)
-class GuestCommand:
-    """A command for the guest: its words and environment, interfaces, folders to write to, size of the terminal."""
+class GuestTask:
+    """A command, its interfaces, folders it writes to, its time limit [s], and whether a guest is required."""
 
     command: Sequence[str]
-    environment: Mapping[str, str]
     interfaces: Sequence[str]
-    writable: Sequence[Path]
-    terminal: os.terminal_size | None
+    writable: Sequence[Path] = ()
+    limit_s: float = inf
+    guest: bool = False
 
     def require_folders(self) -> None:
         """Raise UsageError if a folder is missing, or hidden from the guest."""
@@ -58,7 +57,7 @@ class GuestCommand:
 
 
 @contextmanager
-def written(job: GuestCommand) -> Iterator[Path]:
+def written(task: GuestTask) -> Iterator[Path]:
     """Yield a folder with the first program of the guest, its settings and the command; remove it at the end.
 
     Raises VcanError when it cannot be written.
@@ -70,8 +69,8 @@ def written(job: GuestCommand) -> Iterator[Path]:
     try:
         try:
             (folder / "init").write_bytes(files("haptic_fieldbus.vcan").joinpath("guest.sh").read_bytes())
-            (folder / "settings").write_bytes(os.fsencode(_settings(job)))
-            (folder / "command").write_bytes(os.fsencode(_command(job)))
+            (folder / "settings").write_bytes(os.fsencode(_settings(task)))
+            (folder / "command").write_bytes(os.fsencode(_command(task)))
         except OSError as error:
             raise VcanError(f"{folder} cannot be written: {error.strerror}") from error
         yield folder
@@ -79,20 +78,21 @@ def written(job: GuestCommand) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _settings(job: GuestCommand) -> str:
+def _settings(task: GuestTask) -> str:
     """Return variables and one function, for the shell of the guest."""
-    columns, rows = job.terminal or ("", "")
-    folders = [f'"$1" {shlex.quote(str(folder.resolve()))}' for folder in job.writable]
+    # Without a terminal at both outputs the command writes into pipes.
+    columns, rows = os.get_terminal_size() if os.isatty(1) and os.isatty(2) else ("", "")
+    folders = [f'"$1" {shlex.quote(str(folder.resolve()))}' for folder in task.writable]
     return (
-        f"interfaces={shlex.quote(' '.join(job.interfaces))} columns={columns} rows={rows}\n"
+        f"interfaces={shlex.quote(' '.join(task.interfaces))} columns={columns} rows={rows}\n"
         f"each_writable() {{\n{chr(10).join([':', *folders])}\n}}\n"
     )
 
 
-def _command(job: GuestCommand) -> str:
+def _command(task: GuestTask) -> str:
     """Return a script that executes the command; its status is 126 or 127 if the command cannot start, as in env(1)."""
-    environment = {**job.environment, **OWN_ENVIRONMENT}
-    words = [*(f"{name}={value}" for name, value in environment.items()), *job.command]
+    environment = {**_environment("guest"), **OWN_ENVIRONMENT}
+    words = [*(f"{name}={value}" for name, value in environment.items()), *task.command]
     return (
         "echo $$ >/run/command.pid\n"
         f"mkdir -p {TMPDIR}/cache {TMPDIR}/state\n"
@@ -212,60 +212,29 @@ NAME = re.compile(r"[A-Za-z0-9._-]{1,15}")
 """Name of an interface, as permitted by Linux, without special characters of a shell."""
 
 
-@dataclass(frozen=True)
-class GuestTask:
-    """A command, its interfaces, folders it writes to, its time limit [s], and whether a guest is required."""
-
-    command: Sequence[str]
-    interfaces: Sequence[str]
-    writable: Sequence[Path] = ()
-    limit_s: float = inf
-    guest: bool = False
+Place = HostCommand | Guest
+"""Where a command runs."""
 
 
-class Place(Protocol):
-    """Where a command runs."""
-
-    @property
-    def ready(self) -> bool:
-        """Whether the command has been started."""
-
-    @property
-    def status(self) -> int | None:
-        """Exit status of the command, once it has ended."""
-
-    def turn(self, deadline: float) -> bool:
-        """Pass on output until a time of the monotonic clock [s] or a signal; False when the place has ended."""
-
-    def send(self, number: signal.Signals) -> None:
-        """Let the command have a signal."""
-
-    def last_words(self) -> str:
-        """Return the last lines of the place itself, each after a line feed."""
-
-
-def run(errand: GuestTask, note: Callable[[str], None]) -> int:
+def run(task: GuestTask, note: Callable[[str], None]) -> int:
     """Run the command and return its exit status, or 124 after its time limit.
 
     `note` gets the place where it runs. Raises UsageError, and VcanError if it cannot be run.
     """
-    _check(errand)
+    _check(task)
     if not hasattr(os, "pidfd_open"):  # not Linux, for which there is nothing but a refusal
         require_guest()
-    with lent(() if errand.guest else errand.interfaces) as there, _signals() as (arrived, wakeup):
-        names = " ".join(errand.interfaces)
-        if there and not errand.guest:
+    with lent(() if task.guest else task.interfaces) as there, _signals() as (arrived, wakeup):
+        names = " ".join(task.interfaces)
+        if there and not task.guest:
             note(f"{names} of this machine")
-            with closing(HostCommand(errand.command, _environment("host"), wakeup)) as place:
-                return _attend(place, errand.limit_s, arrived)
+            with closing(HostCommand(task.command, _environment("host"), wakeup)) as place:
+                return _attend(place, task.limit_s, arrived)
         require_guest()
-        # Without a terminal at both outputs the command writes into pipes.
-        terminal = os.get_terminal_size() if os.isatty(1) and os.isatty(2) else None
-        job = GuestCommand(errand.command, _environment("guest"), errand.interfaces, errand.writable, terminal)
-        job.require_folders()
-        note(f"{names} in a guest kernel; {_writable(errand.writable)}")
-        with written(job) as folder, closing(Guest(folder, _writer(1), _writer(2), wakeup)) as guest:
-            return _attend(guest, errand.limit_s, arrived)
+        task.require_folders()
+        note(f"{names} in a guest kernel; {_writable(task.writable)}")
+        with written(task) as folder, closing(Guest(folder, _writer(1), _writer(2), wakeup)) as guest:
+            return _attend(guest, task.limit_s, arrived)
 
 
 def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
@@ -324,14 +293,14 @@ def _signals() -> Iterator[tuple[list[signal.Signals], int]]:
         os.close(writing)
 
 
-def _check(errand: GuestTask) -> None:
+def _check(task: GuestTask) -> None:
     """Raise UsageError for names that no interface can have, and VcanError for a command that does not exist."""
-    for name in errand.interfaces:
+    for name in task.interfaces:
         if not NAME.fullmatch(name):
             raise UsageError(f'interface "{name}": expected 1 to 15 letters, digits, dots, dashes or underscores')
-    if len(set(errand.interfaces)) < len(errand.interfaces):
-        raise UsageError(f"interfaces {', '.join(errand.interfaces)}: each can be named once")
-    word = errand.command[0]
+    if len(set(task.interfaces)) < len(task.interfaces):
+        raise UsageError(f"interfaces {', '.join(task.interfaces)}: each can be named once")
+    word = task.command[0]
     if shutil.which(word) is None:
         if "/" in word and Path(word).exists():
             raise VcanError(f"{word}: no permission to run it", CANNOT_RUN)

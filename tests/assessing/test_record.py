@@ -1,5 +1,6 @@
 """The ring of rows, and files of frames and rows."""
 
+from contextlib import closing
 from pathlib import Path
 
 import can
@@ -49,7 +50,7 @@ FRAMES = (
 
 def test_candump_lines_are_those_of_can_utils(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
-    with CandumpWriter(path) as writer:
+    with closing(CandumpWriter(path)) as writer:
         for t_ns, can_id, data, _ in FRAMES:
             writer(t_ns, can_id, data)
     assert path.read_bytes().decode() == "".join(line + "\n" for *_, line in FRAMES)
@@ -71,7 +72,7 @@ def test_python_can_reads_back_every_frame(suffix: str, tmp_path: Path) -> None:
 
 def test_candump_names_the_channel_of_each_bus_spaces_left_out(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
-    with CandumpWriter(path) as writer:
+    with closing(CandumpWriter(path)) as writer:
         left, right = writer.channel("left"), writer.channel("right arm")
         right(1_000, 0x080, b"")
         left(2_000, 0x181, b"\x01")

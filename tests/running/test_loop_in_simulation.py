@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -174,7 +175,7 @@ def test_a_drive_that_cannot_be_set_up_is_never_enabled(name: str) -> None:
 def test_two_runs_write_the_same_log_octet_by_octet(tmp_path: Path) -> None:
     logs = []
     for name in ("first.log", "second.log"):
-        with CandumpWriter(tmp_path / name) as writer:
+        with closing(CandumpWriter(tmp_path / name)) as writer:
             _run((), log=writer, cycles=700)
         logs.append((tmp_path / name).read_bytes())
     assert logs[0] == logs[1]

@@ -67,12 +67,6 @@ class CandumpWriter:
     def close(self) -> None:
         self._file.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
 
 def _candump_frame(can_id: int, data: bytes | bytearray) -> str:
     if can_id & ERROR_FLAG:

@@ -15,7 +15,7 @@ parts of `open`, `read` and `stop` one by one, each on all buses.
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import can
@@ -39,7 +39,7 @@ from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, placed
-from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
+from haptic_fieldbus.protocols.canopen.traffic import CanMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 from haptic_fieldbus.signals import LinkFlag
 
@@ -176,59 +176,45 @@ class CanopenBus(ReleasedBus[Release]):
         traffic = traffic_of(plan, CanTraffic)
         self._setups = tuple(self._setup_of(axis, traffic.member(axis.name), traffic, plan) for axis in plan.axes)
         self._image = image
+        axes = tuple(zip(self._setups, plan.image.axes, strict=True))
         self._links = tuple(
             Link(
                 setup.node,
                 placed(setup.member.traffic.tpdos, places.inputs[0]),
                 places.header,
-                self._image,
+                image,
                 traffic.silence_of(setup.axis.name),
                 plan.period,
             )
-            for setup, places in zip(self._setups, plan.image.axes, strict=True)
+            for setup, places in axes
         )
         self._exchange = Exchange()
         for link in self._links:
             link.listen(self._wire, self._exchange)
         self._outputs = tuple(
             OutgoingPdo(setup.node, pdo, offset)
-            for setup, places in zip(self._setups, plan.image.axes, strict=True)
+            for setup, places in axes
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
         )
-        self._release = self._release_of(plan, traffic)
+        # The way to zero is prepared too, so that nothing can fail or take time when it is needed.
+        drives = [
+            NodeRelease(setup, self._wire, link, image, place)
+            for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
+        ]
+        free = [(output.cob_id, output.torque_free) for output in self._outputs]
+        self._release = Release(self._wire, drives, free, self._sync_once, traffic)
         self._askings = tuple(
-            self._asking_of(setup, places.inputs[0], plan.period)
-            for setup, places in zip(self._setups, plan.image.axes, strict=True)
+            TargetReadback(setup, self._wire, image, places.inputs[0], plan.period)
+            for setup, places in axes
             if setup.member.traffic.asked
         )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
-    def _setup_of(self, axis: AxisPlan, member: BusMember, traffic: CanTraffic, plan: Plan) -> NodeSetup:
+    def _setup_of(self, axis: AxisPlan, member: CanMember, traffic: CanTraffic, plan: Plan) -> NodeSetup:
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
         permille, real = 1e-3 * axis.rated_effort, not plan.simulated
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
         return NodeSetup(node, axis, traffic, member, limits, self.warnings.append)
-
-    def _asking_of(self, setup: NodeSetup, start: int, period: float) -> TargetReadback:
-        """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
-        offset = start + sum(pdo.image_size for pdo in setup.member.traffic.tpdos)
-        target = setup.member.profile.torque.target.entry
-        return TargetReadback(
-            setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append
-        )
-
-    def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
-        """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
-        drives = [
-            NodeRelease(setup, self._wire, link, self._word_at(place))
-            for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
-        ]
-        free = [(output.cob_id, output.torque_free) for output in self._outputs]
-        guard = max(traffic.guard(axis.name) for axis in plan.axes)
-        return Release(self._wire, drives, free, self._sync_once, feedback_time=traffic.feedback_time, guard=guard)
-
-    def _word_at(self, place: int) -> Callable[[], int]:
-        return lambda: self._image[place] | self._image[place + 1] << 8
 
     def _sync_once(self, deadline_ns: int) -> None:
         self.prepare(deadline_ns)

@@ -29,6 +29,7 @@ from haptic_fieldbus.buses.release import BusRelease, DriveRelease
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 SLICE = 0.002
@@ -49,11 +50,11 @@ ASK: Command = (STATUSWORD, None)
 class NodeRelease(DriveRelease[Command]):
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
-    def __init__(self, setup: NodeSetup, wire: Wire, link: Link, word: Callable[[], int]) -> None:
-        """Take a function for the statusword received last."""
+    def __init__(self, setup: NodeSetup, wire: Wire, link: Link, image: bytearray, place: int) -> None:
+        """Take the input image, and the place in it of the statusword received last."""
         super().__init__(setup.node.label, setup)
         self.node, self.link = setup.node, link
-        self._wire, self._word = wire, word
+        self._wire, self._image, self._place = wire, image, place
         self._written = b""
         """Octets that the next entry must hold when it is read back."""
         self._sent: Command | None = None
@@ -68,7 +69,7 @@ class NodeRelease(DriveRelease[Command]):
     def step(self, now_ns: int) -> None:
         """Take over a fresh statusword; send the next request when none is waited for. Raises BusError."""
         if not self.free and self.link.fresh:
-            self._judge(self._word())
+            self._judge(self._image[self._place] | self._image[self._place + 1] << 8)
         if not self.settled and now_ns >= self._waiting_until_ns:
             command = self._undoing[0] if self.free else ASK if self._sent == DISABLE else DISABLE
             self._sent, self._waiting_until_ns = command, now_ns + PATIENCE_NS
@@ -112,20 +113,15 @@ class Release(BusRelease[NodeRelease]):
         drives: Sequence[NodeRelease],
         set_points: Sequence[tuple[int, bytearray]],
         sync: Callable[[int], None],
-        *,
-        feedback_time: float,
-        guard: float,
+        traffic: CanTraffic,
     ) -> None:
-        """Take the COB-ID and torque-free payload of each RPDO, a function that begins an exchange, and two times [s].
-
-        `feedback_time` is that of SYNC and all TPDOs, `guard` the longest guard of the drives.
-        """
+        """Take the COB-ID and torque-free payload of each RPDO, and a function that begins an exchange."""
         super().__init__(wire.clock, drives)
         self._wire = wire
         self._torque_free = tuple(set_points)
         self._sync = sync
-        self._slice_ns = round(max(SLICE, 2.0 * feedback_time) * 1e9)
-        self._longest_ns = round((guard + GRACE) * 1e9)
+        self._slice_ns = round(max(SLICE, 2.0 * traffic.feedback_time) * 1e9)
+        self._longest_ns = round((max(traffic.guard(member.axis) for member in traffic.members) + GRACE) * 1e9)
         self._looks = 0
 
     def begin(self) -> None:

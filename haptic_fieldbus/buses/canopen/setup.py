@@ -14,7 +14,6 @@ from functools import partial
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
-from haptic_fieldbus.buses.canopen.target_readback import check_asked
 from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, checked_rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
@@ -23,12 +22,13 @@ from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.drive.rig import COUNTS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
-from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import first_enabling
+from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, ShownObject
-from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
+from haptic_fieldbus.protocols.canopen.traffic import CanMember, CanTraffic
 from haptic_fieldbus.protocols.canopen.watch_traffic import MODE, SHAFT_BRAKES, period_objects, reactions
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
@@ -148,7 +148,7 @@ COB_ID_NO_RTR = 0x4000_0000
 """Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
 
 
-def map_pdos(node: Node, member: BusMember) -> None:
+def map_pdos(node: Node, member: CanMember) -> None:
     """Switch all PDOs of a drive off, and map and switch on those that it exchanges; raises BusError."""
     for direction, pdos in ((Direction.TPDO, member.traffic.tpdos), (Direction.RPDO, member.traffic.rpdos)):
         used = {pdo.number: pdo for pdo in pdos}
@@ -236,7 +236,7 @@ class NodeSetup:
     node: Node
     axis: AxisPlan
     bus: CanTraffic
-    member: BusMember
+    member: CanMember
     torque_limits: TorqueLimits[ObjectEntry]
     warn: Callable[[str], None]
 
@@ -253,7 +253,7 @@ class NodeSetup:
         identity = Identity(*map(known_number, numbers))
         self.torque_limits.inspect(identity, self.node.optional)
         if self.member.traffic.asked:
-            check_asked(self.node, self.member.profile.torque.target.entry)
+            self._check_asked()
         profile = self.member.profile
         rated = None if profile.torque.rated is None else profile.torque.rated.entry
         return DriveFacts(
@@ -324,6 +324,16 @@ class NodeSetup:
                 f"profile {profile.name or profile.title} expects {wanted}. Nothing was written"
             )
         return vendor, product
+
+    def _check_asked(self) -> None:
+        """Read once what the loop will read back; raises BusConfigurationError, with advice, when that is refused."""
+        try:
+            self.node.read(self.member.profile.torque.target.entry)
+        except BusConfigurationError as error:
+            raise BusConfigurationError(
+                f'{error}; its profile has torque.echo = "asked". With "none" torque is limited to '
+                f"{percent(HOLDING_SHARE)} of rated"
+            ) from error
 
     def _check_no_fault(self) -> None:
         statusword = self.node.read(STATUSWORD)

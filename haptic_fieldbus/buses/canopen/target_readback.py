@@ -11,15 +11,11 @@ other can come no more. A refusal is told once and counts as no answer; the cycl
 Reference: CiA 301 7.2.4.3.5, 7.2.4.3.6 (SDO upload).
 """
 
-from collections.abc import Callable
 from struct import pack_into
 
-from haptic_fieldbus.buses.canopen.node import ABORTED, EXPEDITED, UPLOAD_DONE, Node, address, request
+from haptic_fieldbus.buses.canopen.node import ABORTED, EXPEDITED, UPLOAD_DONE, address, request
+from haptic_fieldbus.buses.canopen.setup import NodeSetup
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.drive.objects import ObjectEntry
-from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.numerals import percent
-from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.watch_traffic import ASK_EVERY
 from haptic_fieldbus.protocols.traffic import answer_time
@@ -29,35 +25,17 @@ LATEST = 2
 LARGEST_PERIODS = 0xFFFF
 
 
-def check_asked(node: Node, entry: ObjectEntry) -> None:
-    """Read once what the loop will read back; raises BusConfigurationError, with advice, when the node refuses it."""
-    try:
-        node.read(entry)
-    except BusConfigurationError as error:
-        raise BusConfigurationError(
-            f'{error}; its profile has torque.echo = "asked". With "none" torque is limited to '
-            f"{percent(HOLDING_SHARE)} of rated"
-        ) from error
-
-
 class TargetReadback:
-    """The questions to one drive; the answer lies at `offset` of the image, the periods that it took after it."""
+    """The questions to one drive; the answer lies behind the TPDOs in the image, then the periods that it took."""
 
-    def __init__(
-        self,
-        node: Node,
-        wire: Wire,
-        entry: ObjectEntry,
-        image: bytearray,
-        offset: int,
-        *,
-        period: float,
-        warn: Callable[[str], None],
-    ) -> None:
-        self._node, self._wire, self._entry, self._warn = node, wire, entry, warn
-        self._image, self._offset = image, offset
+    def __init__(self, setup: NodeSetup, wire: Wire, image: bytearray, start: int, period: float) -> None:
+        """Take the image and the place in it at which the TPDOs of the drive begin, and the period of the loop [s]."""
+        self._node, self._wire, self._warn = setup.node, wire, setup.warn
+        self._entry = entry = setup.member.profile.torque.target.entry
+        # What is asked follows the TPDOs.
+        self._image, self._offset = image, start + sum(pdo.image_size for pdo in setup.member.traffic.tpdos)
         self._now_ns = wire.clock.now_ns
-        self._question = SDO_REQUEST_COB_ID + node.id, request(entry, None)
+        self._question = SDO_REQUEST_COB_ID + setup.node.id, request(entry, None)
         self._address = address(entry)
         self._patience_ns, self._every_ns = round(answer_time(period) * 1e9), round(ASK_EVERY * 1e9)
         self._writes = 0

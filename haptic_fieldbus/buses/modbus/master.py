@@ -43,8 +43,8 @@ from haptic_fieldbus.planning.limits import effort_step
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
-from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.register_traffic import Block, RegisterRequest, Transaction, read_back_signals
+from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest, Transaction, read_back_signals
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
@@ -122,17 +122,10 @@ class ModbusBus(ReleasedBus[LineRelease]):
         """Prepare all requests and offsets, so that the loop looks nothing up."""
         axes = tuple(zip(plan.axes, plan.image.axes, strict=True))
         self._setups = tuple(self._setup_of(axis, traffic, plan) for axis in plan.axes)
-        self._links = tuple(self._link_of(axis, places, traffic, image) for axis, places in axes)
-        readings = tuple(
-            reading
-            for link, (axis, places) in zip(self._links, axes, strict=True)
-            for reading in self._readings_of(link, axis, places, traffic, image)
-        )
-        targets = tuple(
-            self._target_of(link, block, axis, places, traffic, image)
-            for link, (axis, places) in zip(self._links, axes, strict=True)
-            if (block := traffic.of(axis.name).asked) is not None
-        )
+        bound = [self._bound(axis, places, traffic, image) for axis, places in axes]
+        self._links = tuple(link for link, _, _ in bound)
+        readings = tuple(reading for _, of_axis, _ in bound for reading in of_axis)
+        targets = tuple(target for _, _, of_axis in bound for target in of_axis)
         writes = traffic.way is Transaction.READ_THEN_WRITE
         self._exchange = Turns(
             self._requester, readings, image, period_ns=plan.period_ns, writes=writes, targets=targets
@@ -145,63 +138,46 @@ class ModbusBus(ReleasedBus[LineRelease]):
     def _setup_of(self, axis: AxisPlan, traffic: ModbusTraffic, plan: Plan) -> UnitSetup:
         profile = traffic.member(axis.name).profile
         unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
-        section = profile.watchdog
+        section, held, real = profile.watchdog, profile.torque.limit, not plan.simulated
         watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
-        return UnitSetup(unit, axis, profile, watchdog, self._limits_of(unit, axis, profile, plan))
-
-    def _limits_of(
-        self, unit: UnitClient, axis: AxisPlan, profile: ModbusProfile, plan: Plan
-    ) -> TorqueLimits[Register]:
-        held, real = profile.torque.limit, not plan.simulated
         # The unit of the limit need not be that of the set-point.
         step = axis.effort_unit if held is None else effort_step(held.unit, profile, axis.rig)
         entries = () if held is None else (held,)
-        return TorqueLimits(unit, axis, self.warnings.append, real, entries, step, plan.place(axis))
+        limits = TorqueLimits(unit, axis, self.warnings.append, real, entries, step, plan.place(axis))
+        return UnitSetup(unit, axis, profile, watchdog, limits)
 
-    def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> UnitLink:
-        member = traffic.member(axis.name)
-        set_point = StoredSetPoint(member.traffic, member.profile.line, places.outputs[0])
+    def _bound(
+        self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
+    ) -> tuple[UnitLink, list[Reading], list[TargetReading]]:
+        """Return the link to one axis, the requests of its reading part, and those that read its target torque back."""
+        member, of_axis = traffic.member(axis.name), traffic.of(axis.name)
+        profile, own = member.profile, member.traffic
+        form, function, start = self._requester.form, profile.line.reading, places.inputs[0]
+        set_point = StoredSetPoint(own, profile.line, places.outputs[0])
         link = UnitLink(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
         if set_point.function is not None:
-            link.writing = tuple(self._requester.form(set_point.writing(block)) for block in set_point.blocks)
-        return link
-
-    def _readings_of(
-        self, link: UnitLink, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
-    ) -> Iterator[Reading]:
-        """Yield the requests of the reading part of one axis, with their forms."""
-        member, form, set_point = traffic.member(axis.name), self._requester.form, link.set_point
-        offsets, function = offsets_of(traffic.of(axis.name).reads, places.inputs[0]), member.profile.line.reading
-        for request in traffic.of(axis.name).reading:
-            block = request.read
+            link.writing = tuple(form(set_point.writing(block)) for block in set_point.blocks)
+        readings: list[Reading] = []
+        for request, block in ((each, each.read) for each in of_axis.reading):
             if block is None:
                 continue
-            times = times_of(traffic, member.profile, request)
-            reading = Reading(link, block, times, image, offsets, latches=block.has(member.traffic.motion))
+            times, offsets = times_of(traffic, profile, request), offsets_of(of_axis.reads, start)
+            readings.append(Reading(link, block, times, image, offsets, latches=block.has(own.motion)))
             if function is not None:
-                reading.alone = form(Question(axis.node, function, block.address, block.count))
+                readings[-1].alone = form(Question(axis.node, function, block.address, block.count))
             if request.write is not None:
-                reading.writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
-            yield reading
-
-    def _target_of(
-        self,
-        link: UnitLink,
-        block: Block,
-        axis: AxisPlan,
-        places: AxisImage,
-        traffic: ModbusTraffic,
-        image: bytearray,
-    ) -> TargetReading:
-        """Return the request that reads back the target torque of one axis; its signals end those of the axis."""
-        profile, end = traffic.member(axis.name).profile, sum(places.inputs)
-        asked, came = read_back_signals(block)
-        offsets = {came.signal: end - came.type.size, asked.signal: end - came.type.size - asked.type.size}
-        function = profile.line.reading or READ_HOLDING
-        times = times_of(traffic, profile, RegisterRequest(function, block))
-        reading = TargetReading(link, block, times, image, offsets)
-        reading.alone = self._requester.form(Question(axis.node, function, block.address, block.count))
-        return reading
+                readings[-1].writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
+        targets: list[TargetReading] = []
+        if (block := of_axis.asked) is not None:
+            function = function or READ_HOLDING
+            times = times_of(traffic, profile, RegisterRequest(function, block))
+            # Its signals are the last ones of the axis.
+            asked, came = read_back_signals(block)
+            end = sum(places.inputs) - came.type.size
+            offsets = {came.signal: end, asked.signal: end - asked.type.size}
+            targets.append(TargetReading(link, block, times, image, offsets))
+            targets[0].alone = form(Question(axis.node, function, block.address, block.count))
+        return link, readings, targets
 
     def read(self, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image, by the deadline [ns]; raises BusError when dead."""

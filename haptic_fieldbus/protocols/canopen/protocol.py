@@ -1,6 +1,5 @@
 """CANopen behind the interface of `protocols.protocol`."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +11,11 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.canopen import bus, profile
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
-from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic, PdoTraffic, asked_signals
+from haptic_fieldbus.protocols.canopen.traffic import CanMember, CanTraffic, PdoTraffic, asked_signals
 from haptic_fieldbus.protocols.canopen.watch_traffic import period_objects
 from haptic_fieldbus.protocols.cia402 import with_mode_bits
-from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members
-from haptic_fieldbus.protocols.traffic import AxisTraffic, HostTimes
+from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members, Signals, traffic_as
+from haptic_fieldbus.protocols.traffic import HostTimes
 from haptic_fieldbus.signals import Signal
 
 
@@ -56,12 +55,7 @@ class Canopen(FieldbusProtocol):
         return with_mode_bits(canopen_profile(profile).torque.controlword)
 
     def axis_traffic(
-        self,
-        axis: RigAxis,
-        section: BusSection,
-        profile: DriveProfile,
-        incoming: Sequence[Signal],
-        outgoing: Sequence[Signal],
+        self, axis: RigAxis, section: BusSection, profile: DriveProfile, incoming: Signals, outgoing: Signals
     ) -> PdoTraffic:
         """Return the PDOs of one axis, which are the same on every CAN bus.
 
@@ -88,7 +82,8 @@ class Canopen(FieldbusProtocol):
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> CanTraffic:
         own = tuple(
-            BusMember(name, canopen_profile(profile), _pdos(traffic)) for name, (profile, traffic) in members.items()
+            CanMember(name, canopen_profile(profile), traffic_as(PdoTraffic, "PDOs", traffic))
+            for name, (profile, traffic) in members.items()
         )
         for member in own:
             period_objects(member.profile, rate)  # refuses a period that the drive cannot take
@@ -104,13 +99,6 @@ class Canopen(FieldbusProtocol):
             chosen_master_node=can_bus.master_node,
             host=HostTimes(can_bus.adapter_latency, can_bus.jitter, can_bus.simulated and not can_bus.stands_for_real),
         )
-
-
-def _pdos(traffic: AxisTraffic) -> PdoTraffic:
-    """Return the traffic of an axis as PDOs; raises TypeError when another protocol made it."""
-    if not isinstance(traffic, PdoTraffic):
-        raise TypeError(f"expected PDOs, not {type(traffic).__name__}")
-    return traffic
 
 
 PROTOCOL = Canopen()

@@ -7,6 +7,7 @@ for slower buses, computing, RPDOs. Worst-case stuffing is assumed, and a bus wi
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.profile import MappedSignal
@@ -18,6 +19,7 @@ from haptic_fieldbus.protocols.canopen.bus import LISTENING, cob_id_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, bits_beyond, worst_case_bits
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.protocol import BusMember
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, Json, round_down, ways
 from haptic_fieldbus.signals import LinkFlag, Signal
 
@@ -143,20 +145,14 @@ MASTER_NODES = range(127, 0, -1)
 """Candidates for the node-ID of the master, which its heartbeat needs; the first that no drive has is taken."""
 
 
-@dataclass(frozen=True)
-class BusMember:
-    """One axis on the bus: its name, profile and PDOs."""
-
-    axis: str
-    profile: CanopenProfile
-    traffic: PdoTraffic
+CanMember = BusMember[CanopenProfile, PdoTraffic]
 
 
 @dataclass(frozen=True)
 class CanTraffic:
     """Traffic of one bus in a period, worst case; the bit rate is in bit/s, the rate in Hz."""
 
-    members: tuple[BusMember, ...]
+    members: tuple[CanMember, ...]
     bitrate: int
     rate: float
     waiting: float = 0.0
@@ -167,7 +163,11 @@ class CanTraffic:
     chosen_master_node: int | None = None
     host: HostTimes = IDEAL
     """Times of adapter and host."""
-    exchange: str = field(default="", init=False)
+    exchange: ClassVar = ""
+    waits_for_answers: ClassVar = False
+    """Set-points are sent whether or not a drive answers."""
+    doubted_periods: ClassVar = 0
+    """A frame is whole, and so is every value in it."""
 
     @property
     def heartbeat_every(self) -> int:
@@ -208,16 +208,6 @@ class CanTraffic:
     def silence(self) -> float:
         """The longest time without a sign of life after which a drive counts as gone [s]."""
         return max(self.silence_of(member.axis) for member in self.members)
-
-    @property
-    def waits_for_answers(self) -> bool:
-        """Set-points are sent whether or not a drive answers."""
-        return False
-
-    @property
-    def doubted_periods(self) -> int:
-        """A frame is whole, and so is every value in it."""
-        return 0
 
     def other_masters(self, axis: str) -> None:
         """Every node hears every frame, those of another master too."""
@@ -332,7 +322,7 @@ class CanTraffic:
         lag, late = member.profile.torque_lag, self.host.lateness
         return Delay(bus, compute, drive, lag, found.shortest, found.longest, late)
 
-    def member(self, axis: str) -> BusMember:
+    def member(self, axis: str) -> CanMember:
         """Return the axis of that name, which must be on this bus."""
         return next(member for member in self.members if member.axis == axis)
 
@@ -355,7 +345,7 @@ class CanTraffic:
         return sum(worst_case_bits(pdo.size) for member in self.members for pdo in member.traffic.rpdos)
 
 
-def acts_on_reception(member: BusMember) -> bool:
+def acts_on_reception(member: CanMember) -> bool:
     """Return True when RPDOs of the axis act on reception, False when at the next SYNC.
 
     False also when the profile leaves it open, so that the longer delay is assumed.

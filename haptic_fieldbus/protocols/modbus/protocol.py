@@ -1,6 +1,5 @@
 """Modbus behind the interface of `protocols.protocol`."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, SIMULATION
@@ -14,9 +13,8 @@ from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes, RegisterTraffic
 from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, candidates
-from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members
-from haptic_fieldbus.protocols.traffic import AxisTraffic, HostTimes
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members, Signals, traffic_as
+from haptic_fieldbus.protocols.traffic import HostTimes
 
 
 class Modbus(FieldbusProtocol):
@@ -56,12 +54,7 @@ class Modbus(FieldbusProtocol):
         return CIA402 if power.table == "cia402" else PowerTable(power.rows, power.off)
 
     def axis_traffic(
-        self,
-        axis: RigAxis,
-        section: BusSection,
-        profile: DriveProfile,
-        incoming: Sequence[Signal],
-        outgoing: Sequence[Signal],
+        self, axis: RigAxis, section: BusSection, profile: DriveProfile, incoming: Signals, outgoing: Signals
     ) -> RegisterTraffic:
         """Return the registers of one axis, without requests until the traffic of its line is known.
 
@@ -89,7 +82,8 @@ class Modbus(FieldbusProtocol):
 def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], LineTimes, HostTimes]:
     """Return the drives of a line, its times, and those of the host."""
     own = tuple(
-        ModbusMember(name, modbus_profile(profile), _registers(traffic)) for name, (profile, traffic) in members.items()
+        ModbusMember(name, modbus_profile(profile), traffic_as(RegisterTraffic, "registers", traffic))
+        for name, (profile, traffic) in members.items()
     )
     found = bus.modbus_section(section)
     line = line_of(found, [member.profile for member in own])
@@ -97,13 +91,6 @@ def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember,
     is_ideal = found.simulated and not found.stands_for_real
     host = HostTimes(None if found.round_trip is None else 0.0, found.jitter, is_ideal)
     return own, line, host
-
-
-def _registers(traffic: AxisTraffic) -> RegisterTraffic:
-    """Return the traffic of an axis as registers; raises TypeError when another protocol made it."""
-    if not isinstance(traffic, RegisterTraffic):
-        raise TypeError(f"expected registers, not {type(traffic).__name__}")
-    return traffic
 
 
 PROTOCOL = Modbus()

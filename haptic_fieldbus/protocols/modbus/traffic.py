@@ -8,6 +8,7 @@ The next period may begin when the last answer is in and the silence after it is
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.drive.rig import RigAxis
@@ -22,6 +23,7 @@ from haptic_fieldbus.protocols.modbus.register_traffic import (
     Transaction,
     possible,
 )
+from haptic_fieldbus.protocols.protocol import BusMember
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, OtherMasters, round_down, ways
 from haptic_fieldbus.signals import Signal
 
@@ -33,13 +35,7 @@ PERIODS_PER_GUARD = 5
 """A drive's watchdog covers at least so many periods."""
 
 
-@dataclass(frozen=True)
-class ModbusMember:
-    """One axis on the line: its name, profile and registers."""
-
-    axis: str
-    profile: ModbusProfile
-    traffic: RegisterTraffic
+ModbusMember = BusMember[ModbusProfile, RegisterTraffic]
 
 
 @dataclass(frozen=True)
@@ -70,6 +66,12 @@ class ModbusTraffic:
     """Time from the last answer of this line to the feedback of the slowest bus, when computing can begin [s]."""
     host: HostTimes = IDEAL
     """Times of adapter and host."""
+    silence: ClassVar = math.inf
+    """Drives on Modbus send no signs of life of their own."""
+    doubted_periods: ClassVar = 1
+    """A drive may tear a value of two registers: a jump by about 65536 counts counts only when it is seen twice."""
+    disturbance: ClassVar = 0.0
+    """A request beside the exchange takes the place of a set-point and adds no time."""
 
     @cached_property
     def instants(self) -> Timeline:
@@ -157,24 +159,9 @@ class ModbusTraffic:
         return tuple(f"register {address:04X}h = {value}" for address, value in held)
 
     @property
-    def silence(self) -> float:
-        """Drives on Modbus send no signs of life of their own."""
-        return math.inf
-
-    @property
     def waits_for_answers(self) -> bool:
         """True on TCP: requests would queue behind one without an answer, and be executed late."""
         return self.wire.frame_octets == TCP_OCTETS
-
-    @property
-    def doubted_periods(self) -> int:
-        """A drive may tear a value of two registers: a jump by about 65536 counts counts only when it is seen twice."""
-        return 1
-
-    @property
-    def disturbance(self) -> float:
-        """Return 0: a request beside the exchange takes the place of a set-point and adds no time."""
-        return 0.0
 
     def latch(self, axis: str) -> float:
         """Return the time from the beginning of the exchange until the drive of an axis latches [s]."""
