@@ -236,7 +236,7 @@ class LinearMechanism(Table):
     """-1 if the handle moves to its negative side while the drive counts up."""
     zero: Literal["start"] | fields.Counts = "start"
     """Zero of the handle: "start", its position at enabling (as with `--zero here`), or an encoder count."""
-    workspace: ClassVar = Workspace.LINEAR
+    workspace: ClassVar[Workspace] = Workspace.LINEAR
 
     @property
     def ratio(self) -> float:
@@ -256,7 +256,7 @@ class RotaryMechanism(Table):
     """-1 where the handle goes to its negative side while the drive counts up."""
     zero: Literal["start"] | fields.Counts = "start"
     """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
-    workspace: ClassVar = Workspace.ROTARY
+    workspace: ClassVar[Workspace] = Workspace.ROTARY
 
     @property
     def ratio(self) -> float:

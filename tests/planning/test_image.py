@@ -87,6 +87,9 @@ def test_signals_may_lie_in_any_order_and_their_octets_too(order: Order, positio
     assert layout.axes[0].input.unpack_from(image) == (123, 456, 0, 0, 0x0637, 0x7FFF_FFFE)
     assert layout.input.unpack(image) == (123, 456, 0, 0, 0x7FFF_FFFE, 0x0637)
     assert layout.input.pack(*layout.input.unpack(image)) == image
+    buffer = bytearray(b"\xaa") * (layout.input.size + 2)
+    layout.input.pack_into(buffer, 1, *layout.input.unpack(image))
+    assert bytes(buffer) == b"\xaa" + image + b"\xaa", "with the fields of a header too"
     word = (0x0F).to_bytes(2, "little" if order is Order.LITTLE else "big")
     output = bytearray(layout.output_size)
     layout.axes[0].output.pack_into(output, 0, 0x0F, -3)

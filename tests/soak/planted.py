@@ -98,8 +98,8 @@ PLANTED = (
     Planted(
         "drives that confirm nothing pass for free",
         "haptic_fieldbus/buses/release.py",
-        "return all(parting.free for parting in self._partings)",
-        "return any(parting.free for parting in self._partings) or self._end_ns > 0",
+        "return all(drive.free for drive in self._drives)",
+        "return any(drive.free for drive in self._drives) or self._end_ns > 0",
     ),
 )
 
