@@ -240,7 +240,6 @@ def _check_axis(
     `nodes` collects the axis of each (bus, node-ID) from call to call.
     """
     _check_bus(document, name, nodes)
-    _check_node(document, name)
     if known is not None:
         _check_profile_exists(document, name, known)
     _check_position_limits(document, name)
@@ -309,20 +308,25 @@ def _keys(table: dict[str, object], path: tuple[str, ...] = ()) -> Iterator[tupl
 
 
 def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object], str]) -> None:
-    """Note a bus that the file does not have, and a node-ID that another axis has on the same bus.
+    """Note a bus that the file does not have, a node-ID out of range, and one that another axis has on the same bus.
 
     `nodes` collects the axis of each (bus, node-ID) from call to call.
     """
     bus, node = document.value("axis", axis, "bus"), document.value("axis", axis, "node")
-    buses = document.table("bus")
+    buses, path = document.table("bus"), ("axis", axis, "node")
     if isinstance(bus, str) and bus not in buses:
         document.fault(("axis", axis, "bus"), f"no [bus.{bus}] in this file{suggestion(bus, buses)}")
     # `type`, not `isinstance`: true is an int too, and has its own fault.
-    if type(node) is int and isinstance(bus, str) and nodes.setdefault((bus, node), axis) != axis:
-        other = nodes[bus, node]
-        document.fault(
-            ("axis", axis, "node"), f"{node} is already the node-ID of axis {other} on {bus}; expected another one"
-        )
+    if type(node) is not int or not isinstance(bus, str):
+        return
+    other = nodes.setdefault((bus, node), axis)
+    if other != axis:
+        document.fault(path, f"{node} is already the node-ID of axis {other} on {bus}; expected another one")
+    # Without a usable interface the protocol is unknown, and so is the range.
+    if ("bus", bus, "interface") not in document.faults:
+        wanted = _protocol_of_bus(document, bus).wanted_node(node, str(document.value("bus", bus, "interface")))
+        if wanted:
+            document.refuse(path, wanted)
 
 
 def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:
@@ -331,27 +335,14 @@ def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:
     return protocol_of_bus(interface) if isinstance(interface, str) else protocol_named(DEFAULT_PROTOCOL)
 
 
-def _check_node(document: Document, axis: str) -> None:
-    """Note a node-ID outside of the range of the protocol."""
-    node, bus = document.value("axis", axis, "node"), document.value("axis", axis, "bus")
-    # Without a usable interface the protocol is unknown, and so is the range.
-    if not isinstance(bus, str) or type(node) is not int or ("bus", bus, "interface") in document.faults:
-        return
-    wanted = _protocol_of_bus(document, bus).wanted_node(node, str(document.value("bus", bus, "interface")))
-    if wanted:
-        document.refuse(("axis", axis, "node"), wanted)
-
-
 def _check_profile_exists(document: Document, axis: str, known: Collection[str]) -> None:
     """Note a profile that is neither one of the `known` names nor a file beside the rig."""
-    name = document.value("axis", axis, "profile")
-    if not isinstance(name, str):
-        return
-    if is_path(name):
-        if not (Path(document.source).resolve().parent / name).is_file():
-            document.fault(("axis", axis, "profile"), f'no file "{name}" in the folder of this file')
-    elif name not in known:
-        document.fault(("axis", axis, "profile"), f'no profile "{name}"{suggestion(name, known)}')
+    path: KeyPath = ("axis", axis, "profile")
+    name = document.value(*path)
+    if isinstance(name, str) and not is_path(name) and name not in known:
+        document.fault(path, f'no profile "{name}"{suggestion(name, known)}')
+    elif isinstance(name, str) and is_path(name) and not (Path(document.source).resolve().parent / name).is_file():
+        document.fault(path, f'no file "{name}" in the folder of this file')
 
 
 def _check_position_limits(document: Document, axis: str) -> None:
@@ -367,26 +358,21 @@ def _check_position_limits(document: Document, axis: str) -> None:
 def _check_simulation(document: Document, axis: str) -> None:
     """Note a load inertia that is no part of the axis' inertia, and a lever on a linear mechanism."""
     simulation: KeyPath = ("axis", axis, "simulation")
-    load, inertia = document.value(*simulation, "coupling", "load_inertia"), document.value("axis", axis, "inertia")
+    coupling, gravity = (*simulation, "coupling", "load_inertia"), (*simulation, "gravity", "hanging_at")
+    load, inertia = document.value(*coupling), document.value("axis", axis, "inertia")
     true = document.value(*simulation, "inertia")
     if isinstance(load, int | float) and not (isinstance(inertia, int | float) and load < inertia):
-        document.refuse(
-            (*simulation, "coupling", "load_inertia"), "less than the inertia of the axis, which is required"
-        )
+        document.refuse(coupling, "less than the inertia of the axis, which is required")
     elif isinstance(load, int | float) and isinstance(true, int | float) and load >= true:
-        document.refuse((*simulation, "coupling", "load_inertia"), "less than simulation.inertia")
+        document.refuse(coupling, "less than simulation.inertia")
     inertia = inertia if true is None else true
-    hanging = document.value(*simulation, "gravity", "hanging_at")
-    if (
-        hanging and document.value("axis", axis, "mechanism", "kind") == "linear"
-    ):  # a Rig has 0 there where none is given
-        document.refuse((*simulation, "gravity", "hanging_at"), "no such key: a linear mechanism has no lever")
+    # A Rig has 0 there where none is given.
+    if document.value(*gravity) and document.value("axis", axis, "mechanism", "kind") == "linear":
+        document.refuse(gravity, "no such key: a linear mechanism has no lever")
     torque, periods = (document.value(*simulation, "cogging", key) for key in ("torque", "periods_per_revolution"))
     if isinstance(torque, int | float) and isinstance(periods, int) and isinstance(inertia, int | float):
         shaft = inertia - (load if isinstance(load, int | float) else 0.0)
         if torque * periods > LARGEST_COGGING * shaft > 0.0:
             most = f"at most {LARGEST_COGGING * shaft / periods:.3g}"
-            document.refuse(
-                (*simulation, "cogging", "torque"),
-                f"{most}: with more, the shaft oscillates about its rest above 10 kHz",
-            )
+            expected = f"{most}: with more, the shaft oscillates about its rest above 10 kHz"
+            document.refuse((*simulation, "cogging", "torque"), expected)

@@ -28,7 +28,6 @@ from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section
 from haptic_fieldbus.protocols.modbus.layout import characters, line_of
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register, modbus_profile
@@ -203,6 +202,9 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
         return FoundNode(number, sure=_why_none(fitting))
     unit = _unit(requester, number, best)
     known = {each.name: unit.read(each) for each in best.identity}
+    sure = "possible match: it has the registers of the profile, and none between them"
+    if _tells(best):
+        sure = "likely: the model registers match the profile"
     also = ", ".join(_named(profile) for profile in fitting if profile is not best)
     return FoundNode(
         number,
@@ -211,8 +213,8 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
         known.get("revision"),
         None if best.serial is None else unit.read(best.serial),
         profile=best.name,
-        sure=_sure(best) + (f"; {also} would match too" if also else ""),
-        power_state=_power(best).state(unit.read(best.power.status)).value,
+        sure=sure + (f"; {also} would match too" if also else ""),
+        power_state=PROTOCOL.power_table(best).state(unit.read(best.power.status)).value,
     )
 
 
@@ -246,19 +248,9 @@ def _unit(requester: Requester, number: int, profile: ModbusProfile) -> UnitClie
     return UnitClient(requester, number, f"unit {number}", profile.line)
 
 
-def _power(profile: ModbusProfile) -> PowerTable:
-    return CIA402 if profile.power.table == "cia402" else PowerTable(profile.power.rows, profile.power.off)
-
-
 def _tells(profile: ModbusProfile) -> bool:
     """Whether the profile names values by which its model is known."""
     return any(each.values for each in profile.identity)
-
-
-def _sure(profile: ModbusProfile) -> str:
-    if _tells(profile):
-        return "likely: the model registers match the profile"
-    return "possible match: it has the registers of the profile, and none between them"
 
 
 def _fits(unit: UnitClient, profile: ModbusProfile) -> bool:
