@@ -140,6 +140,9 @@ class FieldbusProtocol(Protocol):
 
 # Checks of a profile that its dataclasses cannot state, on any protocol.
 
+TORQUES: tuple[KeyPath, ...] = (("torque", "target"), ("torque", "actual"), ("torque", "demand"))
+"""Torques in the steps of the drive: keys with the same types and units."""
+
 
 def check_usable(document: Document) -> bool:
     """Return whether a profile is for rendering force; one that is not has to say why."""

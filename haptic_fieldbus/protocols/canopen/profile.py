@@ -17,22 +17,18 @@ from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo
-from haptic_fieldbus.protocols.protocol import check_echo, check_motion, check_types, check_units, check_usable
+from haptic_fieldbus.protocols.protocol import TORQUES, check_echo, check_motion, check_types, check_units, check_usable
 
 # Checks of a CANopen profile that its dataclasses cannot state.
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES: dict[KeyPath, tuple[str, ...]] = {
-    ("torque", "target"): ("int16", "int32"),
-    ("torque", "actual"): ("int16", "int32"),
-    ("torque", "demand"): ("int16", "int32"),
+    **dict.fromkeys(TORQUES, ("int16", "int32")),
     ("position", "actual"): ("int32",),
     ("velocity", "actual"): ("int32",),
 }
 _UNITS: dict[KeyPath, tuple[str, ...]] = {
-    ("torque", "target"): rig.TORQUE_UNITS,
-    ("torque", "actual"): rig.TORQUE_UNITS,
-    ("torque", "demand"): rig.TORQUE_UNITS,
+    **dict.fromkeys(TORQUES, rig.TORQUE_UNITS),
     ("torque", "rated"): tuple(rig.RATED_TORQUE_UNITS),
     ("torque", "rated_current"): (rig.MILLIAMPERE,),
     ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE),

@@ -21,7 +21,7 @@ from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import FULL_SCALE, METRES, is_current
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.protocol import check_echo, check_motion, check_types, check_units, check_usable
+from haptic_fieldbus.protocols.protocol import TORQUES, check_echo, check_motion, check_types, check_units, check_usable
 from haptic_fieldbus.signals import Signal
 
 Address = Annotated[int, Ge(0), Le(0xFFFF)]
@@ -261,18 +261,13 @@ _ALL = ("int16", "uint16", "int32", "uint32")
 _TYPES: dict[KeyPath, tuple[str, ...]] = {
     ("power", "status"): ("uint16", "uint32"),
     ("power", "command"): ("uint16", "uint32"),
-    ("torque", "target"): _SIGNED,
-    ("torque", "actual"): _SIGNED,
-    ("torque", "demand"): _SIGNED,
+    **dict.fromkeys(TORQUES, _SIGNED),
     ("position", "actual"): ("int32",),
     ("velocity", "actual"): _SIGNED,
 }
 """Register → types that the master can scale or compare; all others may have any of a register."""
 _UNITS: dict[KeyPath, tuple[str, ...]] = {
-    ("torque", "target"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
-    ("torque", "actual"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
-    ("torque", "demand"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
-    ("torque", "limit"): rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS,
+    **dict.fromkeys((*TORQUES, ("torque", "limit")), rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS),
     ("torque", "rated"): tuple(rig.RATED_TORQUE_UNITS),
     ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE, *METRES),
     ("velocity", "actual"): rig.VELOCITY_UNITS,
