@@ -128,7 +128,7 @@ def read_mcap(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str
                 complete = complete or isinstance(record, Footer)
         except (McapError, ValueError, struct.error):  # cut off, or torn
             complete = False
-    if not told and not provenance:
+    if not told:
         raise UsageError(f"{path}: no MCAP file of a run, or cut off before its first chunk")
     try:
         columns, units = json.loads(told.get("columns", "[]")), json.loads(told.get("units", "{}"))

@@ -110,7 +110,8 @@ def test_a_file_that_was_cut_off_anywhere_is_read_up_to_its_last_whole_chunk(rec
         path.write_bytes(octets[:size])
         try:
             found = read_recording(path)
-        except UsageError:
+        except UsageError as error:
+            assert "cut off before its first chunk" in str(error)
             assert size < 40_000  # the first provenance and chunk
             return
         assert not found.complete
