@@ -64,7 +64,7 @@ def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: End
     return proofs
 
 
-class _Looked:
+class _TestedDrive:
     """State of one drive, and the times of its readings."""
 
     def __init__(self, axis: AxisPlan, image: AxisImage, guard: SetGuard) -> None:
@@ -135,7 +135,7 @@ class _ProofExchange:
         self._deadline_ns = clock.now_ns()
         guards = {guard.axis: guard.set_to for guard in plan.guards}
         every = [
-            _Looked(axis, image, guards[axis.name]) for axis, image in zip(plan.axes, plan.image.axes, strict=True)
+            _TestedDrive(axis, image, guards[axis.name]) for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         ]
         self._proved = tuple(each for each in every if each.axis.name in axes)
         self._others = tuple(each for each in every if each.axis.name not in axes)
@@ -144,39 +144,39 @@ class _ProofExchange:
         """Bring the drives to *operation enabled*; raises BusTimeoutError when they do not get there in time."""
         for _ in range(round(enabling_time(self._plan) * self._plan.rate)):
             image = self._read()
-            for looked in (*self._proved, *self._others):
-                self._check(looked.axis, looked.take(image), ~LinkFlag.STALE)
-                looked.check_way()
-            for looked in self._proved:
-                looked.answer(self._output, enabling=True)
-            for looked in self._others:
-                looked.answer(self._output, enabling=False)
+            for drive in (*self._proved, *self._others):
+                self._check(drive.axis, drive.take(image), ~LinkFlag.STALE)
+                drive.check_way()
+            for drive in self._proved:
+                drive.answer(self._output, enabling=True)
+            for drive in self._others:
+                drive.answer(self._output, enabling=False)
             self._bus.write(self._output)
-            if all(looked.state is PowerState.OPERATION_ENABLED for looked in self._proved):
+            if all(drive.state is PowerState.OPERATION_ENABLED for drive in self._proved):
                 return
         raise self._late()
 
     def leave_alone(self) -> Iterator[Proof]:
         """Write nothing until all drives are read as off, or `PATIENCE` is over; yield the outcomes."""
         alone_ns = self._clock.now_ns()
-        patience_ns = round(1e9 * PATIENCE * max(looked.guard.seconds for looked in self._proved))
-        for looked in self._proved:
-            looked.enabled_ns = alone_ns
+        patience_ns = round(1e9 * PATIENCE * max(drive.guard.seconds for drive in self._proved))
+        for drive in self._proved:
+            drive.enabled_ns = alone_ns
         waiting = self._proved
         while waiting:
             patient = self._clock.now_ns() - alone_ns < patience_ns
             image = self._read()
-            for looked in waiting:
-                feedback = looked.take(image)
-                self._check(looked.axis, feedback, WHILE_ALONE)
+            for drive in waiting:
+                feedback = drive.take(image)
+                self._check(drive.axis, feedback, WHILE_ALONE)
                 if feedback[1] & LinkFlag.STALE:
-                    looked.ask(self._bus, self._clock)
+                    drive.ask(self._bus, self._clock)
                 else:
-                    looked.note(feedback[0])
+                    drive.note(feedback[0])
             # Asked before the look, so that one comes after the end of patience whatever else this computer did.
-            waiting = tuple(looked for looked in waiting if looked.off_ns is None) if patient else ()
-        for looked in self._proved:
-            yield looked.proof(alone_ns)
+            waiting = tuple(drive for drive in waiting if drive.off_ns is None) if patient else ()
+        for drive in self._proved:
+            yield drive.proof(alone_ns)
 
     def _read(self) -> bytearray:
         """Wait for the next period and exchange feedback; missed periods are skipped."""

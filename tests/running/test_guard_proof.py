@@ -413,7 +413,7 @@ class Asked:
 def test_the_time_of_questions_counts_for_the_drive_up_to_20_ms(questions: int, lasted: float) -> None:
     guard = SetGuard(seconds=0.1, late=0.002, period=0.001)
     axis: Any = SimpleNamespace(name="handle", power=plan("wall").axes[0].power)
-    looked, asked = guard_proof._Looked(axis, plan("wall").image.axes[0], guard), Asked()
+    looked, asked = guard_proof._TestedDrive(axis, plan("wall").image.axes[0], guard), Asked()
     for _ in range(questions):
         looked.ask(asked, asked)  # type: ignore[arg-type]
     proof = looked.proof(0)

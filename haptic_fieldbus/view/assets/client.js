@@ -120,6 +120,7 @@ window.haptic = (() => {
   function trip(text) { $("trip").hidden = false; $("trip").textContent = text; }
   function finish(told) { // the last rows of a trip come after its words, so the charts are held at the end of the run
     ended = told; alive(); $("stop").disabled = true;
+    window.socket?.io.reconnection(false); // that of NiceGUI: nobody is there any more
     if (!$("trip").hidden && !held) { hold(); held = rows; }
   }
   function pace(told) { paused = told.paused; speed = told.speed; lastRow = performance.now(); document.body.classList.toggle("paused", Boolean(paused)); }
@@ -231,13 +232,14 @@ window.haptic = (() => {
   }
   function words(pen, text, x, y, colour = colours.faint, align = "left") { pen.fillStyle = colour; pen.textAlign = align; pen.fillText(text, x, y); }
   function ticks(low, high, most) { // round numbers between two ends, at least two: one alone is no scale
-    const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
-    const step = power * ([1, 2, 5, 10].find((each) => each * power >= rough) || 10);
-    for (const each of [step, step / 2]) {
-      const found = [];
-      for (let number = Math.ceil(low / each); number <= high / each + 1e-9; number++) found.push(Number((number * each).toPrecision(12)));
-      if (found.length > 1 || each < step) return found;
+    const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough)), round = [0.5, 1, 2, 5, 10];
+    const found = [], at = round.findIndex((each) => each === 10 || each * power >= rough);
+    for (let place = at; place >= at - 1 && found.length < 2; place--) {
+      const step = round[place] * power;
+      found.length = 0;
+      for (let number = Math.ceil(low / step); number <= high / step + 1e-9; number++) found.push(Number((number * step).toPrecision(12)));
     }
+    return found;
   }
   function scale(key, low, high, least) { // the ends of an axis: they grow at once and shrink in a second, so that nothing jumps
     const room = Math.max(0.08 * (high - low), 0.5 * (least - (high - low))), wanted = [low - room, high + room], now = performance.now();
