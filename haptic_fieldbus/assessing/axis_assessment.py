@@ -114,7 +114,7 @@ def extremes(lines: Sequence[Array], times_ns: Times, size: int, near_ns: tuple[
         rest = values[whole:]
         kept += [starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1)] if whole else []
         kept += [np.array([whole + rest.argmin(), whole + rest.argmax()])] if len(rest) else []
-    return np.unique(np.concatenate(kept)).astype(np.int64)
+    return np.unique(np.concatenate(kept), return_counts=True)[0].astype(np.int64)  # alone it imports numpy.ma
 
 
 WAY_POINTS = 4

@@ -47,7 +47,7 @@ class Reach:
     def add(self, times_ns: NDArray[np.int64], positions: NDArray[np.float64], changed_ns: Sequence[int]) -> None:
         """Add positions at instants [ns], both `(n,)`; `changed_ns` are the last instants before each change so far."""
         number = np.searchsorted(np.asarray(changed_ns, dtype=np.int64), times_ns)
-        for changes in np.unique(number).tolist():
+        for changes in np.unique(number, return_counts=True)[0].tolist():  # alone it imports numpy.ma
             here = positions[number == changes]
             lowest, highest = self._ends.get(changes, (math.inf, -math.inf))
             self._ends[changes] = min(lowest, float(here.min())), max(highest, float(here.max()))

@@ -4,6 +4,7 @@ Colours and the bar appear on a terminal only. Long lines are wrapped to its wid
 """
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
 
 UNWRAPPED = 100_000
 """Width of a pipe or file [characters]; larger than any line, so that Rich wraps none."""
+COLOURED = {"FORCE_COLOR", "TTY_COMPATIBLE"}
+"""Variables of the environment that may tell Rich to colour a pipe."""
+CONTROLS = dict.fromkeys((7, 8, 11, 12, 13))
+"""Control characters that Rich leaves out: bell, backspace, vertical tab, form feed, carriage return."""
 REDRAW = 0.05
 """Least time between two drawings of the bar [s]."""
 KEY_STYLES = {"refused": "bold red", "tripped": "bold red", "failed": "bold red", "verdict": "bold green"}
@@ -46,9 +51,13 @@ def show(lines: Iterable[tuple[str | None, str]], stream: TextIO | None = None) 
 
     An empty key continues the line before; a key of None leaves out the column of keys.
     """
+    stream = stream or sys.stdout
+    if not (stream.isatty() or COLOURED & os.environ.keys()):
+        _print_plain(lines, stream)
+        return
     from rich.text import Text
 
-    screen = console(stream or sys.stdout)
+    screen = console(stream)
     # Rich would wrap below the key; here each wrapped part stands beside it, at least 20 columns wide.
     for key, text in lines:
         indent = 0 if key is None else KEY_WIDTH
@@ -57,6 +66,15 @@ def show(lines: Iterable[tuple[str | None, str]], stream: TextIO | None = None) 
             head = f"{key or '':{indent}}" if indent else ""
             screen.print(Text.assemble((head, KEY_STYLES.get(key or "", "bold")), part), soft_wrap=True)
             key = key and ""  # the key stands beside the first part only; None stays None
+
+
+def _print_plain(lines: Iterable[tuple[str | None, str]], stream: TextIO) -> None:
+    """Print the lines of `show` as Rich prints them in a pipe, without the import of Rich, which takes longer."""
+    for key, text in lines:
+        head = "" if key is None else f"{key:{KEY_WIDTH}}"
+        for part in text.translate(CONTROLS).split("\n"):
+            print(head + part.expandtabs().rstrip(), file=stream)
+            head = " " * KEY_WIDTH if head else ""
 
 
 def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

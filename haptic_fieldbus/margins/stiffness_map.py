@@ -321,7 +321,7 @@ class Places(StateSpace):
         if np.abs(three - two - (two - one)).max() > 1e-9 * np.abs(three).max():
             return None
         found: list[float] = []
-        for together, damping in product(self.together, np.unique(self.damping)):
+        for together, damping in product(self.together, dict.fromkeys(self.damping.tolist())):
             free, spring, damper = (
                 sampled.loop_matrix(device, each) for each in (together.free, together.spring, together.damper)
             )
@@ -335,7 +335,7 @@ class Places(StateSpace):
 
     def environments(self, most: int) -> list[StateSpace]:
         """Return the environment at each different place; with more than `most`, some that cover all stiffnesses."""
-        pairs = np.unique(np.round(np.column_stack([self.stiffness, self.damping]), 12), axis=0)
+        pairs = np.unique(np.round(np.column_stack([self.stiffness, self.damping]), 12), axis=0, return_counts=True)[0]
         kept = max(most // len(self.together), 2)
         if len(pairs) > kept:
             pairs = pairs[np.linspace(0, len(pairs) - 1, kept).round().astype(int)]

@@ -138,7 +138,8 @@ def worst(value: Callable[[Array], Array], environment: StateSpace | None = None
     resonance could lie between the points of a fixed sweep.
     """
     sweep = [np.geomspace(SMALLEST_ANGLE, 0.1, 100), np.linspace(0.1, math.pi, 400)[1:]]
-    angle = np.unique(np.concatenate(sweep if environment is None else [*sweep, _resonances(environment)]))
+    parts = sweep if environment is None else [*sweep, _resonances(environment)]
+    angle = np.unique(np.concatenate(parts), return_counts=True)[0]  # without the counts it imports numpy.ma
     for _ in range(5):
         found = value(angle)
         at = int(found.argmax())

@@ -36,6 +36,25 @@ def test_lines_stay_whole_and_plain_in_a_pipe() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "text", [LONG, "", " a \n\n b ", "a\tb", "bell\a\b\v\f\rend", "[b]x[/b] :smile:", "ä½–", "x\n"]
+)
+def test_a_pipe_has_what_rich_writes_into_one(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = [("scene", text), ("", text), (None, text), ("a key that is longer than its column", text)]
+    plain_pipe, rich_pipe = io.StringIO(), io.StringIO()
+    show(lines, plain_pipe)
+    monkeypatch.setenv("FORCE_COLOR", "")  # Rich then decides, and colours nothing
+    show(lines, rich_pipe)
+    assert plain_pipe.getvalue() == rich_pipe.getvalue()
+
+
+def test_a_pipe_is_coloured_where_the_environment_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    pipe = io.StringIO()
+    show([("scene", "wall")], pipe)
+    assert pipe.getvalue() == "\x1b[1mscene      \x1b[0mwall\n"
+
+
 def test_lines_are_wrapped_beside_their_key_on_a_terminal() -> None:
     terminal = Terminal()
     show([("scene", LONG)], terminal)

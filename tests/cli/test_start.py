@@ -10,7 +10,7 @@ import pytest
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.app import COMMANDS, GROUPS, application
 
-HEAVY = ("numpy", "can", "canopen", "matplotlib", "tree_sitter", "asyncio", "haptic_fieldbus.cli.sweep")
+HEAVY = ("numpy", "numpy.ma", "can", "canopen", "matplotlib", "tree_sitter", "asyncio", "haptic_fieldbus.cli.sweep")
 
 
 def loaded_by(*words: str) -> set[str]:

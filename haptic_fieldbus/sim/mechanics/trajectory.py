@@ -140,7 +140,7 @@ class Trajectory:
         flow_of_row = self._flow_of_segment[segment]
         for doubling in range(int(rank.max(initial=0)).bit_length()):
             rows = np.flatnonzero(rank >> doubling == 1)
-            for number in np.unique(flow_of_row[rows]):
+            for number in np.unique(flow_of_row[rows], return_counts=True)[0]:
                 here = rows[flow_of_row[rows] == number]
                 transition = self._flows[number].transition(spacing_ns << doubling)
                 states[here] = moved(states[here - (1 << doubling)], transition)
@@ -150,7 +150,7 @@ class Trajectory:
         """Return all states of these segments (m,) after `spans_ns` (m,), which need not be whole; shape (m, order)."""
         states = self._states[segment]
         flow_of_row = self._flow_of_segment[segment]
-        for number in np.unique(flow_of_row):
+        for number in np.unique(flow_of_row, return_counts=True)[0]:  # alone it imports numpy.ma
             rows = flow_of_row == number
             states[rows] = self._flows[number].advance_many(states[rows], spans_ns[rows])
         return states
