@@ -49,8 +49,8 @@ class Kind:
 
 
 KINDS = (
-    Kind("CANopen", 40.0),
-    Kind("Modbus TCP", 75.0, "sim-modbus-tcp"),
+    Kind("CANopen", 26.0),
+    Kind("Modbus TCP", 32.0, "sim-modbus-tcp"),
     Kind("CANopen, six axes at 500 Hz", 230.0, six=True),
 )
 
