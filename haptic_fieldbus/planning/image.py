@@ -183,8 +183,7 @@ class BigCodec(WireCodec):
         return self._first.pack(*values[: self._fields]) + self._rest.pack(*own)
 
     def pack_into(self, buffer: bytearray, offset: int, *values: int) -> None:
-        if self._fields:
-            self._first.pack_into(buffer, offset, *values[: self._fields])
+        self._first.pack_into(buffer, offset, *values[: self._fields])
         self._rest.pack_into(buffer, offset + self._rest_at, *self._on_wire(values[self._fields :]))
 
     def unpack_from(self, buffer: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:

@@ -40,7 +40,7 @@ FADED_IN = 0.6
 
 
 @dataclass
-class ServerRequest:
+class ForceByPeriod:
     """An element that asks for what it is told; as a value it is the same whatever that is."""
 
     steps: Callable[[int], int]
@@ -58,7 +58,7 @@ class ServerRequest:
 
 
 def plan_with(steps: Callable[[int], int], rate: float, profile: CanopenProfile, sign: Literal[-1, 1] = 1) -> Plan:
-    scene = scene_of(ServerRequest(steps))  # type: ignore[arg-type]
+    scene = scene_of(ForceByPeriod(steps))  # type: ignore[arg-type]
     rig = rig_of(scene, mechanism=LinearMechanism("linear", 0.05, sign=sign))
     return compile_plan(scene, rig, {PROFILE.name: profile}, rate)
 

@@ -25,7 +25,7 @@ from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import LinkFlag, Signal, Workspace
 from tests.builders import scene_of
-from tests.cycle.test_echo import ENABLED, MOTIONS, ServerRequest, wave
+from tests.cycle.test_echo import ENABLED, MOTIONS, ForceByPeriod, wave
 from tests.lanes import examples
 from tests.protocols.modbus.lines import GENERIC, RTU, TCP, traffic_of, with_line
 
@@ -59,7 +59,7 @@ FASTEST = {"none, two requests": 500.0}
 
 def plan_with(steps: Callable[[int], int], rate: float, profile: ModbusProfile, bus: str = TCP, axes: int = 1) -> Plan:
     names = ("handle", "second", "third")[:axes]
-    scene: Scene = scene_of(*(ServerRequest(steps, name, f"asked {name}") for name in names))  # type: ignore[arg-type]
+    scene: Scene = scene_of(*(ForceByPeriod(steps, name, f"asked {name}") for name in names))  # type: ignore[arg-type]
     rigs = {
         name: replace(default_axis(Workspace.LINEAR, bus="line", node=number, profile="drive"), limits=Limits())
         for number, name in enumerate(names, start=1)

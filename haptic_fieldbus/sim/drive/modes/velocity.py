@@ -39,7 +39,6 @@ class ProfileVelocity(Mode):
         self._acceleration, self._deceleration = row(0x6083), row(0x6084)
         self._window, self._window_time = row(0x606D), row(0x606E)
         self._threshold, self._threshold_time = row(0x606F), row(0x6070)
-        self._actual = objects.velocity
         self._reached, self._moving = ConditionTimer(), ConditionTimer()
         self._planned: tuple[float, float, float] | None = None
         self._start(0.0, 0)
