@@ -20,15 +20,17 @@ import start_cost
 import step_cost
 import sweep_cost
 import virtual_time
+import wire_period
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from rows import Figure, Pair, machine
+from rows import Figure, NotHereError, Pair, machine
 
 FIGURES: tuple[Figure, ...] = (
     *period_cost.FIGURES,
     *step_cost.FIGURES,
     *modbus_exchange.FIGURES,
+    *wire_period.FIGURES,
     *virtual_time.FIGURES,
     *session_cost.FIGURES,
     *sweep_cost.FIGURES,
@@ -48,8 +50,13 @@ Measured = tuple[Figure, list[tuple[float, float]]]
 def measured(figures: list[Figure], rounds: int) -> list[Measured]:
     """Measure each figure once a round; return its pairs (ours, reference) [s]."""
     with ExitStack() as stack:
-        pairs: list[tuple[Figure, Pair]] = [(figure, figure.pair(stack)) for figure in figures]
-        found: list[Measured] = [(figure, []) for figure in figures]
+        pairs: list[tuple[Figure, Pair]] = []
+        for figure in figures:
+            try:
+                pairs.append((figure, figure.pair(stack)))
+            except NotHereError as error:
+                print(f"not measured: {figure.name}: {error}", file=sys.stderr)
+        found: list[Measured] = [(figure, []) for figure, _ in pairs]
         console = Console(stderr=True)
         for _ in track(range(rounds), "Measuring", console=console, transient=True, disable=not console.is_terminal):
             for (_, pair), (_, times) in zip(pairs, found, strict=True):

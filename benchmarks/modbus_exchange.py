@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from time import perf_counter
+from time import perf_counter, process_time
 
 from pymodbus.client import ModbusTcpClient
 from rows import Figure, Pair, machine
@@ -193,13 +193,29 @@ def exchange_pair(stack: ExitStack) -> Pair:
 
 def period_pair(stack: ExitStack) -> Pair:
     port = stack.enter_context(server())
-    ours, reference = by_master(port, stack), by_client(port, stack)
-    return lambda: (min(seconds(ours) for _ in range(5)), min(seconds(reference) for _ in range(5)))
+    ours, reference = by_master(port, stack), by_hand(port, stack)
+    return lambda: fastest_of(ours, reference)
+
+
+def fastest_of(ours: Call, reference: Call) -> tuple[float, float]:
+    """Return the processor times of the fastest of many short samples that take turns [s]."""
+    pairs = [(sample(ours), sample(reference)) for _ in range(SAMPLES)]
+    return min(each for each, _ in pairs), min(each for _, each in pairs)
+
+
+SAMPLES, PERIODS = 200, 10
+
+
+def sample(call: Call) -> float:
+    began = process_time()
+    for _ in range(PERIODS):
+        call()
+    return (process_time() - began) / PERIODS
 
 
 FIGURES = (
     Figure("exchange over Modbus TCP", "a socket loop by hand", LARGEST, exchange_pair),
-    Figure("period of the Modbus TCP master", "the same exchange by pymodbus's client", 1.0, period_pair),
+    Figure("period of the Modbus TCP master", "a socket loop by hand", 1.2, period_pair),
 )
 
 

@@ -25,13 +25,17 @@ class Row:
         return self.ours / self.reference
 
 
+class NotHereError(Exception):
+    """A figure needs what this computer does not have; its text says what."""
+
+
 Pair = Callable[[], tuple[float, float]]
 """Measures ours and the reference [s], one right after the other."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of `bench.py`; `pair` sets up what it needs on the stack, which ends it."""
+    """One figure of `bench.py`; `pair` sets up what it needs on the stack, which ends it, or raises NotHereError."""
 
     name: str
     reference: str

@@ -2,7 +2,7 @@
 
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import can
@@ -141,7 +141,8 @@ def test_a_frame_that_waited_has_the_instant_of_its_arrival(heard: FrameCounts, 
 
 def test_an_interface_that_goes_down_is_named_and_used_again_when_it_is_up(vcan: Link, heard: FrameCounts) -> None:
     vcan.down()
-    for use in (lambda: heard.wire.drain(0), lambda: heard.wire.offer(0x080)):
+    uses: tuple[Callable[[], object], ...] = (lambda: heard.wire.drain(0), lambda: heard.wire.offer(0x080))
+    for use in uses:
         with pytest.raises(BusError, match=rf"{vcan.name}.*the interface is down or gone"):
             use()
     vcan.up()

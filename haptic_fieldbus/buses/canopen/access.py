@@ -16,7 +16,7 @@ from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Nod
 from haptic_fieldbus.buses.canopen.opening import adapter_checks, open_can
 from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, FrameCounts, OneMaster, frame_words, listen
 from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
-from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.clock import Clock, MonotonicClock
@@ -339,7 +339,7 @@ class CanopenAccess(BusAccess):
         return frame_logs(record, buses, simulated=simulated)
 
     def open_bus(self, section: BusSection, clock: Clock, log: FrameLog | None) -> CanopenBus:
-        return CanopenBus(open_can(can_section(section)), clock, log, owned=True, echoes=section.interface in ECHOING)
+        return CanopenBus(open_can(can_section(section)), clock, log, owned=True)
 
     def rated_torque(self, section: BusSection, name: str, axis: RigAxis) -> float | None:
         profile = load_profile(axis.profile)
@@ -398,7 +398,7 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
     Raises UsageError or BusError.
     """
     # A multicast bus that cannot be kept apart from others says so in its own name.
-    name = "" if section.interface in ECHOING else f"{section.interface}:{section.channel}"
+    name = "" if section.interface == "udp_multicast" else f"{section.interface}:{section.channel}"
     if section.simulated:
         section = replace(section, channel=",".join(f"{axis.profile}@{axis.node}" for axis in axes.values()))
     with _opened(section, name) as wire:
@@ -410,7 +410,7 @@ def _opened(section: CanSection, name: str = "") -> Iterator[Wire]:
     """Open a bus for as long as the block lasts; without a name it has its own."""
     can_bus = open_can(section)
     try:
-        yield Wire(can_bus, MonotonicClock(), name or can_bus.channel_info, echoes=section.interface in ECHOING)
+        yield Wire(can_bus, MonotonicClock(), name or can_bus.channel_info)
     finally:
         can_bus.shutdown()
 

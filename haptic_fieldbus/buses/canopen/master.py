@@ -98,8 +98,7 @@ REFUSED_WRITES = 3
 class CanopenBus(ReleasedBus[Release]):
     """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down.
 
-    `echoes` tells that the interface gives back the frames one sends, without marking them. `port` is a way to the bus
-    that is shorter than python-can's messages; None: there is none.
+    `port` is a way to the bus that is shorter than python-can's messages; None: there is none.
     """
 
     def __init__(
@@ -109,13 +108,12 @@ class CanopenBus(ReleasedBus[Release]):
         log: FrameLog | None = None,
         *,
         owned: bool = False,
-        echoes: bool = False,
         port: CanPort | None = None,
     ) -> None:
         super().__init__()
         self._can_bus = can_bus if owned else None
         self._clock = clock
-        self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes, port=port)
+        self._wire = Wire(can_bus, clock, can_bus.channel_info, log, port=port)
         self._setups: tuple[NodeSetup, ...] = ()
         self._links: tuple[Link, ...] = ()
         self._exchange = Exchange()
@@ -220,30 +218,50 @@ class CanopenBus(ReleasedBus[Release]):
         self.prepare(deadline_ns)
         self.begin()
 
+    def read(self, deadline_ns: int) -> bytearray:
+        """Exchange feedback once and return the input image; raises BusError only when the bus itself is dead.
+
+        As the parts of `InSteps.read`, with one look at the clock before SYNC: each is a system call in some kernels.
+        """
+        now_ns = self._prepared_at(deadline_ns)
+        self._sync_at(now_ns)
+        if self._synced and self._exchange.missing:
+            self._wire.pump_for(max(0, deadline_ns - now_ns) * 1e-9)
+        return self.collect(deadline_ns)
+
     def prepare(self, deadline_ns: int) -> None:
         """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
+        self._prepared_at(deadline_ns)
+
+    def _prepared_at(self, deadline_ns: int) -> int:
+        """Prepare an exchange, and return the time [ns]."""
         self._exchange.taking = False
         for asking in self._askings:
             asking.begin()
-        self._wire.drain(deadline_ns)
+        now_ns = self._wire.drain(deadline_ns)
         if not self._exchange.begun:
             # From now on nodes are missed: the loop looks regularly, and asks those that answer only then.
             self._exchange.begun = True
             for setup in self._setups:
-                setup.node.heartbeat_ns = self._clock.now_ns()
+                setup.node.heartbeat_ns = now_ns
         self._exchange.missing = sum([link.begin() for link in self._links])
+        return now_ns
 
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""
+        self._sync_at(self._clock.now_ns())
+
+    def _sync_at(self, now_ns: int) -> None:
         self._exchange.taking = True
-        self.latch_ns = self._exchange.latch_ns = self._clock.now_ns() + self._sync_ns
+        self.latch_ns = self._exchange.latch_ns = now_ns + self._sync_ns
         self._synced = self._wire.offer(SYNC_COB_ID)
 
     def collect(self, deadline_ns: int) -> bytearray:
         """Receive until every TPDO is in or the deadline [ns] is reached, write the headers, return the input image."""
         wire, exchange, latch_ns = self._wire, self._exchange, self.latch_ns
         if self._synced:  # without SYNC no TPDO will come
-            while exchange.missing and wire.pump(deadline_ns):
+            # What waits is taken without a look at the clock.
+            while exchange.missing and (wire.pump_for(0.0) or wire.pump(deadline_ns)):
                 pass
         exchange.taking = False
         flags = BUS_OFF * wire.error_frames.bus_off | EXCEPTION * (self._refused_writes >= REFUSED_WRITES)

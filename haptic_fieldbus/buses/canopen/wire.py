@@ -8,8 +8,9 @@ import errno
 import select
 import socket
 import time
+from array import array
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from struct import Struct, pack
 from typing import Protocol
 from uuid import uuid4
@@ -33,9 +34,9 @@ from haptic_fieldbus.errors import BusError
 # A CAN-ID holds the identifier, and the flags of linux/can.h for extended, remote and error frames, so that no handler
 # of a data frame ever gets one of those. The data of a remote frame is as many octets as it asks for.
 #
-# Our own frames, when an interface gives them back, come as `OURS`. Most interfaces mark them (`is_rx`). One that
-# echoes without a mark gets one from us. On SocketCAN `is_rx` says another thing, that a frame comes from a process of
-# this computer; there `SocketCanPort` takes the place of this one.
+# Our own frames, when an interface gives them back, come as `OURS`. Most interfaces mark them (`is_rx`). On SocketCAN
+# `is_rx` says another thing, that a frame comes from a process of this computer, and UDP multicast marks nothing; there
+# `SocketCanPort` and `MulticastPort` take the place of this one.
 
 Received = tuple[int, bytes | bytearray]
 """CAN-ID with its flags, and data."""
@@ -63,17 +64,10 @@ class CanPort(Protocol):
 
 
 class PythonCanPort:
-    """Any interface of python-can; with `marks`, one that returns our own frames unmarked.
+    """Any interface of python-can that marks our own frames when it gives them back."""
 
-    python-can's UDP datagrams pass on the channel of a frame, which means nothing there. To count what was sent would
-    not do, because a lost echo would excuse the same frame of somebody else.
-    """
-
-    def __init__(self, can_bus: can.BusABC, *, marks: bool = False) -> None:
+    def __init__(self, can_bus: can.BusABC) -> None:
         self._bus = can_bus
-        self._mark = uuid4().hex if marks else None
-        self.stamp = 0.0
-        """Time stamp of the last frame [s], by whatever clock its interface has."""
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
         remote = bool(can_id & REMOTE_FLAG)
@@ -83,7 +77,6 @@ class PythonCanPort:
             dlc=len(data),
             is_remote_frame=remote,
             is_extended_id=bool(can_id & EXTENDED_FLAG),
-            channel=self._mark,
         )
         self._bus.send(message)
 
@@ -91,8 +84,7 @@ class PythonCanPort:
         message = self._bus.recv(seconds)
         if message is None:
             return None
-        self.stamp = message.timestamp
-        if not message.is_rx or (self._mark is not None and message.channel == self._mark):
+        if not message.is_rx:
             return OURS
         if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
             return message.arbitration_id, message.data
@@ -164,13 +156,15 @@ class SocketCanPort:
         self._sockets = (opened,)
         self._buffer = bytearray(FRAME.size)
         self._buffers = (self._buffer,)
-        self._unwanted = socket.MSG_TRUNC | getattr(socket, "MSG_CONFIRM", 0)
+        # Plain integers: each operation on a flag of `socket` makes a new one.
+        self._unwanted = int(socket.MSG_TRUNC | getattr(socket, "MSG_CONFIRM", 0))
         """Flags of a frame that is none of CAN 2.0, and of one of our own."""
+        self._at_once = int(socket.MSG_DONTWAIT)
         self._ancillary: list[tuple[int, int, bytes]] = []
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
         try:
-            self._send(FRAME.pack(can_id, len(data), data), socket.MSG_DONTWAIT)
+            self._send(FRAME.pack(can_id, len(data), data), self._at_once)
         except BlockingIOError as full:  # our part of the queue is full, see `focus`
             raise OSError(errno.ENOBUFS, "our share of the transmit queue is full") from full
 
@@ -178,11 +172,13 @@ class SocketCanPort:
         if seconds > 0.0 and not select.select(self._sockets, (), (), seconds)[0]:
             return None
         try:
-            _, self._ancillary, flags, _ = self._receive(self._buffers, STAMP_SIZE, socket.MSG_DONTWAIT)
+            size, self._ancillary, flags, _ = self._receive(self._buffers, STAMP_SIZE, self._at_once)
         except BlockingIOError:
             return None
-        if flags & self._unwanted:
-            return OURS
+        return OURS if flags & self._unwanted else self._decoded(size)
+
+    def _decoded(self, size: int) -> Received:
+        """Return the frame in the first octets of the buffer."""
         can_id, length, data = FRAME.unpack_from(self._buffer)
         return can_id, data[:length]  # of a remote frame, zeros
 
@@ -208,19 +204,100 @@ class SocketCanPort:
         self._socket.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, errors)
 
 
+# The socket of python-can's UDP multicast, used without its messages: a datagram is a map of msgpack.
+#
+# A group member hears itself, and nothing but the datagram tells whose it is: all sockets of a computer send from the
+# port of the group. A datagram has the channel of a frame, which means nothing there; ours is a mark, and stands first,
+# so that on Linux a filter of the kernel drops what has it before we are woken. To count what was sent would not do,
+# because a lost echo would excuse the same frame of somebody else.
+#
+# Reference: Linux, Documentation/networking/filter.rst.
+
+LARGEST_DATAGRAM = 4096
+MALFORMED = "received a datagram that is no CAN frame"
+FLAGS = {"is_extended_id": EXTENDED_FLAG, "is_remote_frame": REMOTE_FLAG, "is_error_frame": ERROR_FLAG}
+"""Flags of a CAN-ID by their fields in a frame of python-can."""
+OTHER_FIELDS = ("timestamp", "is_fd", "bitrate_switch", "error_state_indicator")
+MAP = bytes((0x80 | len(FLAGS) + len(OTHER_FIELDS) + len(("channel", "arbitration_id", "dlc", "data")),))
+"""Head of a map with all fields."""
+FIELDS = Struct(">I4sB6sB")
+"""What changes in a datagram: identifier, name and value of `dlc`, name of `data` with its kind, and its length."""
+MARK_AT = 18
+"""Place of the mark: behind the heads of UDP (8 octets), the map and the text, and the name of the field."""
+LOAD, IF_EQUAL, RETURN = 0x20, 0x15, 0x06
+"""Codes of a filter: load a word, compare it with a constant, return the number of octets that pass."""
+SO_ATTACH_FILTER = 26
+
+
+class MulticastPort(SocketCanPort):
+    """A port on the socket of an open UDP multicast bus of python-can."""
+
+    def __init__(self, can_bus: can.BusABC, clock: Clock) -> None:
+        import msgpack
+
+        multicast = can_bus._multicast  # type: ignore[attr-defined]
+        super().__init__(multicast._socket, clock)
+        self._buffer = bytearray(LARGEST_DATAGRAM)
+        self._buffers = (self._buffer,)
+        self._to: tuple[str, int] = multicast._send_destination
+        self._unpack = msgpack.unpackb
+        mark = uuid4().hex[:8]
+        fields = {"channel": mark} | dict.fromkeys(OTHER_FIELDS, 0)
+        heads = [fields | {name: bool(bits << 29 & flag) for name, flag in FLAGS.items()} for bits in range(8)]
+        self._heads = [MAP + msgpack.packb(head)[1:] + msgpack.packb("arbitration_id") + b"\xce" for head in heads]
+        """Begin of a datagram up to its identifier, by the three flags of its CAN-ID."""
+        self._own = self._heads[0][:MARK_AT]
+        with suppress(OSError):  # another system than Linux
+            self._drop(mark.encode())
+
+    def _drop(self, mark: bytes) -> None:
+        """Let the kernel drop datagrams with this mark; raises OSError."""
+        first, second = (int.from_bytes(part, "big") for part in (mark[:4], mark[4:]))
+        steps = (
+            (LOAD, 0, 0, MARK_AT), (IF_EQUAL, 0, 2, first), (LOAD, 0, 0, MARK_AT + 4), (IF_EQUAL, 1, 0, second),
+            (RETURN, 0, 0, LARGEST_DATAGRAM), (RETURN, 0, 0, 0),
+        )  # fmt: skip
+        program = array("B", b"".join(pack("=HBBI", *step) for step in steps))
+        self._socket.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, pack("@HP", len(steps), program.buffer_info()[0]))
+
+    def send(self, can_id: int, data: bytes | bytearray) -> None:
+        size = len(data)
+        if can_id & REMOTE_FLAG:
+            data = b""
+        fields = FIELDS.pack(can_id & CAN_ID_MASK, b"\xa3dlc", size, b"\xa4data\xc4", len(data))
+        self._socket.sendto(self._heads[can_id >> 29] + fields + data, self._to)
+
+    def _decoded(self, size: int) -> Received:
+        octets = self._buffer[:size]
+        if octets.startswith(self._own):
+            return OURS
+        try:
+            fields = self._unpack(octets)
+            can_id, data = fields["arbitration_id"] & CAN_ID_MASK, fields["data"]
+            for name, flag in FLAGS.items():
+                if fields[name]:
+                    can_id |= flag
+            if can_id & REMOTE_FLAG:
+                data = bytes(min(8, fields["dlc"]))
+            if isinstance(data, bytes):
+                return can_id, data
+        except (KeyError, TypeError, ValueError) as fault:
+            raise can.CanOperationError(MALFORMED) from fault
+        raise can.CanOperationError(MALFORMED)
+
+    def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
+        """Do nothing: the kernel knows datagrams, not the frames in them."""
+
+
 Handler = Callable[[bytes | bytearray], None]
 Tap = Callable[[int, bytes | bytearray], None]
 """Function that is called with the CAN-ID, flags included, and the data of every frame that comes."""
-
-ECHOING = ("udp_multicast",)
-"""Interfaces that give back the frames one sends, without saying so."""
 
 
 class Wire:
     """A python-can bus with a handler for each CAN-ID, flags included; `name` is its name in messages.
 
-    Our own frames, when an interface gives them back, reach neither handlers nor log. `echoes` tells that an interface
-    does so without saying it.
+    Our own frames, when an interface gives them back, reach neither handlers nor log.
     """
 
     def __init__(
@@ -230,7 +307,6 @@ class Wire:
         name: str,
         log: FrameLog | None = None,
         *,
-        echoes: bool = False,
         port: CanPort | None = None,
     ) -> None:
         self.clock = clock
@@ -241,7 +317,7 @@ class Wire:
         self.refusal: BusError | None = None
         """Error of the last frame that the full transmit queue refused; None when there was none."""
         # Bound methods are looked up once: the loop calls them for every frame.
-        self._port = port or port_to(can_bus, clock, echoes=echoes)
+        self._port = port or port_to(can_bus, clock)
         self._send, self._receive = self._port.send, self._port.receive
         self._now_ns = clock.now_ns
         self._empty_ns = self._logged_ns = 0
@@ -334,8 +410,12 @@ class Wire:
     def pump(self, deadline_ns: int) -> bool:
         """Receive one frame and call its handler; False when none came until the deadline [ns]. Raises BusError."""
         remaining_ns = deadline_ns - self._now_ns()
+        return self.pump_for(remaining_ns * 1e-9 if remaining_ns > 0 else 0.0)
+
+    def pump_for(self, seconds: float) -> bool:
+        """Receive as `pump` does, for so long [s] at most; raises BusError."""
         try:
-            received = self._receive(remaining_ns * 1e-9 if remaining_ns > 0 else 0.0)
+            received = self._receive(seconds)
         except FOREIGN as error:
             raise translate(error, self.name) from error
         if received is None:
@@ -369,16 +449,21 @@ class Wire:
         while not done() and self.pump(deadline_ns):
             pass
 
-    def drain(self, deadline_ns: int) -> None:
-        """Handle all frames that have already arrived, without waiting; in a flood, stop at the deadline [ns]."""
-        while self.pump(0):
-            if self._now_ns() >= deadline_ns:
-                return
-        self._empty_ns = self._now_ns()
+    def drain(self, deadline_ns: int) -> int:
+        """Handle all frames that have already arrived, without waiting, and return the time [ns].
+
+        In a flood it stops at the deadline [ns].
+        """
+        while self.pump_for(0.0):
+            now_ns = self._now_ns()
+            if now_ns >= deadline_ns:
+                return now_ns
+        self._empty_ns = now_ns = self._now_ns()
+        return now_ns
 
 
-def port_to(can_bus: can.BusABC, clock: Clock, *, echoes: bool) -> CanPort:
-    """Return the port to an open bus: its socket where it is one of SocketCAN, else python-can's messages."""
+def port_to(can_bus: can.BusABC, clock: Clock) -> CanPort:
+    """Return the port to an open bus: its socket on SocketCAN and UDP multicast, else python-can's messages."""
     if is_socketcan(can_bus):
         return SocketCanPort(can_bus.socket, clock)  # type: ignore[attr-defined]
-    return PythonCanPort(can_bus, marks=echoes)
+    return MulticastPort(can_bus, clock) if hasattr(can_bus, "_multicast") else PythonCanPort(can_bus)

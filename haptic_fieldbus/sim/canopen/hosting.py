@@ -10,7 +10,6 @@ A step must not cause lateness itself, so everything for it is built before a dr
 exponential is computed and no module imported, and existing objects are kept out of garbage collection.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from operator import is_
@@ -20,7 +19,7 @@ import can
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
 from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.opening import open_can
-from haptic_fieldbus.buses.canopen.wire import ECHOING, OURS, PythonCanPort, port_to
+from haptic_fieldbus.buses.canopen.wire import OURS, port_to
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.errors import BusError, UsageError
@@ -53,18 +52,13 @@ _ROOM = 100
 """Frames that the drives may send at once; a block of an SDO has up to 127 segments."""
 MOST_OCTETS = 8
 """Longest frame of CAN 2.0."""
-STAMPED = ("udp_multicast",)
-"""Interfaces besides SocketCAN whose time stamps are those of the kernel, by the wall clock of this computer."""
 
 Tell = Callable[[str], None]
 """Function that shows a sentence to the user."""
 
 
 class HostPort:
-    """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences.
-
-    `echoes`: it returns sent frames without a mark. `stamped`: its frames have time stamps of the kernel.
-    """
+    """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences."""
 
     def __init__(
         self,
@@ -73,21 +67,16 @@ class HostPort:
         name: str,
         tell: Tell,
         reopen: Callable[[], can.BusABC] | None = None,
-        *,
-        echoes: bool = False,
-        stamped: bool = False,
     ) -> None:
         self.lost = 0
         """Number of frames that could not be sent because the transmit queue was full."""
         self._clock = clock
-        self._echoes = echoes
         self._focused: frozenset[int] | None = None
         """CAN-IDs of the frames that concern the drives; None: not set yet."""
         self._use(can_bus)
         self._name = name
         self._tell = tell
         self._reopen = reopen
-        self._stamped = stamped
         self._down_ns: int | None = None
         """Time at which the bus went down; None while it is up."""
         self._opened_ns = clock.now_ns()
@@ -142,14 +131,8 @@ class HostPort:
 
     def arrived_ns(self, earliest_ns: int) -> int:
         """Return the instant at which the frame that was received last arrived, not before `earliest_ns`."""
-        now_ns = self._clock.now_ns()
-        port, stamped_ns = self._port, None
-        if port is not None:
-            stamped_ns = port.arrived_ns(earliest_ns)
-        if self._stamped and isinstance(port, PythonCanPort):
-            stamped_ns = now_ns - round((time.time() - port.stamp) * 1e9)
-        age_ns = 0 if stamped_ns is None else now_ns - stamped_ns
-        return max(earliest_ns, now_ns - max(0, age_ns))
+        stamped_ns = None if self._port is None else self._port.arrived_ns(earliest_ns)
+        return max(earliest_ns, self._clock.now_ns() if stamped_ns is None else stamped_ns)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -158,7 +141,7 @@ class HostPort:
 
     def _use(self, can_bus: can.BusABC | None) -> None:
         self._bus = can_bus
-        self._port = None if can_bus is None else port_to(can_bus, self._clock, echoes=self._echoes)
+        self._port = None if can_bus is None else port_to(can_bus, self._clock)
         if self._port is not None and self._focused is not None:
             self._port.focus(self._focused, _ROOM)
 
@@ -223,8 +206,6 @@ def host(
         bus.text,
         tell,
         partial(open_can, section),
-        echoes=section.interface in ECHOING,
-        stamped=section.interface in STAMPED,
     )
     try:
         opened(bus)

@@ -27,9 +27,7 @@ class Hosted:
         self.theirs = can.Bus(interface="virtual", channel=channel, receive_own_messages=echoes)
         self.bus = can.Bus(interface="virtual", channel=channel)
         self.told: list[str] = []
-        self.host_port = HostPort(
-            self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened, echoes=echoes
-        )
+        self.host_port = HostPort(self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened)
         self.host = Host(self.host_port, self.clock)
         for node in nodes:
             drive = NamedDrive("generic_cia402", node)

@@ -1,6 +1,7 @@
 """A bus that goes down, comes back, or is gone, under hosted drives."""
 
 import errno
+import socket
 import struct
 import time
 from collections.abc import Callable, Iterator
@@ -8,9 +9,12 @@ from collections.abc import Callable, Iterator
 import can
 import pytest
 
+from haptic_fieldbus.buses.canopen.wire import FRAME, SocketCanPort
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.sim.canopen import hosting
 from haptic_fieldbus.sim.canopen.hosting import RETRIED_EVERY_NS, HostPort
+from tests.buses.canopen.test_socketcan import SO_TIMESTAMPNS
 from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 
@@ -121,30 +125,38 @@ def _raising(error: Exception) -> Callable[..., None]:
 class TestTheInstantOfAFrame:
     """A frame is served when it came, not when this process was woken; both bounds hold whatever the stamp says."""
 
-    def _arrived(self, ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
-        clock = VirtualClock(10 * MS)
-        with can.Bus(interface="virtual", channel="stamps") as bus:
-            host_port = HostPort(bus, clock, "virtual:stamps", print, stamped=stamped)
-            message = can.Message(timestamp=time.time() - ago)
-            bus.recv = lambda timeout=None: message  # type: ignore[method-assign]
-            assert host_port.receive(0) is not None
-            return host_port.arrived_ns(earliest_ns)
+    @pytest.fixture
+    def arrived(self, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+        """The instant of a frame that the kernel stamped so long ago [s], by a clock that shows 10 ms."""
 
-    def test_is_its_stamp(self) -> None:
-        assert 9.7 * MS <= self._arrived(0.0002, 0) <= 9.8 * MS
-        assert 5.9 * MS <= self._arrived(0.004, 0) <= 6.0 * MS
+        def instant(ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+            with ours, theirs, can.Bus(interface="virtual", channel="stamps") as bus, monkeypatch.context() as patched:
+                ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, stamped)
+                patched.setattr(hosting, "port_to", lambda _, clock: SocketCanPort(ours, clock))
+                theirs.send(FRAME.pack(0x080, 0, b""))
+                outlet = HostPort(bus, VirtualClock(10 * MS), "vcan0", print)
+                real = time.time_ns
+                patched.setattr(time, "time_ns", lambda: real() + round(ago * 1e9))
+                assert outlet.receive(0) is not None
+                return outlet.arrived_ns(earliest_ns)
 
-    def test_is_not_before_what_was_served(self) -> None:
-        assert self._arrived(0.0004, 9_900_000) == 9_900_000
+        return instant
 
-    def test_is_not_before_what_was_served_when_the_wall_clock_was_set(self) -> None:
-        assert self._arrived(3600.0, 9 * MS) == 9 * MS
+    def test_is_its_stamp(self, arrived: Callable[..., int]) -> None:
+        assert 5.0 * MS <= arrived(0.004, 0) <= 6.0 * MS
 
-    def test_is_not_in_the_future(self) -> None:
-        assert self._arrived(-3600.0, 0) == 10 * MS
+    def test_is_not_before_what_was_served(self, arrived: Callable[..., int]) -> None:
+        assert arrived(0.004, 9_900_000) == 9_900_000
 
-    def test_is_now_where_stamps_mean_nothing(self) -> None:
-        assert self._arrived(0.004, 0, stamped=False) == 10 * MS
+    def test_is_not_before_what_was_served_when_the_wall_clock_was_set(self, arrived: Callable[..., int]) -> None:
+        assert arrived(3600.0, 9 * MS) == 9 * MS
+
+    def test_is_not_in_the_future(self, arrived: Callable[..., int]) -> None:
+        assert arrived(-3600.0, 0) == 10 * MS
+
+    def test_is_now_where_there_is_no_stamp(self, arrived: Callable[..., int]) -> None:
+        assert arrived(0.004, 0, stamped=False) == 10 * MS
 
     def test_heartbeats_that_waited_while_this_process_slept_are_not_missed(self) -> None:
         """1016h is 50 ms; 80 ms of sleep with a heartbeat every 10 ms, and then with none."""
