@@ -121,6 +121,7 @@ class Turns:
         self.late = self.slowest_ns = 0
         """Number of answers on TCP that came too late for their period, and the longest time that one took [ns]."""
         self._requester, self._readings, self._image = requester, readings, image
+        self._now_ns = requester.clock.now_ns
         self._links = tuple(dict.fromkeys(reading.link for reading in readings))
         self._units = frozenset(link.unit for link in self._links)
         self._period_ns, self._writes = period_ns, writes
@@ -177,7 +178,7 @@ class Turns:
 
     def begin(self) -> None:
         """Ask the first unit."""
-        self._begun_ns = self._requester.clock.now_ns()
+        self._begun_ns = self._now_ns()
         for link in self._links:
             link.begin()
         if self._targets:
@@ -191,7 +192,7 @@ class Turns:
         """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
         requester, present, last = self._requester, self._present, len(self._present) - 1
         for at, reading in enumerate(present):
-            until_ns = self._share_of(at, deadline_ns)
+            until_ns = deadline_ns if at == last else self._share_of(at, deadline_ns)
             if self._asked is None:
                 self._clear(reading, until_ns)
             form = requester.outstanding
@@ -215,37 +216,32 @@ class Turns:
             self._send()
 
     def _share_of(self, at: int, deadline_ns: int) -> int:
-        """Return the deadline of one request [ns]: its share of the time that is left."""
-        if at == len(self._present) - 1:
-            return deadline_ns
+        """Return the deadline of one request before the last [ns]: its share of the time that is left."""
         now_ns = self._requester.clock.now_ns()
         left_ns = max(0, deadline_ns - now_ns)
         return now_ns + left_ns * self._present[at].times.whole_ns // self._left_ns[at]
 
     def _ask(self, reading: Reading) -> Question | None:
         """Ask a unit, and return the question; None when nothing can be asked now."""
-        form, octets = self._form(reading)
-        if form is None:
-            return None
-        self._requester.send(form, octets)
-        self._owner = reading.link
-        return form.question
-
-    def _form(self, reading: Reading) -> tuple[FrameForm | None, bytes]:
-        """Return the form to send to a unit and the octets to write; no form when nothing can be sent."""
-        link, set_point, late = reading.link, reading.link.set_point, reading.link.late
+        link, octets = reading.link, b""
+        set_point, late = link.set_point, link.late
         if self._requester.outstanding is not None:
-            return None, b""
+            return None
         if not (reading.writing and set_point.waiting):
-            alone = reading.alone
-            return (None if alone is None or alone.question.function in late else alone), b""
-        if READ_WRITE not in late:
+            form = reading.alone
+            if form is None or form.question.function in late:
+                return None
+        else:
+            forms = reading.writing
+            if READ_WRITE in late:
+                if not link.writing or set_point.function in late:
+                    return None
+                forms = link.writing
             place, octets = set_point.take()
-            return reading.writing[place], octets
-        if not link.writing or set_point.function in late:
-            return None, b""
-        place, octets = set_point.take()
-        return link.writing[place], octets
+            form = forms[place]
+        self._requester.send(form, octets)
+        self._owner = link
+        return form.question
 
     def _clear(self, reading: Reading, until_ns: int) -> None:
         """Wait for the answer to another request, of an earlier period; then ask for this reading, if there is time."""
@@ -263,10 +259,11 @@ class Turns:
         if self._asked is None:
             self._note_late(answer)
         accepted = self._accepted(self._owner, form.question, answer) and reading.asks(form)
-        if not accepted or answer is None or not reading.take(answer.data, requester.sent_ns):
+        sent_ns = requester.sent_ns
+        if not accepted or answer is None or not reading.take(answer.data, sent_ns):
             link.missing += 1
         elif reading.latches:
-            link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
+            link.latch_ns = reading.latched(sent_ns, requester.arrived_ns)
 
     def _accepted(self, link: UnitLink, asked: Question, answer: Answer | None) -> bool:
         """Note the state of the unit from an answer; False without an answer, and for an exception."""
@@ -288,7 +285,7 @@ class Turns:
         """Write all headers."""
         if self._requester.unasked or self._requester.garbled:
             self._overhear()
-        now_ns, latch_ns = self._requester.clock.now_ns(), 0
+        now_ns, latch_ns = self._now_ns(), 0
         for link in self._links:
             link.finish(now_ns, self._begun_ns, self.foreign)
             latch_ns = max(latch_ns, link.latch_ns)

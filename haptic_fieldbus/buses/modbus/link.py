@@ -46,7 +46,8 @@ class StoredSetPoint:
     def store(self, image: bytes | bytearray) -> None:
         """Take over the part of this axis; an earlier one that was not sent is dropped."""
         self._octets = bytes(image[self._start : self._middle])
-        self._command = bytes(image[self._middle : self._end])
+        if self._end > self._middle:
+            self._command = bytes(image[self._middle : self._end])
         self.waiting = True
 
     def writing(self, block: Block) -> Question:
@@ -76,8 +77,8 @@ class StoredSetPoint:
 
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
 STALE, EXCEPTION, FOREIGN = int(LinkFlag.STALE), int(LinkFlag.EXCEPTION), int(LinkFlag.FOREIGN)
-TORN, TORN_WITHIN = 65536, 16384
-"""Counts by which a value is off when its two registers are of different instants, and how near to it is as good."""
+LEAST_TORN, MOST_TORN = 65536 - 16384, 65536 + 16384
+"""Counts by which a value is off when its two registers are of different instants: 65536, or a quarter less or more."""
 PREDICTED = 10
 """Gap over which a speed predicts the next position [intervals over which it was measured]."""
 
@@ -121,7 +122,8 @@ class UnitLink:
         if not self.missing:
             self._latched_ns = self.latch_ns
             if self._code is None and foreign is None:
-                AXIS_HEADER.pack_into(self._image, self._header, max(0, now_ns - self.latch_ns), 0, 0)
+                age_ns = now_ns - self.latch_ns
+                AXIS_HEADER.pack_into(self._image, self._header, age_ns if age_ns > 0 else 0, 0, 0)
                 return
         else:
             self.latch_ns = min(now_ns, begun_ns + self._should_ns)
@@ -231,7 +233,7 @@ class WideValue:
     """
 
     def __init__(self, low_first: bool, start: int) -> None:
-        self._words = Struct(">HH")
+        self._value = Struct(">I")
         self._low_first, self._start = low_first, start
         self._before: int | None = None
         self._at_ns = 0
@@ -244,22 +246,23 @@ class WideValue:
 
     def torn(self, octets: bytes, t_ns: int) -> bool:
         """Whether the value at an instant [ns] is a torn one; a second one in a row is the drive's own motion."""
-        high, low = self._words.unpack_from(octets, self._start)
-        value = low << 16 | high if self._low_first else high << 16 | low
+        (value,) = self._value.unpack_from(octets, self._start)
+        if self._low_first:
+            value = (value & 0xFFFF) << 16 | value >> 16
         if self._before is None:
             self._before, self._at_ns = value, t_ns
             return False
         # The way from one position to the other [counts]; 32 bits may have run over.
-        way = (value - self._before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
+        way = (value - self._before + 0x8000_0000 & 0xFFFF_FFFF) - 0x8000_0000
         passed_ns = t_ns - self._at_ns
         expected = self._speed * passed_ns if passed_ns <= self._known_ns else 0.0
-        strange = abs(abs(way - expected) - TORN) <= TORN_WITHIN
-        self._doubted = strange and not self._doubted
-        if not self._doubted:
+        strange = LEAST_TORN <= abs(way - expected) <= MOST_TORN
+        self._doubted = doubted = strange and not self._doubted
+        if not doubted:
             self._before, self._at_ns = value, t_ns
             self._speed = way / passed_ns if passed_ns > 0 else 0.0
             self._known_ns = PREDICTED * passed_ns
-        return self._doubted
+        return doubted
 
 
 def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, int, int]]:

@@ -43,7 +43,7 @@ class Requester:
         """Instants [ns] of the last request and of the last answer."""
         self.echoes = False
         """Whether octets came back as they were sent, although `echo` does not say so."""
-        self._serial = transport.serial
+        self._serial, self._now_ns = transport.serial, clock.now_ns
         self._framing = Framing(serial=transport.serial)
         self._gathered = b""
         self._echo = b""
@@ -79,7 +79,7 @@ class Requester:
         self._gathered, self._echo = b"", bytes(frame) if self._serial else b""
         self._replaced += self.outstanding is not None
         self.outstanding = form
-        self.sent_ns = self.clock.now_ns()
+        self.sent_ns = self._now_ns()
         self.transport.send(frame)
 
     def answer(self, deadline_ns: int) -> Answer | None:
@@ -103,7 +103,7 @@ class Requester:
 
     def _arrived(self, answer: Answer) -> Answer:
         """Free the line, and note when its answer came."""
-        self.outstanding, self.arrived_ns = None, self.clock.now_ns()
+        self.outstanding, self.arrived_ns = None, self._now_ns()
         self._free_ns = self.arrived_ns + self.silence_ns
         return answer
 

@@ -81,8 +81,8 @@ DELAYED_ACK = 0.04
 """Time after which a computer acknowledges by itself what it has received [s]: TCP_DELACK_MIN of Linux (net/tcp.h)."""
 QUICKACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 """Option by which an acknowledgement goes out at once; None where the system has none: Linux alone has it."""
-LARGEST = 4096
-"""Octets that are taken at once; an answer has 260 at most."""
+LARGEST = 260
+"""Octets that are taken at once: the longest answer. More would be room that is given back each time."""
 
 
 class TcpTransport:
@@ -93,7 +93,7 @@ class TcpTransport:
     def __init__(self, name: str, address: tuple[str, int], clock: Clock) -> None:
         self.name = name
         self._address = address
-        self._clock = clock
+        self._now_ns = clock.now_ns
         self._open(CONNECTING)
 
     def _open(self, seconds: float) -> None:
@@ -142,11 +142,11 @@ class TcpTransport:
                 if QUICKACK is not None:
                     # It lasts until the kernel changes its mind, so it is set each time.
                     self._socket.setsockopt(socket.IPPROTO_TCP, QUICKACK, 1)
-            wait_ns = deadline_ns - self._clock.now_ns()
+            wait_ns = deadline_ns - self._now_ns()
             # poll is twice as fast as select, but counts in milliseconds: select waits for the rest.
             if self._poll is not None and wait_ns >= 1_000_000 and self._poll.poll(wait_ns // 1_000_000):
                 return self._taken()
-            wait_ns = max(0, deadline_ns - self._clock.now_ns())
+            wait_ns = max(0, deadline_ns - self._now_ns())
             return self._taken() if select.select((self._socket,), (), (), wait_ns * 1e-9)[0] else b""
         except (OSError, ValueError) as error:
             raise translate(error, self.name) from error
