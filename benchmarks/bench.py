@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
 
+import bus_limit
 import drive_cost
 import modbus_exchange
 import period_cost
@@ -31,6 +32,7 @@ FIGURES: tuple[Figure, ...] = (
     *step_cost.FIGURES,
     *modbus_exchange.FIGURES,
     *wire_period.FIGURES,
+    *bus_limit.FIGURES,
     *virtual_time.FIGURES,
     *session_cost.FIGURES,
     *sweep_cost.FIGURES,

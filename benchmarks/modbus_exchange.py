@@ -3,7 +3,8 @@
 All three exchange the same registers with one server on loopback, interleaved in one run: function 23 writes command
 and target torque and reads status, torque demand and position. The server, in a process of its own, answers every
 request with the same octets, so that what is measured is the master. The exchange takes at most 1.3 × the loop by
-hand, also with the process image, its header and the checks of a period, and less than the client, which has none of these.
+hand, also with the process image, its header and the checks of a period; the client, which has none of these, takes
+longer.
 """
 
 import selectors

@@ -10,7 +10,8 @@ is the processor time of a period, that of the kernel for its system calls inclu
 - *canopen*: a `Network` with its receiving thread, a `RemoteNode` with two mapped PDOs, a callback that wakes the loop.
 
 In a guest kernel a system call takes about 20 µs, and a look at the clock is one.
-`python benchmarks/wire_period.py udp_multicast 5` prints five rounds.
+`python benchmarks/wire_period.py udp_multicast 5` prints five rounds, `python benchmarks/wire_period.py udp_multicast
+rates` the periods missed in real time at each of some rates.
 """
 
 import json
@@ -44,6 +45,7 @@ from haptic_fieldbus.buses.canopen.node import NmtState
 from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, OneMaster
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running import rights
 
 SIX = 6
 CHANNEL, GROUP, PORT = "vcan0", "239.74.163.9", 43119
@@ -401,9 +403,49 @@ def figures(kind: str, name: str) -> Iterator[Figure]:
 FIGURES = (*figures("socketcan", "SocketCAN"), *figures("udp_multicast", "UDP multicast"))
 
 
+# The periods missed at each rate, in real time, beside those of a bare timer: what it misses too is the computer's.
+
+RATES = (500, 1000, 2000, 4000, 8000, 16_000)
+TRIES, TRY = 3, 1.0
+"""How often each rate is tried, and for how long [s]."""
+
+
+def misses(call: Call, rate: float) -> int:
+    """Return the number of periods of a second that are skipped, because the one before took longer: the least of tries."""
+    clock, period_ns = MonotonicClock(), round(1e9 / rate)
+
+    def tried() -> int:
+        deadline_ns, missed = clock.now_ns(), 0
+        for _ in range(round(TRY * rate)):
+            late_ns = clock.sleep_until(deadline_ns)
+            missed += late_ns // period_ns
+            deadline_ns += (1 + late_ns // period_ns) * period_ns
+            call()
+        return missed
+
+    return min(tried() for _ in range(TRIES))
+
+
+def missed_at(kind: str) -> dict[str, list[int]]:
+    """Return the periods missed in a second at each of `RATES`, by whose they are; SCHED_FIFO where it is granted."""
+    found = {}
+    for name, make, axes in (("a bare timer", lambda *_: float, 1), *((name, *each) for name, each in MAKERS.items())):
+        with ExitStack() as stack:
+            stack.enter_context(answering(kind, axes))
+            call = make(kind, stack)
+            stack.enter_context(rights._timer_slack())
+            stack.enter_context(rights._fifo())
+            found[name] = [misses(call, rate) for rate in RATES]
+    return found
+
+
 def main() -> None:
-    """Measure a kind of bus some times and print each round, as a line or as a JSON object."""
+    """Measure a kind of bus some times and print each round, as a line or as a JSON object; `rates`: missed periods."""
     kind, rounds, *words = sys.argv[1:]
+    if rounds == "rates":
+        print(f"{machine()}\nperiods missed in a second at {', '.join(map(str, RATES))} Hz")
+        print(*(f"{name}: {', '.join(map(str, each))}" for name, each in missed_at(kind).items()), sep="\n")
+        return
     if not words:
         print(machine())
     for _ in range(int(rounds)):

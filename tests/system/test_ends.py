@@ -253,7 +253,8 @@ LONG = """
 import json, sys
 from pathlib import Path
 from haptic_fieldbus import run
-result = run("wall", hand="release", duration=float(sys.argv[1]), rate=1000.0)
+record = Path(sys.argv[2]) if len(sys.argv) > 2 else None
+result = run("wall", hand="release", duration=float(sys.argv[1]), rate=1000.0, record=record)
 # The peak since the program was loaded; that of `getrusage` includes the parent, as it was when it forked.
 status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
 memory = int(status["VmHWM"].split()[0])
@@ -269,12 +270,28 @@ print(json.dumps({"kib": memory, "cycles": result.cycles, "points": len(result.t
         pytest.param(1800, id="half an hour", marks=pytest.mark.soak("renders half an hour")),
     ],
 )
-def test_a_long_run_needs_less_than_300_mb(seconds: int) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", LONG, str(seconds)], capture_output=True, text=True, check=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
-    told = json.loads(done.stdout)
+def test_a_long_run_that_is_recorded_needs_less_than_300_mb(seconds: int, tmp_path: Path) -> None:
+    told = rendered_long(seconds, tmp_path / "run.mcap")
     assert told["cycles"] == 1000 * seconds
     assert told["kib"] * 1024 < 300e6
     assert told["points"] < 250_000
+
+
+LARGEST_GROWTH = 100
+"""Octets a period: its four times take 32, and of the motion of the shaft some points are kept for the picture."""
+
+
+@pytest.mark.thorough("renders five minutes")
+@pytest.mark.parametrize("suffix", [".mcap", ".log", ".csv"])
+def test_four_times_the_periods_need_little_more_memory(suffix: str, tmp_path: Path) -> None:
+    few, many = (rendered_long(seconds, tmp_path / f"run{seconds}{suffix}") for seconds in (60, 240))
+    assert (many["kib"] - few["kib"]) * 1024 < LARGEST_GROWTH * (many["cycles"] - few["cycles"])
+
+
+def rendered_long(seconds: int, record: Path) -> dict[str, int]:
+    done = subprocess.run(
+        [sys.executable, "-c", LONG, str(seconds), str(record)], capture_output=True, text=True, check=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    told: dict[str, int] = json.loads(done.stdout)
+    return told

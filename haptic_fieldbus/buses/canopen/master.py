@@ -7,6 +7,7 @@ One period is `read` and `write`:
   of the image; the cycle decides about them.
 - `write` sends the RPDOs and, every few periods, the proofs of our life that the guards of the drives expect: our
   heartbeat, and a request of node guarding to each drive under life guarding. Who does not write proves nothing.
+  Where a period has no room behind the RPDOs, they follow the next SYNC, and take the bus while the host computes.
   Last come the questions to drives that show their target torque only when they are asked, see `canopen.asking`.
 
 `stop` consists of `release`, `settle` and `leave`; `canopen.release` tells how. With several buses, `group` calls the
@@ -29,7 +30,7 @@ from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaste
 from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, NodeSetup
 from haptic_fieldbus.buses.canopen.target_readback import TargetReadback
-from haptic_fieldbus.buses.canopen.wire import CanPort, Wire
+from haptic_fieldbus.buses.canopen.wire import CanPort, Received, Wire
 from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, ReleasedBus, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
@@ -121,6 +122,8 @@ class CanopenBus(ReleasedBus[Release]):
         self._outputs: tuple[OutgoingPdo, ...] = ()
         self._askings: tuple[TargetReadback, ...] = ()
         self._synced = False
+        self._held_proofs: tuple[Received, ...] = ()
+        """Proofs of our life that wait for the next SYNC."""
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
 
@@ -206,6 +209,7 @@ class CanopenBus(ReleasedBus[Release]):
             for setup, places in axes
             if setup.member.traffic.asked
         )
+        self._proves_while_computing = traffic.proves_while_computing
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
     def _setup_of(self, axis: AxisPlan, member: CanMember, traffic: CanTraffic, plan: Plan) -> NodeSetup:
@@ -255,6 +259,9 @@ class CanopenBus(ReleasedBus[Release]):
         self._exchange.taking = True
         self.latch_ns = self._exchange.latch_ns = now_ns + self._sync_ns
         self._synced = self._wire.offer(SYNC_COB_ID)
+        for proof in self._held_proofs:
+            self._wire.offer(*proof)
+        self._held_proofs = ()
 
     def collect(self, deadline_ns: int) -> bytearray:
         """Receive until every TPDO is in or the deadline [ns] is reached, write the headers, return the input image."""
@@ -280,8 +287,12 @@ class CanopenBus(ReleasedBus[Release]):
         for output in self._outputs:
             accepted &= self._wire.offer(output.cob_id, output.payload(image))
         self._refused_writes = 0 if accepted else self._refused_writes + 1
-        for proof in self._proofs.due(self.latch_ns):
-            self._wire.offer(*proof)
+        due = self._proofs.due(self.latch_ns)
+        if self._proves_while_computing:
+            self._held_proofs = due
+        else:
+            for proof in due:
+                self._wire.offer(*proof)
         for asking in self._askings:
             asking.ask()
 
@@ -296,6 +307,7 @@ class CanopenBus(ReleasedBus[Release]):
 
     def release(self) -> None:
         """Free the drives by every way that needs no answer, once something was written; raises nothing."""
+        self._held_proofs = ()
         if self._plan is not None and self._release is not None:
             self._release.begin()
 

@@ -263,7 +263,14 @@ class CanTraffic:
     @property
     def shortest_period(self) -> float:
         """Time of SYNC, TPDOs, the wait for other buses, computing and RPDOs one after another [s]."""
-        return self.period_bits / self.bitrate + self.waiting + self.host.known_latency + COMPUTE_NS * 1e-9
+        # Computing begins with the end of the last TPDO, not after the space that separates it from the next frame.
+        frames = (self.period_bits - INTERFRAME_SPACE_BITS) / self.bitrate
+        return frames + self.waiting + self.host.known_latency + COMPUTE_NS * 1e-9
+
+    @property
+    def proves_while_computing(self) -> bool:
+        """True when a period has no time left for our sign of life behind the set-points."""
+        return (self.shortest_period + worst_case_bits(1) / self.bitrate) * self.rate > 1.0
 
     @property
     def load(self) -> float:

@@ -159,3 +159,15 @@ def test_what_is_asked_by_sdo_stands_below_the_pdos() -> None:
     traffic = plan("wall", drive=str(asked)).axes[0].traffic
     assert list(traffic.lines())[-1] == ("ask", "SDO upload at most every 5 ms: 6071h:00 target torque")
     assert list(traffic.summary())[-1] == "read by SDO target torque asked"
+
+
+def test_computing_overlaps_the_space_after_the_last_tpdo() -> None:
+    """55 bits of SYNC, 135 and 95 of PDOs, of which 3 are space; 50 µs of computing: 332 µs at 1 Mbit/s, not 335."""
+    fast = can_traffic(plan("wall", drive="generic_cia402", rate=3000.0))
+    assert fast.shortest_period == pytest.approx((55 + 135 - 3 + 95 + 50) * 1e-6)
+
+
+@pytest.mark.parametrize(("rate", "late"), [(1000.0, False), (2500.0, False), (2550.0, True), (3000.0, True)])
+def test_our_sign_of_life_moves_where_it_has_no_room_behind_the_set_points(rate: float, late: bool) -> None:
+    """It takes 65 bits at worst: 332 + 65 = 397 µs, the period of 2519 Hz."""
+    assert can_traffic(plan("wall", drive="generic_cia402", rate=rate)).proves_while_computing is late
