@@ -406,12 +406,12 @@ FIGURES = (*figures("socketcan", "SocketCAN"), *figures("udp_multicast", "UDP mu
 # The periods missed at each rate, in real time, beside those of a bare timer: what it misses too is the computer's.
 
 RATES = (500, 1000, 2000, 4000, 8000, 16_000)
-TRIES, TRY = 3, 1.0
+TRIES, TRY = 3, 0.5
 """How often each rate is tried, and for how long [s]."""
 
 
 def misses(call: Call, rate: float) -> int:
-    """Return the number of periods of a second that are skipped, because the one before took longer: the least of tries."""
+    """Return how many periods are skipped, because one before took longer: the least of some tries."""
     clock, period_ns = MonotonicClock(), round(1e9 / rate)
 
     def tried() -> int:
@@ -426,25 +426,24 @@ def misses(call: Call, rate: float) -> int:
     return min(tried() for _ in range(TRIES))
 
 
-def missed_at(kind: str) -> dict[str, list[int]]:
-    """Return the periods missed in a second at each of `RATES`, by whose they are; SCHED_FIFO where it is granted."""
-    found = {}
+def missed_at(kind: str) -> Iterator[tuple[str, list[int]]]:
+    """Yield whose periods they are, and those missed in a try at each of `RATES`; SCHED_FIFO where it is granted."""
     for name, make, axes in (("a bare timer", lambda *_: float, 1), *((name, *each) for name, each in MAKERS.items())):
         with ExitStack() as stack:
             stack.enter_context(answering(kind, axes))
             call = make(kind, stack)
             stack.enter_context(rights._timer_slack())
             stack.enter_context(rights._fifo())
-            found[name] = [misses(call, rate) for rate in RATES]
-    return found
+            yield name, [misses(call, rate) for rate in RATES]
 
 
 def main() -> None:
     """Measure a kind of bus some times and print each round, as a line or as a JSON object; `rates`: missed periods."""
     kind, rounds, *words = sys.argv[1:]
     if rounds == "rates":
-        print(f"{machine()}\nperiods missed in a second at {', '.join(map(str, RATES))} Hz")
-        print(*(f"{name}: {', '.join(map(str, each))}" for name, each in missed_at(kind).items()), sep="\n")
+        print(f"{machine()}\nperiods missed in half a second at {', '.join(map(str, RATES))} Hz")
+        for name, each in missed_at(kind):
+            print(f"{name}: {', '.join(map(str, each))}", flush=True)
         return
     if not words:
         print(machine())
