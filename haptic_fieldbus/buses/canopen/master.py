@@ -8,7 +8,7 @@ One period is `read` and `write`:
 - `write` sends the RPDOs and, every few periods, the proofs of our life that the guards of the drives expect: our
   heartbeat, and a request of node guarding to each drive under life guarding. Who does not write proves nothing.
   Where a period has no room behind the RPDOs, they follow the next SYNC, and take the bus while the host computes.
-  Last come the questions to drives that show their target torque only when they are asked, see `canopen.asking`.
+  Last come the questions to drives that show their target torque only when they are asked, see `target_readback`.
 
 `stop` consists of `release`, `settle` and `leave`; `canopen.release` tells how. With several buses, `group` calls the
 parts of `open`, `read` and `stop` one by one, each on all buses.
