@@ -617,7 +617,7 @@ GUARDS = {
     ),
     "somebody else while a guard is proved": Guard(
         "haptic_fieldbus/running/guard_proof.py",
-        "self._check(looked.axis, feedback, WHILE_ALONE)",
+        "self._check(drive.axis, feedback, WHILE_ALONE)",
         "pass",
         (f"{PROVING}::TestWhileADriveIsLeftAlone::test_somebody_else_who_feeds_its_guard_ends_the_run",),
     ),
