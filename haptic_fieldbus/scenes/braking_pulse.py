@@ -35,10 +35,7 @@ class BrakingPulse:
     saturation: PositiveEffort | None = None
     name: str = "braking_pulse"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION, Signal.VELOCITY)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the side on which the handle was far enough away, and the periods left."""

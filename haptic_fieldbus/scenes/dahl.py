@@ -32,10 +32,7 @@ class Dahl:
     stiffness: Stiffness
     name: str = "dahl"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return the law from position to force or torque on the handle [N or N·m]; the same for every period."""

@@ -36,13 +36,10 @@ class Damper:
     negative_saturation: PositiveEffort | None = None
     name: str = "damper"
     __pydantic_config__: ClassVar = STRICT
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.VELOCITY,)
 
     def __post_init__(self) -> None:
         condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "damping")
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.VELOCITY,)
 
     @property
     def force(self) -> Law:

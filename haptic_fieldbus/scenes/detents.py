@@ -47,10 +47,7 @@ class Detents:
     count: Annotated[int, Ge(0), Le(1_000_000)] = 0
     name: str = "detents"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     @property
     def stiffness(self) -> float:

@@ -37,10 +37,7 @@ class GeneralisedMaxwell:
     side: Literal["positive", "negative"] = "positive"
     name: str = "generalised_maxwell"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the dent and the relaxed part of each branch."""

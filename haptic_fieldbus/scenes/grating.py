@@ -39,10 +39,7 @@ class Grating:
     depth: Annotated[float, Gt(0), Ge(1e-9), Le(1), Quantity.RATIO] = 0.5
     name: str = "grating"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return the law from position to force or torque on the handle [N or N·m]; the same for every period."""

@@ -64,13 +64,10 @@ class Inertia:
     negative_saturation: PositiveEffort | None = None
     name: str = "inertia"
     __pydantic_config__: ClassVar = STRICT
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.VELOCITY,)
 
     def __post_init__(self) -> None:
         condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "mass")
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.VELOCITY,)
 
     def begin(self, period: float) -> Law:
         """Return a law that filters the velocity, exactly, to an acceleration, and opposes it."""

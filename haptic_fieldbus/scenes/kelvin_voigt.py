@@ -34,10 +34,7 @@ class KelvinVoigt:
     side: Literal["positive", "negative"] = "positive"
     name: str = "kelvin_voigt"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION, Signal.VELOCITY)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the depth of the dent."""

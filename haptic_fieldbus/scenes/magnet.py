@@ -34,10 +34,7 @@ class Magnet:
     position: Place = 0.0
     name: str = "magnet"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     @property
     def stiffness(self) -> float:

@@ -28,6 +28,7 @@ class Pendulum:
     name: str = "pendulum"
     workspace: ClassVar = Workspace.ROTARY
     __pydantic_config__: ClassVar = STRICT
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     @property
     def stiffness(self) -> float:
@@ -36,10 +37,6 @@ class Pendulum:
 
     def with_stiffness(self, stiffness: float) -> Self:
         return replace(self, torque=stiffness)
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
 
     def force(self, position: float) -> float:
         """Return the torque on the handle [N·m]; not-a-number when the angle is not-a-number or infinite."""

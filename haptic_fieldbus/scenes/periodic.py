@@ -51,6 +51,7 @@ class Periodic:
     fade_time: NonNegativeDuration = 0.0
     name: str = "periodic"
     __pydantic_config__: ClassVar = STRICT
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.ELAPSED_NS,)
 
     def __post_init__(self) -> None:
         _ = self.envelope  # raises ValueError when levels and times do not fit
@@ -60,10 +61,6 @@ class Periodic:
         return Envelope(
             self.magnitude, self.duration, self.attack_level, self.attack_time, self.fade_level, self.fade_time
         )
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.ELAPSED_NS,)
 
     @property
     def force(self) -> Law:

@@ -54,6 +54,7 @@ class PredictedWall:
     side: Literal["positive", "negative"] = "positive"
     name: str = "predicted_wall"
     __pydantic_config__: ClassVar = STRICT
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION, Signal.VELOCITY)
 
     def at_period(self, period: float) -> Self:
         """Return the wall for a loop of this period [s]: with half of it as `lead`, unless one is given."""
@@ -62,10 +63,6 @@ class PredictedWall:
     @property
     def _ahead(self) -> float:
         return LEAD if self.lead is None else self.lead
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY)
 
     def force(self, position: float, velocity: float) -> float:
         """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""

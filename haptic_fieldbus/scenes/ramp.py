@@ -36,6 +36,7 @@ class Ramp:
     fade_time: NonNegativeDuration = 0.0
     name: str = "ramp"
     __pydantic_config__: ClassVar = STRICT
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.ELAPSED_NS,)
 
     def __post_init__(self) -> None:
         _ = self.envelope  # raises ValueError when levels and times do not fit
@@ -43,10 +44,6 @@ class Ramp:
     @property
     def envelope(self) -> Envelope:
         return Envelope(1.0, self.duration, self.attack_level, self.attack_time, self.fade_level, self.fade_time)
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.ELAPSED_NS,)
 
     @property
     def force(self) -> Law:

@@ -27,10 +27,7 @@ class SprungMass:
     mass: Mass
     name: str = "sprung_mass"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     @property
     def dynamics(self) -> StateSpace:

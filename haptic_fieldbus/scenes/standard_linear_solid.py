@@ -35,10 +35,7 @@ class StandardLinearSolid:
     side: Literal["positive", "negative"] = "positive"
     name: str = "standard_linear_solid"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the dent and its relaxed part."""

@@ -43,10 +43,7 @@ class Texture:
     rounding: Annotated[float, Gt(0), Ge(1e-9), Le(1), Quantity.RATIO] = 0.5
     name: str = "texture"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION,)
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
 
     @property
     def stiffness(self) -> float:

@@ -23,18 +23,9 @@ from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, E
 from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
-    "ESTIMATORS",
-    "ChosenEstimator",
-    "Estimate",
-    "Estimator",
-    "bind",
-    "chosen",
-    "discrete",
-    "estimator_named",
-    "is_timed",
-    "linear_form",
-    "linear_stand_in",
-]
+    "ESTIMATORS", "ChosenEstimator", "Estimate", "Estimator", "bind", "chosen", "discrete", "estimator_named",
+    "is_timed", "linear_form", "linear_stand_in",
+]  # fmt: skip
 
 ESTIMATORS = {
     "backward-difference": "differences",

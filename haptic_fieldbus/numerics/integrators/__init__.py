@@ -23,16 +23,8 @@ from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bi
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
 __all__ = [
-    "METHODS",
-    "Integrator",
-    "OneStep",
-    "Step",
-    "bind",
-    "discrete",
-    "discretise",
-    "method_named",
-    "rest",
-]
+    "METHODS", "Integrator", "OneStep", "Step", "bind", "discrete", "discretise", "method_named", "rest",
+]  # fmt: skip
 
 
 METHODS = {
