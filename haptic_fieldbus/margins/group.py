@@ -295,7 +295,10 @@ class Group:
     @cached_property
     def loop(self) -> ClosedLoop:
         """The axes under their delayed holds, with the elements that do not vary."""
-        own = [self._own(member) if self.couplings and member.elements else None for member in self.members]
+        own = [
+            self._axle_of(member).environment() if self.couplings and member.elements else None
+            for member in self.members
+        ]
         axes = [
             Axis(member.plant, member.delay, each, member.bodies)
             for member, each in zip(self.members, own, strict=True)
@@ -332,9 +335,6 @@ class Group:
 
         estimators = {member.name: member.estimator for member in self.members}
         return between(self.couplings, self.stiffest, changes, estimators, self.period)
-
-    def _own(self, member: Member) -> StateSpace:
-        return self._axle_of(member).environment()
 
     def _varied(self, **changes: float) -> EnvironmentOf:
         return lambda stiffness: self.environment(stiffness=stiffness, **changes)

@@ -35,6 +35,8 @@ class BrakingPulse:
     saturation: PositiveEffort | None = None
     name: str = "braking_pulse"
     __pydantic_config__: ClassVar = STRICT
+    by_event: ClassVar[bool] = True
+    """Each pulse begins with a crossing."""
     needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION, Signal.VELOCITY)
 
     def begin(self, period: float) -> Law:
@@ -59,11 +61,6 @@ class BrakingPulse:
             return brake(velocity)
 
         return pulse
-
-    @property
-    def by_event(self) -> bool:
-        """Return True: each pulse begins with a crossing."""
-        return True
 
     def stored(self, position: float) -> float:
         """Return 0 J: a damper stores no energy."""

@@ -29,10 +29,7 @@ class Gravity:
     name: str = "gravity"
     workspace: ClassVar = Workspace.LINEAR
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return ()
+    needs: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def force(self) -> Law:
