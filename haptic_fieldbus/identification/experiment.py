@@ -36,9 +36,11 @@ FOLLOWING, FOLLOWING_PHASE = 10.0, 0.25
 """Double pole of the feedback of the slow motion [1/s], and its largest product with the age of a speed."""
 FASTEST_MOTION = 2.0 * math.pi
 """Largest angular frequency of the slow motion [1/s]."""
-MOST_PULSES, GOOD_PULSES = 20, 4
+MOST_PULSES, GOOD_PULSES = 24, 6
 """Largest number of pulses, and number of those of a good length that are enough."""
-PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.25, 0.5, 0.15
+STRONGER = 1.3
+"""Growth of the effort from one good push to the next; in pushes of one effort, friction may look like inertia."""
+PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.25, 0.5, 0.2
 """Largest speeds of a push, of the slow motion and of the oscillations, as shares of the bound."""
 PUSH_WAY, MOTION_WAY = 0.06, 0.3
 """Way of a push and amplitude of the slow motion, as shares of the travel."""
@@ -228,6 +230,8 @@ class Probe(Experiment):
                 effort = min(0.8 * bounds.effort, 1.5 * effort)
             else:
                 good += 1
+                if pushed >= 2 * FEWEST_PERIODS * bounds.period:
+                    effort = min(0.8 * bounds.effort, STRONGER * effort)
             if good == GOOD_PULSES:
                 return
         raise ExperimentError("no push was of a length that tells an inertia: the handle moved too little or too fast")

@@ -5,6 +5,11 @@ Marquardt within bounds: inertia and lag are positive, damping, friction and del
 differences of whole predictions. A solution at a bound of delay or lag is tried again from another share of the lag.
 Of delay and lag the sum is best known, and is what a hand feels; it has an interval of its own.
 
+What is left is then searched for Stribeck friction and for waves of torque over the angle, such as cogging. A torque δ
+that the model lacks changes the prediction error by a linear filter, so the share of the residual that each of many
+such torques explains is found by linear least squares, beside the sensitivities of the values that the model has. The
+best one becomes part of the model while the sum of squares falls by more than `WORTH`, and all values are fitted again.
+
 The covariance is (HᵀH)⁻¹·S·(HᵀH)⁻¹ with the sensitivities H and S = Σ w_l·Γ_l, the covariances Γ of the gradient over
 lags up to `MEMORY` with the weights of Bartlett (Newey and West, Econometrica 55, 1987, 703). So a residual that is no
 white noise, as of an encoder at low speed or of cogging, widens the intervals. It is never taken below that of white
@@ -17,7 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from haptic_fieldbus.identification.shaft import ShaftModel, predicted_positions
+from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, predicted_motion
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.numerics.linear import Matrix
 
@@ -28,19 +33,30 @@ ENCODER_NOISE = 0.4
 """Largest prediction error of a shaft that the model explains, a little above that of rounding, 1/√12 [counts]."""
 SETTLED = 0.6
 """Time after which the first speed of a record is forgotten [s]."""
-MEMORY = 0.15
-"""Longest lag of the residual that widens an interval [s]."""
+MEMORY, BLOCK = 0.4, 0.01
+"""Longest lag of the residual that widens an interval, and length of the blocks in which it is counted [s]."""
 WIDTH = 2.4
 """Half of an interval in standard deviations: 95 % where the covariance itself is uncertain by a fifth."""
-LEAST_SHARE = 1e-3
-"""Half of an interval is at least this share of its value: set-points act a little earlier or later in each period."""
-MOST_STEPS = 60
+REPEATED = 1.35
+"""Widens every spread: a motion to and fro reads nearly the same counts again, so its errors of rounding repeat too."""
+LEAST_SHARE, LEAST_SHARE_OF_PARTS = 1e-3, 5e-3
+"""Half of an interval is at least this share of its value: set-points act a little earlier or later in each period, and
+further torques are constant over a period in the model alone."""
+MOST_STEPS = 40
 SHORTEST_LAG, LONGEST_LAG = 1e-5, 0.02
 """Range of the lag of a torque loop [s]."""
 LONGEST_DELAY = 6.0
 """Longest delay plus lag, in periods, beyond the lag."""
 LAG_SHARES = (0.3, 0.7)
 """Shares of the lag in the delay and the lag together, from which a solution at a bound is tried again."""
+WORTH, MOST_WAVES = 0.04, 3
+"""Share of the sum of squares that a further torque has to explain, and the largest number of waves."""
+TRIED_BESIDE = 3
+"""Place of the second torque that is tried, in the order of what each explains."""
+HIGHEST_ORDER, COUNTS_OF_A_WAVE, MOST_ORDERS = 48.0, 4.0, 250
+"""Most periods of a wave in a turn, fewest counts of one of its periods, and most orders that are tried."""
+STRIBECK_SHARES = (0.01, 0.03, 0.08, 0.2, 0.4)
+"""Speeds of Stribeck friction that are tried, as shares of the top speed."""
 SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
@@ -120,7 +136,15 @@ def fit_shaft(records: Sequence[ShaftRecord], guess: ShaftModel | None = None) -
     if max(np.ptp(each.positions) / each.resolution for each in records) < 10.0:
         raise ValueError("the shaft moved by less than 10 counts; more torque is needed")
     problem = _Problem(records, guess or first_guess(records))
-    vector = problem.solved()
+    cost, vector = problem.solved(problem.start)
+    for _ in range(MOST_WAVES + 1):
+        tries = [_Problem(records, each) for each in problem.further(vector, cost)]
+        ends = [(*each.descended(each.start), each) for each in tries]
+        after, found, wider = min(ends, key=lambda each: each[0], default=(cost, vector, problem))
+        if not after < (1.0 - WORTH) * cost:
+            break
+        problem, cost, vector = wider, after, found
+    _, vector = problem.solved(vector, enough=1e-6)
     return problem.told(vector)
 
 
@@ -137,7 +161,7 @@ def first_guess(records: Sequence[ShaftRecord]) -> ShaftModel:
     found = []
     for width in dict.fromkeys(max(2, round(seconds / period)) for seconds in GUESS_WIDTHS):
         for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5):
-            rows, force = zip(*(_weak_form(each, width, float(delay)) for each in records), strict=True)
+            rows, force, _ = zip(*(_weak_form(each, width, float(delay)) for each in records), strict=True)
             found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), float(delay)))
     _, values, delay = min(found, key=lambda each: each[0])
     inertia, damping, coulomb, load = values
@@ -145,8 +169,8 @@ def first_guess(records: Sequence[ShaftRecord]) -> ShaftModel:
     return ShaftModel(inertia, damping, coulomb, max(delay * period - lag, 0.0), lag, load)
 
 
-def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, Matrix]:
-    """Return the rows (acceleration, speed, direction, −1) and the torque on them."""
+def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, Matrix, Matrix]:
+    """Return the rows (acceleration, speed, direction, −1), the torque on them, and their positions."""
     y, w, period = np.array(record.positions), width, record.period
     bend = (y[2 * w :] - 2.0 * y[w:-w] + y[: -2 * w]) / (w * period) ** 2
     speed = (y[2 * w :] - y[: -2 * w]) / (2.0 * w * period)
@@ -157,7 +181,31 @@ def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, M
     force = np.convolve(acting, triangle, "valid")[1 : len(bend) + 1]
     moving = np.abs(speed) > 2.0 * record.resolution / (2.0 * w * period)
     bend, speed, force = bend[: len(force)][moving], speed[: len(force)][moving], force[moving]
-    return np.column_stack([bend, speed, np.sign(speed), -np.ones(len(bend))]), force
+    return np.column_stack([bend, speed, np.sign(speed), -np.ones(len(bend))]), force, y[w:-w][moving]
+
+
+@dataclass(frozen=True)
+class TorqueBalance:
+    """Torques of a motion that its inertia leaves, at the motor shaft; one value a sample that moves."""
+
+    positions: Matrix
+    """[rad]"""
+    speeds: Matrix
+    """[rad/s]"""
+    friction: Matrix
+    """Torque against the positive direction, load and waves of the model taken away [N·m]."""
+    load: Matrix
+    """Torque from outside, friction and damping of the model taken away [N·m]."""
+
+
+def torque_balance(model: ShaftModel, record: ShaftRecord) -> TorqueBalance:
+    """Return friction and load as the record shows them: torque less inertia times acceleration, over some samples."""
+    width = max(2, round(GUESS_WIDTHS[0] / record.period))
+    rows, force, places = _weak_form(record, width, (model.delay + model.lag) / record.period)
+    left, speeds = force - rows[:, 0] * model.inertia, rows[:, 1]
+    load = np.array([model.torque_at(float(each)) for each in places])
+    friction = [math.copysign(model.friction_at(each), each) + model.damping * each for each in speeds.tolist()]
+    return TorqueBalance(places, speeds, left + load, np.array(friction) - left)
 
 
 def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, float, float, float]]:
@@ -190,7 +238,7 @@ def prediction_errors(model: ShaftModel, record: ShaftRecord) -> Matrix:
     begin = np.array(record.positions[:width])
     if np.ptp(begin) > 2.5 * record.resolution:
         first = float(np.polyfit(record.period * np.arange(width), begin, 2)[1])
-    found = predicted_positions(model, record.positions, record.torques, record.period, first)
+    found, _ = predicted_motion(model, record.positions, record.torques, record.period, first)
     errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
     return errors
 
@@ -204,25 +252,69 @@ def unsettled_samples(record: ShaftRecord) -> int:
 
 
 class _Problem:
-    """Sum of squares over all records; a vector holds the scaled values of `NAMES`."""
+    """Sum of squares over all records; a vector holds the scaled values of `NAMES`, then those of further torques."""
 
     def __init__(self, records: Sequence[ShaftRecord], guess: ShaftModel) -> None:
-        self.records, self.period = records, records[0].period
+        self.records, self.guess, self.period = records, guess, records[0].period
+        self.rows = sum(len(each.positions) - unsettled_samples(each) for each in records)
         torque = float(np.sqrt(np.mean(np.concatenate([each.torques for each in records]) ** 2))) or 1.0
-        speed = max(each.top_speed for each in records) or 1.0
-        self.scales = np.array([guess.inertia, torque / speed, torque, self.period, self.period, torque])
+        self.top = max(each.top_speed for each in records) or 1.0
+        self.way = max(float(np.ptp(each.positions)) for each in records)
+        scales = [guess.inertia, torque / self.top, torque, self.period, self.period, torque]
         values = [guess.inertia, guess.damping, guess.coulomb, guess.delay, guess.lag, guess.load]
-        self.start = np.array(values) / self.scales
-        low = np.full(len(self.start), -np.inf)
-        high = np.full(len(self.start), np.inf)
-        low[0], high[0] = 1e-3, 1e3
-        low[1] = low[2] = low[DELAY] = 0.0
-        high[DELAY] = LONGEST_DELAY
-        low[LAG], high[LAG] = np.array([SHORTEST_LAG, LONGEST_LAG]) / self.period
-        self.low, self.high = low, high
+        low = [1e-3 * guess.inertia, 0.0, 0.0, 0.0, SHORTEST_LAG, -math.inf]
+        high = [1e3 * guess.inertia, math.inf, math.inf, LONGEST_DELAY * self.period, LONGEST_LAG, math.inf]
+        if guess.stribeck:
+            scales += [torque, STRIBECK_SHARES[1] * self.top]
+            values += [guess.stribeck, guess.stribeck_speed]
+            low, high = [*low, 0.0, 0.3 * STRIBECK_SHARES[0] * self.top], [*high, math.inf, self.top]
+        for wave in guess.waves:
+            scales, values = [*scales, 1.0 / self.way, torque, torque], [*values, *wave]
+            low, high = [*low, 0.0, -math.inf, -math.inf], [*high, math.inf, math.inf, math.inf]
+        self.scales = np.array(scales)
+        self.is_time = np.isin(np.arange(len(scales)), (DELAY, LAG))
+        self.start, self.low, self.high = (np.array(each) / self.scales for each in (values, low, high))
 
     def model(self, vector: Matrix) -> ShaftModel:
-        return ShaftModel(*(vector * self.scales).tolist())
+        values = (vector * self.scales).tolist()
+        base, further = values[: len(NAMES)], values[len(NAMES) :]
+        stribeck, speed = (further.pop(0), further.pop(0)) if self.guess.stribeck else (0.0, 1.0)
+        waves = tuple((further[k], further[k + 1], further[k + 2]) for k in range(0, len(further), 3))
+        return replace(ShaftModel(*base), stribeck=stribeck, stribeck_speed=speed, waves=waves)
+
+    # Torques that the model lacks.
+
+    def further(self, vector: Matrix, cost: float) -> list[ShaftModel]:
+        """Return models with one more torque, which may explain the residual better; `cost` is its sum of squares."""
+        residuals, model = self.residuals(vector), self.model(vector)
+        known, _ = np.linalg.qr(self.sensitivities(vector, residuals))
+        highest = min(HIGHEST_ORDER, math.tau / self.records[0].resolution / COUNTS_OF_A_WAVE)
+        # A period more or less over the way is another wave; half of one is as good as any between.
+        orders: Matrix = (
+            math.pi / self.way * np.arange(1, 1 + min(MOST_ORDERS, int(2.0 * highest * self.way / math.tau)))
+        )
+        speeds: Matrix = np.array([self.top * each for each in (() if model.stribeck else STRIBECK_SHARES)])
+        columns = np.vstack([_further_responses(model, each, orders, speeds) for each in self.records])
+        columns -= known @ (known.T @ columns)
+        found: list[tuple[float, ShaftModel]] = []
+        for number, speed in enumerate(speeds):
+            gained, (size,) = _explained(residuals, columns[:, number : number + 1])
+            if size > 0.0:
+                found.append((gained, replace(model, stribeck=size, stribeck_speed=float(speed))))
+        for number, order in enumerate(orders if len(model.waves) < MOST_WAVES else ()):
+            first = len(speeds) + 2 * number
+            gained, (cosine, sine) = _explained(residuals, columns[:, first : first + 2])
+            found.append((gained, replace(model, waves=(*model.waves, (float(order), cosine, sine)))))
+        # Beside the best one stands one that is not its neighbour, because the residual is not yet that of one torque.
+        found.sort(key=lambda each: each[0], reverse=True)
+        best = [each for gained, each in found[: 1 + TRIED_BESIDE] if gained > WORTH * cost]
+        tries = [*best[:1], *[each for each in best[TRIED_BESIDE:] if each.waves != model.waves]]
+        if len(speeds) and (tries or cost > ENCODER_NOISE**2 * self.rows or not self.inside(vector)):
+            # Far from its solution, friction that falls with speed looks like more Coulomb friction and less inertia.
+            share = STRIBECK_SHARES[len(speeds) // 2] * self.top
+            falling = replace(model, coulomb=0.6 * model.coulomb, stribeck=0.4 * model.coulomb, stribeck_speed=share)
+            tries.append(replace(falling, inertia=1.6 * model.inertia))
+        return tries
 
     def residuals(self, vector: Matrix) -> Matrix:
         """Return the prediction errors of all records [counts], shape (n,)."""
@@ -241,39 +333,50 @@ class _Problem:
             columns.append((self.residuals(moved) - residuals) / step)
         return np.column_stack(columns)
 
-    def solved(self) -> Matrix:
-        """Return the vector of the least sum of squares."""
-        cost, vector = self._descended(self.start)
+    def solved(self, start: Matrix, enough: float = 1e-3) -> tuple[float, Matrix]:
+        """Return the least sum of squares, and its vector."""
+        cost, vector = self.descended(start, enough)
         for share in LAG_SHARES:
-            inner = self.low[DELAY] < vector[DELAY] < self.high[DELAY] and self.low[LAG] < vector[LAG] < self.high[LAG]
-            if inner:
+            if self.inside(vector):
                 break
             again, both = vector.copy(), vector[DELAY] + vector[LAG]
             again[DELAY], again[LAG] = (1.0 - share) * both, share * both
-            cost, vector = min((cost, vector), self._descended(again), key=lambda each: each[0])
-        return vector
+            cost, vector = min((cost, vector), self.descended(again, enough), key=lambda each: each[0])
+        return cost, vector
 
-    def _descended(self, start: Matrix) -> tuple[float, Matrix]:
-        """Return the sum of squares at the end of the way down from a start, and the vector there."""
+    def inside(self, vector: Matrix) -> bool:
+        """Return whether delay and lag are inside their bounds."""
+        return bool(np.all((self.low < vector) & (vector < self.high), where=self.is_time))
+
+    def descended(self, start: Matrix, enough: float = 1e-3) -> tuple[float, Matrix]:
+        """Return the sum of squares at the end of the way down from a start, and the vector there.
+
+        It ends where a step lowers the sum by less than the share `enough`.
+        """
         vector = np.clip(start, self.low, self.high)
         residuals = self.residuals(vector)
-        cost, damping = float(residuals @ residuals), 1e-3
+        cost, damping, slopes, is_fresh = float(residuals @ residuals), 1e-3, None, False
         for _ in range(MOST_STEPS):
-            slopes = self.sensitivities(vector, residuals)
+            if slopes is None:
+                slopes, is_fresh = self.sensitivities(vector, residuals), True
             gradient, curvature = slopes.T @ residuals, slopes.T @ slopes
-            while damping < 1e9:
+            while damping < 1e7:
                 step = self._step(vector, gradient, curvature, damping)
                 moved = np.clip(vector - step, self.low, self.high)
                 after = self.residuals(moved)
-                if (new := float(after @ after)) < cost:
+                if (new := float(after @ after)) < cost or not is_fresh:
                     break
-                damping *= 5.0
-            else:
-                return cost, vector
-            gained, cost = cost - new, new
-            vector, residuals, damping = moved, after, max(damping * 0.2, 1e-9)
-            if gained < 1e-7 * cost:
-                break
+                damping *= 10.0
+            gained, way = cost - new, moved - vector
+            if gained > 0.0:
+                # A secant corrects the sensitivities along the step (Broyden, Math. Comp. 19, 1965, 577).
+                slopes = slopes + np.outer(after - residuals - slopes @ way, way / max(float(way @ way), 1e-300))
+                vector, residuals, cost, damping = moved, after, new, max(damping * 0.2, 1e-9)
+            if gained < enough * cost:
+                if is_fresh:
+                    break
+                slopes = None
+            is_fresh = False
         return cost, vector
 
     def _step(self, vector: Matrix, gradient: Matrix, curvature: Matrix, damping: float) -> Matrix:
@@ -294,19 +397,35 @@ class _Problem:
         """Return the fit with its intervals and reasons."""
         residuals = self.residuals(vector)
         spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
-        model, top = self.model(vector), max(each.top_speed for each in self.records)
-        found = dict(zip(NAMES, (vector * self.scales).tolist(), strict=True))
+        model, top = self.model(vector), self.top
+        found = dict(zip(NAMES, (vector * self.scales).tolist(), strict=False))
         found["delay_and_lag"] = model.delay + model.lag
         rms = float(np.sqrt(np.mean(residuals**2)))
         # Above the noise of an encoder, a residual is a torque that the model lacks, and it may take sides.
         unexplained = 1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0))
+        least = LEAST_SHARE_OF_PARTS if len(vector) > len(NAMES) else LEAST_SHARE
         estimates = {}
         for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True):
             value, lowest = found[name], -math.inf if name == "load" else 0.0
-            half = max(WIDTH * unexplained * spread, LEAST_SHARE * abs(value))
+            half = max(WIDTH * unexplained * spread, least * abs(value))
             estimates[name] = Estimate(value, max(value - half, lowest), value + half, UNITS[name])
+        estimates["torque_lag"] = self._lag_interval(vector, WIDTH * unexplained)
         told = {name: replace(each, reason=reason_of(name, estimates, top)) for name, each in estimates.items()}
         return ShaftFit(model, told, rms, top, len(residuals), tuple(self._warnings(rms)))
+
+    def _lag_interval(self, vector: Matrix, width: float) -> Estimate:
+        """Return the lag with its interval, which is symmetric in its square.
+
+        Beside the delay, whose sum with it is known, a short lag acts by its square: at 0 it changes nothing.
+        """
+        both, near = vector[DELAY] + vector[LAG], vector.copy()
+        near[LAG] = max(vector[LAG], LAG_SHARES[0] * both)
+        near[DELAY] = max(both - near[LAG], 0.0)
+        residuals = self.residuals(near)
+        spread = width * self._spreads(self.sensitivities(near, residuals), self.residuals(vector))[LAG]
+        lag, reference = (float(each[LAG] * self.scales[LAG]) for each in (vector, near))
+        wide = 2.0 * reference * spread + spread**2
+        return Estimate(lag, math.sqrt(max(lag**2 - wide, 0.0)), math.sqrt(lag**2 + wide), "s")
 
     def _spreads(self, slopes: Matrix, residuals: Matrix) -> list[float]:
         """Return the standard deviation of each of `NAMES`, and then of the delay and the lag together."""
@@ -316,22 +435,51 @@ class _Problem:
         for record in self.records:
             rows = slice(first, first + len(record.positions) - unsettled_samples(record))
             first = rows.stop
-            coloured += _long_run(slopes[rows] * residuals[rows, np.newaxis], round(MEMORY / record.period))
-        forms = np.vstack([np.eye(len(NAMES)), np.zeros(len(NAMES))])
+            block = max(1, round(BLOCK / record.period))
+            sums = np.add.reduceat(slopes[rows] * residuals[rows, np.newaxis], range(0, rows.stop - rows.start, block))
+            coloured += _long_run(sums, round(MEMORY / (block * record.period)))
+        forms = np.eye(len(NAMES) + 1, len(self.scales))
+        forms[-1] = 0.0
         forms[-1, [DELAY, LAG]] = 1.0
         forms = forms * self.scales
         white = np.einsum("ij,jk,ik->i", forms, noise * inverse, forms)
         wide = np.einsum("ij,jk,ik->i", forms, inverse @ coloured @ inverse, forms)
-        spreads: list[float] = np.sqrt(np.maximum(np.maximum(white, wide), 0.0)).tolist()
+        spreads: list[float] = (REPEATED * np.sqrt(np.maximum(np.maximum(white, wide), 0.0))).tolist()
         return spreads
 
     def _warnings(self, rms: float) -> Iterator[str]:
         """Yield what the fit cannot explain."""
         if rms > 3.0:
             yield (
-                f"the model leaves {rounded(rms)} counts unexplained: cogging, play, a weight on a lever or an elastic "
-                "coupling are not in it; the intervals are wider by this"
+                f"the model leaves {rounded(rms)} counts unexplained: play and an elastic coupling are not in it; the "
+                "intervals are wider by this"
             )
+
+
+def _further_responses(model: ShaftModel, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
+    """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then cosine and sine waves."""
+    angles, moved = predicted_motion(model, record.positions, record.torques, record.period)
+    turns, middles = np.outer(angles + 0.5 * record.period * moved, orders), np.outer(moved, 1.0 / speeds)
+    waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
+    waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * record.period * orders / math.pi)), 2, axis=1)
+    torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
+    span, period = HeldSpan(model, record.period), record.period
+    near, pull = 1.0 - math.exp(-2.0 * LEADING * period), LEADING * LEADING * period
+    angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
+    for k, torque in enumerate(torques):
+        out[k] = angle
+        speed -= pull * angle
+        angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
+        speed = span.speed_left * speed + span.speed_of_force * torque
+    responses: Matrix = out[unsettled_samples(record) :] / record.resolution
+    return responses
+
+
+def _explained(residuals: Matrix, columns: Matrix) -> tuple[float, list[float]]:
+    """Return by how much columns lower the sum of squares, and their coefficients."""
+    moment = columns.T @ residuals
+    sizes = np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0]
+    return float(moment @ sizes), sizes.tolist()
 
 
 def _long_run(gradient: Matrix, most: int) -> Matrix:

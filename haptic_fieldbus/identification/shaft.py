@@ -13,6 +13,10 @@ with constant u and s the solution is, with a = b/J, A = exp(−a·h), E = exp(�
 and θ(h) is its integral. A shaft that comes to rest sticks while |τ + g| ≤ c. The instants of reversal and breakaway
 are found inside the span, so friction is in the model and not in the residual.
 
+Two further torques are constant over a period. Stribeck friction adds s₀·exp(−(ω/ω₀)²) to c, with ω at the begin of the
+period, and s₀ at rest. Waves Σ α·cos(n·θ) + β·sin(n·θ) are torques that depend on the place, as of cogging or of a
+weight on a lever; they add to g their mean over the way of the period.
+
 An open integration drifts: a torque error of a thousandth moves the angle without end. After each sample the model is
 therefore led back slowly to the record, by a double pole at `LEADING` [1/s]; what the record shows faster than this is
 predicted (Ljung, System Identification, 2nd ed. 1999, 3.2 and 7.2: a predictor of fixed gain). At the true values the
@@ -31,7 +35,9 @@ LEADING = 6.0
 """Double pole that leads the model back to the record [1/s]."""
 MOST_EVENTS = 8
 """Reversals and breakaways that are followed in one span."""
-_HALVINGS = 40
+_HALVINGS = 60
+REST_SHARE = 1e-10
+"""Speed that counts as rest, as a share of those at both ends of a span."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,25 @@ class ShaftModel:
     """Time constant of the torque loop [s]."""
     load: float = 0.0
     """Constant torque that acts from outside, such as a weight [N·m]."""
+    stribeck: float = 0.0
+    """Friction at rest beyond Coulomb friction [N·m]."""
+    stribeck_speed: float = 1.0
+    """Speed at which it has fallen to 1/e [rad/s]."""
+    waves: tuple[tuple[float, float, float], ...] = ()
+    """Torques over the angle: number of periods per radian, times 2π, and torques of cosine and sine [N·m]."""
+
+    def torque_at(self, angle: float, way: float = 0.0) -> float:
+        """Return load and waves at an angle [rad], as the mean over a `way` around it [N·m]."""
+        total = self.load
+        for order, cosine, sine in self.waves:
+            half, turn = 0.5 * order * way, order * angle
+            share = math.sin(half) / half if abs(half) > 1e-6 else 1.0
+            total += share * (cosine * math.cos(turn) + sine * math.sin(turn))
+        return total
+
+    def friction_at(self, speed: float) -> float:
+        """Return Coulomb and Stribeck friction at a speed [N·m]."""
+        return self.coulomb + self.stribeck * math.exp(-((speed / self.stribeck_speed) ** 2))
 
 
 class HeldSpan:
@@ -71,6 +96,14 @@ class HeldSpan:
         self.speed_of_torque = (self.speed_left - self.torque_left) / (rate - a) / model.inertia
         self.way_of_torque = (self.way + math.expm1(-h * rate) / rate) / (rate - a) / model.inertia
 
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Return what a span does to the speed, to the angle and to the torque, in the order of `predicted_motion`."""
+        return (
+            self.speed_left, self.way, self.speed_of_force, self.speed_of_torque, self.way_of_force, self.way_of_torque,
+            self.torque_left,
+        )  # fmt: skip
+
 
 def predicted_positions(
     model: ShaftModel,
@@ -80,78 +113,95 @@ def predicted_positions(
     speed: float = 0.0,
     leading: float = LEADING,
 ) -> Matrix:
-    """Return the predicted position of each sample [rad], shape (n,).
+    """Return the predicted position of each sample [rad], shape (n,); see `predicted_motion`."""
+    return predicted_motion(model, positions, torques, period, speed, leading)[0]
+
+
+def predicted_motion(
+    model: ShaftModel,
+    positions: Sequence[float],
+    torques: Sequence[float],
+    period: float,
+    speed: float = 0.0,
+    leading: float = LEADING,
+) -> tuple[Matrix, Matrix]:
+    """Return the predicted position [rad] and speed [rad/s] of each sample, shapes (n,).
 
     `positions` [rad] are samples at multiples of the `period` [s], `torques` [N·m] the set-points computed from them,
     `speed` [rad/s] the first speed. With `leading` 0 it is an open integration from the first position.
     """
     shaft = _Shaft(model, positions[0], speed)
     whole, part = divmod(model.delay, period)
-    pieces = [
-        (HeldSpan(model, part), part, int(whole) + 1),
-        (HeldSpan(model, period - part), period - part, int(whole)),
-    ]
-    if not part > 1e-12:
-        del pieces[0]
+    # Number of the set-point of a piece, in a list that begins with 0 for those before the record.
+    acting = [*[0.0] * (int(whole) + 1), *torques]
+    spans = [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]
+    pieces = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in spans]
     # Gains of the double pole; of the angle and of the speed.
     near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
-    out, move, count = [0.0] * len(positions), shaft.move, len(torques)
-    for k in range(len(positions)):
-        out[k] = shaft.angle
-        error = positions[k] - shaft.angle
-        shaft.angle += near * error
-        if shaft.side:
-            shaft.speed += pull * error
-        for span, seconds, ago in pieces:
-            at = k - ago
-            move(span, seconds, torques[at] if 0 <= at < count else 0.0)
-    return np.array(out)
+    waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
+    out, speeds = [0.0] * len(positions), [0.0] * len(positions)
+    angle, torque, side, load, friction = shaft.angle, shaft.torque, shaft.side, shaft.load, shaft.friction
+    for k, place in enumerate(positions):
+        out[k], speeds[k] = angle, speed
+        error = place - angle
+        angle += near * error
+        if side:
+            speed += pull * error
+        if waves:
+            load = model.torque_at(angle + 0.5 * speed * period, speed * period)
+        if stribeck:
+            friction = coulomb + stribeck * math.exp(-((speed * slowness) ** 2))
+        for (left, way, by_force, by_torque, far, beside, after), seconds, ahead in pieces:
+            target = acting[k + ahead]
+            behind = torque - target
+            # What happens to a shaft that slips on, or sticks on; anything else is followed event by event.
+            if side:
+                force = target + load - friction * side
+                new = left * speed + force * by_force + behind * by_torque
+                if new * side > 0.0 and speed * side >= 0.0:
+                    angle += way * speed + force * far + behind * beside
+                    speed, torque = new, target + behind * after
+                    continue
+            elif abs(target + behind * after + load) <= shaft.breakaway:
+                torque = target + behind * after
+                continue
+            shaft.angle, shaft.speed, shaft.torque, shaft.side = angle, speed, torque, side
+            shaft.load, shaft.friction = load, friction
+            shaft.move(seconds, target)
+            angle, speed, torque, side = shaft.angle, shaft.speed, shaft.torque, shaft.side
+    return np.array(out), np.array(speeds)
 
 
 class _Shaft:
-    """State of the shaft, moved span by span."""
+    """State of the shaft, moved event by event."""
 
     def __init__(self, model: ShaftModel, angle: float, speed: float) -> None:
         self.model, self.angle, self.speed, self.torque = model, angle, speed, 0.0
+        self.load, self.friction = model.torque_at(angle), model.friction_at(speed)
+        self.breakaway = model.coulomb + model.stribeck
         self.side = self._start(speed)
         """Direction of slipping: 1, −1, or 0 while the shaft sticks."""
 
     def _start(self, speed: float) -> int:
         if speed:
             return 1 if speed > 0.0 else -1
-        pull = self.torque + self.model.load
-        return 0 if abs(pull) <= self.model.coulomb else 1 if pull > 0.0 else -1
-
-    def move(self, span: HeldSpan, seconds: float, target: float) -> None:
-        """Move by a span; its constants are used as they are where nothing happens inside it."""
-        side = self.side
-        if side:
-            before = self.speed
-            speed = self._speed_after(span, target)
-            if speed * side > 0.0 and before * side >= 0.0:
-                self.angle = self._angle_after(span, target)
-                self.speed = speed
-                self.torque = target + (self.torque - target) * span.torque_left
-                return
-        elif abs(target + (self.torque - target) * span.torque_left + self.model.load) <= self.model.coulomb:
-            self.torque = target + (self.torque - target) * span.torque_left
-            return
-        self._through_events(seconds, target)
+        pull = self.torque + self.load
+        return 0 if abs(pull) <= self.breakaway else 1 if pull > 0.0 else -1
 
     def _speed_after(self, span: HeldSpan, target: float) -> float:
-        force = target + self.model.load - self.model.coulomb * self.side
+        force = target + self.load - self.friction * self.side
         return (
             span.speed_left * self.speed + force * span.speed_of_force + (self.torque - target) * span.speed_of_torque
         )
 
     def _angle_after(self, span: HeldSpan, target: float) -> float:
-        force = target + self.model.load - self.model.coulomb * self.side
+        force = target + self.load - self.friction * self.side
         return (
             self.angle + span.way * self.speed + force * span.way_of_force + (self.torque - target) * span.way_of_torque
         )
 
-    def _through_events(self, seconds: float, target: float) -> None:
-        """Move through the reversals and breakaways inside a span."""
+    def move(self, seconds: float, target: float) -> None:
+        """Move by a span, through the reversals and breakaways inside it."""
         left = seconds
         for _ in range(MOST_EVENTS):
             if self.side and self.speed * self.side < 0.0:
@@ -163,7 +213,7 @@ class _Shaft:
                 return
             if self.side:
                 self.speed = 0.0
-            self.side = self._start(0.0) if self.side else 1 if self.torque + self.model.load > 0.0 else -1
+            self.side = self._start(0.0) if self.side else 1 if self.torque + self.load > 0.0 else -1
         self._go(left, target)
 
     def _go(self, seconds: float, target: float) -> None:
@@ -174,22 +224,30 @@ class _Shaft:
 
     def _reversal(self, left: float, target: float) -> float:
         """Return the time until the slipping shaft stops; infinite if it does not within `left` [s]."""
-        if self._speed_after(HeldSpan(self.model, left), target) * self.side > 0.0:
+        low, high, at_low = 0.0, left, self.speed * self.side
+        at_high = self._speed_after(HeldSpan(self.model, left), target) * self.side
+        if at_high > 0.0:
             return math.inf
-        low, high = 0.0, left
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            slips = self._speed_after(HeldSpan(self.model, middle), target) * self.side > 0.0
-            low, high = (middle, high) if slips else (low, middle)
+        still = REST_SHARE * max(at_low, -at_high)
+        for number in range(_HALVINGS):
+            # By the chord, and now and then by halves, which a curved motion needs.
+            chord = at_low > 0.0 and number % 3 < 2
+            middle = (low * at_high - high * at_low) / (at_high - at_low) if chord else 0.5 * (low + high)
+            at = self._speed_after(HeldSpan(self.model, middle), target) * self.side
+            if at > 0.0:
+                low, at_low = middle, at
+            else:
+                high, at_high = middle, at
+            if abs(at) <= still:
+                return middle
         return high
 
     def _breakaway(self, left: float, target: float) -> float:
         """Return the time until the torque moves the sticking shaft; infinite if it does not within `left` [s]."""
-        model = self.model
-        if abs(target + model.load) <= model.coulomb:
+        if abs(target + self.load) <= self.breakaway:
             return math.inf
-        edge = math.copysign(model.coulomb, target + model.load) - model.load
+        edge = math.copysign(self.breakaway, target + self.load) - self.load
         share = (edge - target) / (self.torque - target) if self.torque != target else 0.0
-        after = -model.lag * math.log(share) if 0.0 < share < 1.0 else 0.0 if share >= 1.0 else math.inf
+        after = -self.model.lag * math.log(share) if 0.0 < share < 1.0 else 0.0 if share >= 1.0 else math.inf
         # Past the edge by rounding's worth, so that the shaft slips.
         return after * (1.0 + 1e-12) + 1e-15 if after < left else math.inf

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft
 from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 
@@ -64,7 +65,7 @@ def plant_of_bench(bench: Bench, velocity: float = 0.0) -> Plant:
     return Plant(Shaft(model.inertia, model.damping, model.coulomb, model.lag), None, velocity=velocity)
 
 
-def conducted(law: Experiment, bench: Bench, plant: Plant, longest: float = 60.0, load: float = 0.0) -> Course:
+def conducted(law: Experiment, bench: Bench, plant: Body, longest: float = 60.0, load: float = 0.0) -> Course:
     """Conduct an experiment on a plant, with an encoder that rounds and set-points of whole steps."""
     period_ns, delay_ns, step = round(1e9 / bench.rate), round(1e9 * bench.model.delay), 0.004 * bench.effort
     begin_ns, resolution = plant.t_ns, law.bounds.resolution

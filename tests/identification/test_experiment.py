@@ -17,7 +17,7 @@ BENCH = Bench(MODEL, 4096, 1000.0, 0.1, 60.0, 8.0)
 
 def motion(bench: Bench = BENCH, **told: float) -> GuidedMotion:
     """The motion with the values of the bench, but for those that are told."""
-    model = replace(bench.model, **told)
+    model = replace(bench.model, **told)  # type: ignore[arg-type]
     return GuidedMotion(bench.bounds, model.inertia, model.coulomb, model.load, model.delay + model.lag)
 
 

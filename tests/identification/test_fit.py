@@ -8,17 +8,23 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
+from haptic_fieldbus.drive.rig import Cogging, Mechanics, Stribeck, Weight
 from haptic_fieldbus.identification import fit as module
+from haptic_fieldbus.identification.experiment import GuidedMotion
 from haptic_fieldbus.identification.fit import (
     Estimate,
+    ShaftFit,
     ShaftRecord,
     first_guess,
     fit_shaft,
     prediction_errors,
     reason_of,
+    torque_balance,
 )
 from haptic_fieldbus.identification.shaft import ShaftModel
-from tests.identification.benches import Bench, drawn_bench, identified_bench
+from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
+from haptic_fieldbus.sim.mechanics.motion import Shaft
+from tests.identification.benches import Bench, conducted, drawn_bench, identified_bench
 
 PERIOD, COUNT = 0.002, 2.0 * math.pi / 20_000
 TRUE = ShaftModel(4e-5, 2e-4, 0.0, 0.0012, 0.001)
@@ -113,6 +119,49 @@ def test_what_the_model_does_not_explain_is_told_and_widens_the_intervals() -> N
     assert not narrow.warnings
     assert "unexplained" in wide.warnings[0]
     assert wide.values["inertia"].half_width > 3.0 * narrow.values["inertia"].half_width
+
+
+RICH = ShaftModel(
+    4e-5, 2e-4, 2e-3, 0.0012, 0.0006, load=2e-4, stribeck=1e-3, stribeck_speed=1.5, waves=((12.0, 3e-4, -4e-4),)
+)
+
+
+@pytest.fixture(scope="module")
+def rich_fit() -> ShaftFit:
+    """A fit to the motion of a bench with Stribeck friction and cogging, as the plant of the simulation moves it."""
+    mechanics = Mechanics(
+        stribeck=Stribeck(RICH.stribeck, RICH.stribeck_speed), cogging=Cogging(5e-4, 12), gravity=Weight(2e-4)
+    )
+    shaft = Shaft(RICH.inertia, RICH.damping, RICH.coulomb, RICH.lag)
+    bench = Bench(RICH, 4096, 500.0, 0.1, 60.0, 8.0)
+    plant = LoadedPlant(Load(shaft, mechanics), None)
+    motion = GuidedMotion(bench.bounds, 4e-5, 2.5e-3, 0.0, 0.0018)
+    course = conducted(motion, bench, plant)
+    assert motion.failure == ""
+    return fit_shaft([course.part("check", "stop")])
+
+
+def test_stribeck_friction_and_cogging_are_found_and_leave_the_other_values_alone(rich_fit: ShaftFit) -> None:
+    values, model = rich_fit.values, rich_fit.model
+    assert values["inertia"].value == pytest.approx(4e-5, rel=0.01)
+    assert values["viscous_damping"].value == pytest.approx(2e-4, rel=0.05)
+    assert values["coulomb_friction"].value == pytest.approx(2e-3, rel=0.03)
+    assert model.stribeck == pytest.approx(1e-3, rel=0.1)
+    assert model.stribeck_speed == pytest.approx(1.5, rel=0.15)
+    order, cosine, sine = max(model.waves, key=lambda each: math.hypot(*each[1:]))
+    assert order == pytest.approx(12.0, abs=0.05)
+    assert math.hypot(cosine, sine) == pytest.approx(5e-4, rel=0.1)
+    assert not rich_fit.warnings
+
+
+def test_friction_and_load_of_a_record_are_those_of_its_model() -> None:
+    """The balance takes no friction and no load from the model: a model without them shows both."""
+    record = record_of(TRUE, multisine(1200, 0.02))
+    shown = torque_balance(replace(TRUE, damping=0.0), record)
+    fast = np.abs(shown.speeds) > 0.3 * np.abs(shown.speeds).max()
+    slope = np.polyfit(shown.speeds[fast], shown.friction[fast], 1)[0]
+    assert slope == pytest.approx(TRUE.damping, rel=0.15)
+    assert torque_balance(TRUE, record).load.mean() == pytest.approx(0.0, abs=2e-4)
 
 
 def estimates(**changed: Estimate) -> dict[str, Estimate]:

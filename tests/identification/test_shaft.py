@@ -1,6 +1,7 @@
 """The sampled shaft against scipy's solver, which follows reversals and breakaways as events of its own."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -52,6 +53,52 @@ def _piece(model: ShaftModel, state: np.ndarray, side: int, target: float, left:
             else:
                 side = int(np.sign(pull))
     return state, side
+
+
+def solved_with_parts(model: ShaftModel, torques: list[float]) -> list[float]:
+    """Angles of a shaft that never rests, by scipy, with Stribeck friction and waves at every instant."""
+
+    def rate(t: float, z: np.ndarray) -> list[float]:
+        number = math.floor((t - model.delay) / PERIOD)
+        target = torques[number] if 0 <= number < len(torques) else 0.0
+        friction = model.coulomb + model.stribeck * math.exp(-((z[1] / model.stribeck_speed) ** 2))
+        wave = sum(a * math.cos(n * z[0]) + b * math.sin(n * z[0]) for n, a, b in model.waves)
+        pull = z[2] + model.load + wave - friction * np.sign(z[1]) - model.damping * z[1]
+        return [z[1], pull / model.inertia, (target - z[2]) / model.lag]
+
+    times = PERIOD * np.arange(len(torques))
+    run = solve_ivp(rate, (0.0, times[-1]), [0.0, 8.0, 0.0], t_eval=times, max_step=1e-4, rtol=1e-9, atol=1e-11)
+    return [float(each) for each in run.y[0]]
+
+
+def test_stribeck_friction_and_waves_are_those_of_scipy() -> None:
+    model = ShaftModel(
+        4e-5,
+        1e-4,
+        1e-3,
+        0.0008,
+        0.0006,
+        stribeck=6e-4,
+        stribeck_speed=6.0,
+        waves=((7.0, 4e-4, -3e-4), (0.5, 2e-4, 0.0)),
+    )
+    torques = [2.2e-3 + 1e-3 * math.sin(0.05 * k) for k in range(150)]
+    theirs = solved_with_parts(model, torques)
+    mine = predicted_positions(model, [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0)
+    without = predicted_positions(
+        replace(model, stribeck=0.0, waves=()), [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0
+    )
+    assert np.ptp(theirs) > 1.0
+    assert mine == pytest.approx(theirs, abs=2e-3)
+    assert float(np.abs(without - theirs).max()) > 0.02
+
+
+def test_a_wave_is_taken_as_its_mean_over_the_way() -> None:
+    model = ShaftModel(1.0, 0.0, 0.0, 0.0, 1.0, load=0.5, waves=((9.0, 0.3, 0.2),))
+    places = np.linspace(1.0, 1.8, 4001)
+    mean = float(np.mean(0.5 + 0.3 * np.cos(9.0 * places) + 0.2 * np.sin(9.0 * places)))
+    assert model.torque_at(1.4, 0.8) == pytest.approx(mean, abs=1e-4)
+    assert model.torque_at(1.4) == pytest.approx(0.5 + 0.3 * math.cos(12.6) + 0.2 * math.sin(12.6))
 
 
 def pushes(count: int, size: float) -> list[float]:
