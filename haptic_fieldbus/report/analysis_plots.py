@@ -18,7 +18,7 @@ from haptic_fieldbus.api.sweep_folder import Sweep
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification import IdentifiedBench, interval_text
-from haptic_fieldbus.identification.fit import ShaftRecord, prediction_errors, unsettled_samples
+from haptic_fieldbus.identification.fit import ShaftRecord, prediction_errors, torque_balance, unsettled_samples
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -419,19 +419,24 @@ def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Ar
 
 SEGMENTS = 8
 """Number of half-overlapping segments of a record, over which spectra are averaged."""
+BALANCE_POINTS = 200
+"""Points of the measured friction and load; each is a mean."""
 COHERENT = 0.9
 """Least coherence of a point that is drawn."""
 
 
 def draw_identified(found: IdentifiedBench) -> Figure:
-    """Return a figure of the motion, its prediction error, and a Bode plot against the model."""
+    """Return a figure of motion, prediction error, Bode plot, friction over speed, and load over travel."""
     values, (_, used, unused) = found.fit.values, found.records
     told = [
         f"damping {interval_text(values['viscous_damping'])}, friction {interval_text(values['coulomb_friction'])}, "
         f"delay and lag {interval_text(values['delay_and_lag'])}"
     ]
-    drawn = figure(9.0, 10.0, f"Inertia {interval_text(values['inertia'])}", told)
-    motion, error, size, phase = drawn.subplots(4, 1, height_ratios=(1.0, 0.8, 1.0, 1.0))
+    drawn = figure(13.0, 11.0, f"Inertia {interval_text(values['inertia'])}", told)
+    (motion, error), (size, friction), (phase, travel), (shared, blank) = drawn.subplots(
+        4, 2, height_ratios=(1.0, 1.0, 1.0, 0.5)
+    )
+    blank.set_axis_off()
     begin = 0.0
     for record, colour, label in ((used, BLUE, "used in the fit"), (unused, ORANGE, "predicted only")):
         times: Array = begin + record.period * np.arange(len(record.positions), dtype=float)
@@ -442,22 +447,44 @@ def draw_identified(found: IdentifiedBench) -> Figure:
             color=colour,
             linewidth=0.8,
         )
-    dress(motion, "motion of the motor", "", "angle [rad]")
+    dress(motion, "motion of the motor", "time [s]", "angle [rad]")
     dress(error, "prediction error", "time [s]", "error [counts]")
-    frequencies, response = measured_response(used)
+    frequencies, response, coherence = measured_response(used)
+    good = coherence > COHERENT
     grid = np.geomspace(frequencies.min(), frequencies.max(), 200) if len(frequencies) else np.array([1.0, 10.0])
     model = modelled_response(found.fit.model, used.period, grid)
-    size.set_xscale("log")
     size.set_yscale("log")
-    phase.set_xscale("log")
+    for each in (size, phase, shared):
+        each.set_xscale("log")
     size.plot(grid, np.abs(model), color=GREY, linewidth=1.6, label="model")
-    size.plot(frequencies, np.abs(response), ".", color=BLUE, label="measured")
+    size.plot(frequencies[good], np.abs(response[good]), ".", color=BLUE, label="measured")
     phase.plot(grid, _degrees(model), color=GREY, linewidth=1.6)
-    phase.plot(frequencies, _degrees(response), ".", color=BLUE)
+    phase.plot(frequencies[good], _degrees(response[good]), ".", color=BLUE)
+    shared.plot(frequencies, coherence, ".", color=BLUE)
     dress(size, f"from torque to angle, where the coherence is above {COHERENT}", "", "angle / torque [rad/(N·m)]")
-    dress(phase, "", "frequency [Hz]", "phase [degrees]")
+    dress(phase, "", "", "phase [degrees]")
+    dress(shared, "", "frequency [Hz]", "coherence")
+    _draw_balance(friction, travel, found.fit.model, used)
     name_lines(drawn, [motion, size])
     return drawn
+
+
+def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: ShaftRecord) -> None:
+    """Draw friction over speed and load over travel, measured against the model."""
+    shown = torque_balance(model, record)
+    speeds = np.linspace(shown.speeds.min(), shown.speeds.max(), 400)
+    places = np.linspace(shown.positions.min(), shown.positions.max(), 400)
+    curve = [math.copysign(model.friction_at(each), each) + model.damping * each for each in speeds.tolist()]
+    for axes, x, y, grid, known in (
+        (friction, shown.speeds, shown.friction, speeds, np.array(curve)),
+        (travel, shown.positions, shown.load, places, np.array([model.torque_at(each) for each in places.tolist()])),
+    ):
+        order = np.argsort(x)
+        parts = [each for each in np.array_split(order, BALANCE_POINTS) if len(each)]
+        axes.plot([x[each].mean() for each in parts], [y[each].mean() for each in parts], ".", color=BLUE)
+        axes.plot(grid, known, color=GREY, linewidth=1.6)
+    dress(friction, "friction and damping", "speed [rad/s]", "torque [N·m]")
+    dress(travel, "load and cogging", "angle [rad]", "torque [N·m]")
 
 
 def _degrees(response: Array) -> Array:
@@ -466,8 +493,8 @@ def _degrees(response: Array) -> Array:
     return turned
 
 
-def measured_response(record: ShaftRecord) -> tuple[Array, Array]:
-    """Return frequencies [Hz] and the response from torque to angle where torque and angle are coherent."""
+def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
+    """Return frequencies [Hz], the response from torque to angle, and the coherence of both, where there is torque."""
     length = 2 * len(record.positions) // (SEGMENTS + 1)
     window = np.hanning(length)
     torque, angle, both = (np.zeros(length // 2 + 1, dtype) for dtype in (float, float, complex))
@@ -481,8 +508,8 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array]:
         coherence = np.nan_to_num(abs(both) ** 2 / (torque * angle))
         response = both / torque
     # A line of the window leaks into its neighbours; the slowest ones are the slow motion, where friction rules.
-    good = (coherence > COHERENT) & (torque > 0.01 * torque.max()) & (frequencies > 3.0)
-    return frequencies[good], response[good]
+    driven = (torque > 0.01 * torque.max()) & (frequencies > 3.0)
+    return frequencies[driven], response[driven], coherence[driven]
 
 
 def _straightened(values: Array) -> Array:
