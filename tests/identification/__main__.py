@@ -1,31 +1,32 @@
-"""Measure many drawn benches and count what their intervals cover: `python -m tests.identification [COUNT [FIRST]]`."""
+"""Measure many drawn benches through their buses: `python -m tests.identification [COUNT [FIRST]]`.
 
+What is done is kept in build/identification, a line a bench, so a draw that was ended goes on; another commit begins
+anew.
+"""
+
+import json
 import sys
-from collections import Counter
+from pathlib import Path
 
-from tests.identification.benches import drawn_bench, identified_bench
-from tests.identification.test_fit import TRUTHS, truth
+from tests.identification.drawn import table, work
+from tests.soak.__main__ import commit, known
+
+FOLDER = Path(__file__).resolve().parents[2] / "build" / "identification"
 
 
 def survey(count: int, first: int = 0) -> None:
-    """Print the benches that an interval misses or that are not measured, and the share of intervals that cover."""
-    covered, failed = Counter[str](), list[int]()
+    """Measure the benches that are not yet known, and print the sums."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    file = FOLDER / f"{commit()}.jsonl"
+    found = {each["seed"]: each for each in known(file)}
     for seed in range(first, first + count):
-        bench = drawn_bench(seed)
-        try:
-            fit, *_ = identified_bench(bench)
-        except (AssertionError, ValueError) as error:
-            failed.append(seed)
-            print(f"{seed}: not measured: {error}")
-            continue
-        missed = [
-            name for name, value in truth(bench).items() if not fit.values[name].low <= value <= fit.values[name].high
-        ]
-        covered.update(set(TRUTHS).difference(missed))
-        if missed:
-            print(f"{seed}: outside of the interval: {', '.join(missed)}", flush=True)
-    measured = count - len(failed)
-    print(f"{measured} of {count} measured; covered: {', '.join(f'{name} {covered[name]}' for name in TRUTHS)}")
+        if seed not in found:
+            found[seed] = work(seed, 1) | {"seed": seed}
+            with file.open("a", encoding="utf-8") as log:
+                log.write(json.dumps(found[seed]) + "\n")
+            for sentence in (*found[seed]["broken"], *found[seed]["refused"]):
+                print(sentence, flush=True)
+    print("\n".join(table([found[seed] for seed in range(first, first + count)])))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import Any
 from haptic_fieldbus import api
 from haptic_fieldbus.errors import HapticFieldbusError
 from tests.builders import endless_rig
+from tests.identification import drawn
 from tests.invariants.attach import watched
 from tests.soak import active, files, frames
 from tests.soak.case import case_of, run_case
@@ -102,6 +103,7 @@ PARTS: Mapping[str, Part] = {
     # The longest chunk first: the others fill the second process meanwhile.
     "an hour": Part(int(HOUR), int(HOUR), an_hour),
     "seeded runs": Part(WHOLE, 50, seeded_runs),
+    "identified benches": Part(300, 3, drawn.work),
     "active elements under gaps": Part(500, 10, active_elements),
     "frames into the drive": Part(500_000, 10_000, into_drive),
     "frames into the master": Part(500_000, 10_000, into_master),

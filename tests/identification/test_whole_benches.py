@@ -1,0 +1,36 @@
+"""Benches drawn over decades, with all their parts, measured through their buses; `make soak` measures 300 of them."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.identification.drawn import table
+from tests.identification.whole_benches import accurate, drawn_whole_bench, judged, measured_whole, wrong_with
+
+
+@pytest.mark.thorough("measures 12 drawn benches through their buses", quick=1)
+@pytest.mark.parametrize("seed", [2, 3, 10, 21, 25, 28, 31, 34, 36, 37, 40, 44])
+def test_a_drawn_bench_stays_within_what_was_announced(tmp_path: Path, seed: int) -> None:
+    measured = measured_whole(drawn_whole_bench(seed), tmp_path)
+    assert measured.failure == ""
+    assert wrong_with(measured) == []
+    assert accurate(measured)["inertia"]
+
+
+def test_a_bound_that_was_left_is_found(tmp_path: Path) -> None:
+    measured = measured_whole(drawn_whole_bench(2), tmp_path)
+    told = judged(measured)
+    assert len(told) == 5
+    assert sum(told.values()) >= 4
+    measured.noted.angle = 100.0
+    assert "travel of 25, announced were" in wrong_with(measured)[0]
+
+
+def test_sums_of_a_draw_are_told_by_value() -> None:
+    one = {"covered": {"inertia True": 1}, "near": {"inertia False": 1}, "refused": []}
+    two = {"covered": {"inertia False": 1}, "near": {}, "refused": ["3: no motion"]}
+    assert table([one, two]) == [
+        "1 of 2 benches refused",
+        "intervals that cover: inertia 1 of 2",
+        "values that are near enough: inertia 0 of 1",
+    ]
