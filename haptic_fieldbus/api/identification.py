@@ -16,11 +16,12 @@ import numpy as np
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
-from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis
+from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
 from haptic_fieldbus.errors import SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.scale import ScaleCheck, scale_check
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -49,13 +50,15 @@ TURNS_WITHOUT_LIMITS = 1.0
 """Travel of a rig without position limits, in turns of the motor."""
 MARGIN = 0.06
 """Part of the travel at each of its ends that an experiment does not plan to use."""
+COUNTS_OF_NOISE = 3.0
+"""Counts in a period that a coarse encoder may show beyond the motion; the run would trip at such a speed."""
 FADE_IN = 0.2
 """[s]"""
 LONGEST = 300.0
 """Longest time of one experiment [s]."""
 KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
 """Values that a rig keeps."""
-LEADING_SHARE = 0.5
+LEADING_SHARE = 1.0
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
 
 
@@ -77,6 +80,10 @@ class BenchTask:
     """Largest effort [N or N·m]; None: a quarter of the rated effort."""
     speed: float | None = None
     """Largest speed [m/s or rad/s]; None: four travels a second."""
+    with_mass: float | None = None
+    """Known mass that was fixed to a linear handle after the last measurement [kg]; the rig is then only checked."""
+    with_inertia: float | None = None
+    """The same for a rotary handle [kg·m²]."""
     profiles: str | Path | None = None
     seed: int = DEFAULT_SEED
 
@@ -139,8 +146,10 @@ def identify(
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
     found = IdentifiedBench(
         bench.name, fit, bench.announced, 1.0 / bench.bounds.period, check, bench.stated,
-        (probe, used, rest), (*fit.warnings, *_contradictions(fit, bench.stated)),
+        (probe, used, rest), (*fit.warnings, *(() if bench.without else _contradictions(fit, bench.stated))),
     )  # fmt: skip
+    if bench.without is not None:
+        return replace(found, scale=bench.scale(bench.without, fit))
     return _written(found, bench) if write and bench.own_bus else found
 
 
@@ -161,6 +170,7 @@ class _Bench:
     ) -> None:
         self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
         self.rig, self.name = _one_axis(task)
+        self.without, self._added = _without_mass(task, self.name, self.rig.axis[self.name])
         # An earlier measurement leads nothing: the bench may be another one since.
         axis = replace(self.rig.axis[self.name], identified=Identified())
         self.rig = replace(self.rig, axis={self.name: axis})
@@ -171,12 +181,13 @@ class _Bench:
         self.profile = plan.axes[0].profile.name
         self.planned_delay = plan.axes[0].delay.transport + plan.axes[0].delay.torque_loop
         self.serial: int | None = None
-        self.announced = _announced(task, self.name, axis, plan.axes[0])
+        self.announced = _announced(task, self.name, axis, plan.axes[0], plan.period)
         told = self.announced
         self._limits = replace(axis.limits, position=(told.low, told.high), speed=told.speed, effort=told.effort)
         margin = MARGIN * (told.high - told.low)
         self.bounds = Bounds(
-            plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin, 0.9 * told.speed, told.effort,
+            plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin,
+            0.9 * min(told.speed, TRAVELS_PER_SECOND * (told.high - told.low)), told.effort,
             self._plan(replace(axis, limits=self._limits)).axes[0].limits.acceleration,
         )  # fmt: skip
 
@@ -223,6 +234,12 @@ class _Bench:
         if not experiment.done:
             raise SafetyTripError("the experiment was ended before its last stage; torque is off")
         return taken.record()
+
+    def scale(self, without: Estimate, fit: ShaftFit) -> ScaleCheck:
+        """Return the check of torque, gear and counts by the added mass."""
+        mechanism = self.rig.axis[self.name].mechanism
+        gear = mechanism.gear_ratio if isinstance(mechanism, RotaryMechanism) else None
+        return scale_check(without, fit.values["inertia"], self._added * self.ratio**2, gear)
 
     def stage(self, name: str) -> None:
         """Tell that a stage has begun."""
@@ -296,7 +313,29 @@ def _one_axis(task: BenchTask) -> tuple[Rig, str]:
     return replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={name: axis}), name
 
 
-def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan) -> Announcement:
+def _without_mass(task: BenchTask, name: str, axis: RigAxis) -> tuple[Estimate | None, float]:
+    """Return the inertia that was measured without the added mass, and that mass; None: no mass was added.
+
+    Raises UsageError.
+    """
+    given = {"--with-mass": task.with_mass, "--with-inertia": task.with_inertia}
+    named = {key: each for key, each in given.items() if each is not None}
+    if not named:
+        return None, 0.0
+    wanted, unit = ("--with-mass", "kg") if axis.mechanism.kind == "linear" else ("--with-inertia", "kg·m²")
+    if list(named) != [wanted]:
+        raise UsageError(
+            f"{' and '.join(named)}: expected {wanted} alone, in {unit}: axis {name} is {axis.mechanism.kind}"
+        )
+    added, before = named[wanted], axis.identified
+    if not added > 0.0:
+        raise UsageError(f"{wanted} {added}: expected a number above 0")
+    if before.inertia is None or before.inertia_interval is None or before.digest != digest_with(axis, before):
+        raise UsageError(f"{wanted}: the rig has no valid measurement without the mass; run identify without it first")
+    return Estimate(before.inertia, *before.inertia_interval, "kg·m²"), added
+
+
+def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period: float) -> Announcement:
     """Return the bounds of the experiments: those of the task inside those of the rig; raises UsageError."""
     given = {"travel": task.travel, "effort": task.effort, "speed": task.speed}
     expected = "expected a number above 0"
@@ -306,7 +345,8 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan) -> Ann
     low, high = _travel(task, axis)
     effort = min(task.effort or EFFORT_SHARE * plan.rated_effort, plan.limits.effort)
     highest = axis.limits.speed or SPEED_LIMIT[axis.mechanism.kind]
-    speed = min(task.speed or TRAVELS_PER_SECOND * (high - low), highest)
+    noise = COUNTS_OF_NOISE * plan.resolution / period
+    speed = min(task.speed or TRAVELS_PER_SECOND * (high - low) + noise, highest)
     space = axis.mechanism.workspace
     return Announcement(
         name, low, high, speed, effort, space.length_unit, space.effort_unit, effort / plan.rated_effort,

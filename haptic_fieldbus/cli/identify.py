@@ -56,6 +56,12 @@ class IdentifyOptions:
     speed: float | None = option_field(
         "M/S", "Largest speed in m/s or rad/s.", RENDERING, told="four travels a second", parser=number
     )
+    with_mass: float | None = option_field(
+        "KG", "Check the rig by a known mass, fixed to a linear handle since the last run.", RENDERING, parser=number
+    )
+    with_inertia: float | None = option_field(
+        "KGM2", "The same by a known inertia on a rotary handle, in kg·m².", RENDERING, parser=number
+    )
     dry_run: bool = option_field(None, "Only say what would move.", RENDERING, "--dry-run")
     seed: int = option_field("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)
     plot: PlotOption = None
@@ -69,7 +75,8 @@ class IdentifyOptions:
 
         return BenchTask(
             self.rig, axis=self.axis, bus=self.bus, rate=self.rate, travel=self.travel, effort=self.effort,
-            speed=self.speed, profiles=self.profiles, seed=self.seed,
+            speed=self.speed, with_mass=self.with_mass, with_inertia=self.with_inertia, profiles=self.profiles,
+            seed=self.seed,
         )  # fmt: skip
 
 
@@ -126,14 +133,17 @@ LABELS = {
 
 def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     """Yield the result as lines."""
-    from haptic_fieldbus.identification import interval_text
+    from haptic_fieldbus.identification import further_texts, interval_text
+    from haptic_fieldbus.identification.scale import NOT_CHECKED
 
     for name, label in LABELS.items():
         each = found.fit.values[name]
         more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
         yield OutputRow(label, [f"{interval_text(each)}{more}", *filter(None, [each.reason])])
+    yield OutputRow("beside", further_texts(found.fit))
     left, unused = rounded(found.fit.residual), rounded(found.check)
     yield OutputRow("fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"])
+    yield OutputRow("scale", [NOT_CHECKED if found.scale is None else found.scale.text()])
     yield OutputRow("warning", found.warnings)
     if found.written:
         yield OutputRow("rig", [f"[axis.{found.axis}.identified] written into {found.written}"])

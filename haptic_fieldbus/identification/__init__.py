@@ -1,10 +1,12 @@
 """Measurement of a bench: two experiments, and the fit of a shaft to a record."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
-from haptic_fieldbus.numerals import in_unit, percent, with_interval
+from haptic_fieldbus.identification.scale import ScaleCheck
+from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class IdentifiedBench:
     records: tuple[ShaftRecord, ...] = field(default=(), repr=False)
     """Records of probe and motion, and the part of the motion that was not used in the fit."""
     warnings: tuple[str, ...] = ()
+    scale: ScaleCheck | None = None
+    """Check by an added mass; None without one."""
     written: str = ""
     """File of the rig into which the values were written; empty if they were not."""
 
@@ -70,18 +74,34 @@ class IdentifiedBench:
             }
             for name, each in self.fit.values.items()
         }
+        model = self.fit.model
         return {
             "axis": self.axis,
             "values": values,
+            "stribeck": {"torque": model.stribeck, "speed": model.stribeck_speed} if model.stribeck else None,
+            "waves": [dict(zip(("order", "cosine", "sine"), each, strict=True)) for each in model.waves],
             "rate_hz": self.rate,
             "travel": [told.low, told.high],
             "speed": told.speed,
             "effort": told.effort,
             "residual": {"fit": self.fit.residual, "check": self.check, "unit": "counts"},
             "samples": self.fit.samples,
+            "scale": None if self.scale is None else self.scale.to_json(),
             "warnings": list(self.warnings),
             "written": self.written or None,
         }
+
+
+def further_texts(fit: ShaftFit) -> Iterator[str]:
+    """Yield what acts on the shaft beside Coulomb friction and damping, in words."""
+    model, left = fit.model, rounded(fit.residual)
+    if model.stribeck:
+        speed = in_unit(model.stribeck_speed, "rad/s")
+        yield f"{in_unit(model.stribeck, 'N·m')} more friction at rest (Stribeck), which fades at {speed}"
+    for order, cosine, sine in model.waves:
+        yield f"{in_unit(math.hypot(cosine, sine), 'N·m')} of cogging or weight, {rounded(order)} times a turn"
+    if not model.stribeck and not model.waves:
+        yield f"nothing else seen above the {left} counts that the fit leaves"
 
 
 def interval_text(each: Estimate) -> str:

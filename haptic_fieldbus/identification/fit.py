@@ -290,9 +290,8 @@ class _Problem:
         known, _ = np.linalg.qr(self.sensitivities(vector, residuals))
         highest = min(HIGHEST_ORDER, math.tau / self.records[0].resolution / COUNTS_OF_A_WAVE)
         # A period more or less over the way is another wave; half of one is as good as any between.
-        orders: Matrix = (
-            math.pi / self.way * np.arange(1, 1 + min(MOST_ORDERS, int(2.0 * highest * self.way / math.tau)))
-        )
+        count = min(MOST_ORDERS, int(2.0 * highest * self.way / math.tau))
+        orders: Matrix = np.array([math.pi / self.way * (number + 1) for number in range(count)])
         speeds: Matrix = np.array([self.top * each for each in (() if model.stribeck else STRIBECK_SHARES)])
         columns = np.vstack([_further_responses(model, each, orders, speeds) for each in self.records])
         columns -= known @ (known.T @ columns)

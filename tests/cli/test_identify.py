@@ -12,7 +12,7 @@ from tests.api.test_identification import rig_text
 from tests.cli.command import Command
 from tests.recordings.test_provenance import told_by
 
-KEYS = "axis values rate_hz travel speed effort residual samples warnings written"
+KEYS = "axis values stribeck waves rate_hz travel speed effort residual samples scale warnings written"
 
 
 @pytest.fixture
@@ -36,6 +36,7 @@ def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, comman
     ended = command("identify", "--rig", rig, "--plot", picture)
     assert ended.status == 0, ended.err
     assert "the rig states 0.3 mN·m·s/rad, measured" in ended.out
+    assert "fix a known mass to the handle and repeat with --with-mass" in " ".join(ended.out.split())
     assert f"[axis.handle.identified] written into {rig}" in ended.out
     assert picture.stat().st_size > 10_000
     assert told_by(picture)["files"] == {rig.name: before}, "the rig file as it was before the values were written"

@@ -1,10 +1,11 @@
 """The result of a measurement, as people and programs get it."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
+from haptic_fieldbus.identification import Announcement, IdentifiedBench, further_texts, interval_text
 from haptic_fieldbus.identification.fit import UNITS, Estimate, ShaftFit
 from haptic_fieldbus.identification.shaft import ShaftModel
 
@@ -33,6 +34,21 @@ def test_an_announcement_says_how_far_how_fast_and_how_strongly() -> None:
     assert "by the rig's zero" in next(fixed.lines())
 
 
+def test_stribeck_friction_and_waves_are_told() -> None:
+    model = ShaftModel(1.0, 1.0, 1.0, 1.0, 1.0, stribeck=2e-3, stribeck_speed=3.0, waves=((12.0, 3e-3, -4e-3),))
+    fit = ShaftFit(model, {}, 0.3, 20.0, 8000)
+    assert list(further_texts(fit)) == [
+        "2 mN·m more friction at rest (Stribeck), which fades at 3 rad/s",
+        "5 mN·m of cogging or weight, 12 times a turn",
+    ]
+    found = IdentifiedBench("handle", fit, TOLD, 1000.0, 0.31, {}).to_json()
+    assert found["stribeck"] == {"torque": 2e-3, "speed": 3.0}
+    assert found["waves"] == [{"order": 12.0, "cosine": 3e-3, "sine": -4e-3}]
+    assert "nothing else seen above the 0.3 counts" in next(
+        further_texts(replace(fit, model=ShaftModel(1, 1, 1, 1, 1)))
+    )
+
+
 def test_json_holds_each_value_with_its_interval_and_what_the_rig_states() -> None:
     values = {name: Estimate(1.0, 0.9, 1.1, unit, "" if name == "inertia" else "why") for name, unit in UNITS.items()}
     fit = ShaftFit(ShaftModel(1.0, 1.0, 1.0, 1.0, 1.0), values, 0.3, 20.0, 8000)
@@ -43,5 +59,6 @@ def test_json_holds_each_value_with_its_interval_and_what_the_rig_states() -> No
     }  # fmt: skip
     assert told["values"]["load"]["stated"] is None
     assert told["values"]["load"]["reason"] == "why"
+    assert (told["stribeck"], told["waves"], told["scale"]) == (None, [], None)
     assert told["residual"] == {"fit": 0.3, "check": 0.31, "unit": "counts"}
     assert (told["travel"], told["written"], told["warnings"]) == ([-0.1, 0.1], None, ["a warning"])
