@@ -38,13 +38,14 @@ from canopen.objectdictionary import datatypes
 from rows import Figure, NotHereError, Pair, machine
 
 import haptic_fieldbus as h
+from haptic_fieldbus.buses.bus import traffic_of
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
-from haptic_fieldbus.buses.canopen.link import traffic_of
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import NmtState
 from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, OneMaster
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 from haptic_fieldbus.running import rights
 
 SIX = 6
@@ -139,7 +140,9 @@ def by_master(kind: str, stack: ExitStack, axes: int) -> Call:
     master._bind(plan, image)
     master._refused_writes = 0
     master._foreign = ForeignMaster(master._wire, OneMaster([axis.node for axis in plan.axes], 127, []), print)
-    master._proofs = ProofsOfLife(traffic_of(plan), [setup.node for setup in master._setups], plan.period_ns)
+    master._proofs = ProofsOfLife(
+        traffic_of(plan, CanTraffic), [setup.node for setup in master._setups], plan.period_ns
+    )
     for setup in master._setups:
         setup.node.state = NmtState.OPERATIONAL
     master._wire.focus(1 + len(master._outputs) + 2 * len(master._setups))
@@ -432,8 +435,7 @@ def missed_at(kind: str) -> Iterator[tuple[str, list[int]]]:
         with ExitStack() as stack:
             stack.enter_context(answering(kind, axes))
             call = make(kind, stack)
-            stack.enter_context(rights._timer_slack())
-            stack.enter_context(rights._fifo())
+            stack.enter_context(rights.requested(rights._timer_slack, rights._fifo))
             yield name, [misses(call, rate) for rate in RATES]
 
 
