@@ -221,7 +221,7 @@ OTHER_FIELDS = ("timestamp", "is_fd", "bitrate_switch", "error_state_indicator")
 MAP = bytes((0x80 | len(FLAGS) + len(OTHER_FIELDS) + len(("channel", "arbitration_id", "dlc", "data")),))
 """Head of a map with all fields."""
 FIELDS = Struct(">I4sB6sB")
-"""What changes in a datagram: identifier, name and value of `dlc`, name of `data` with its kind, and its length."""
+"""Changing end of a datagram: identifier, name and value of `dlc`, name of `data` with its kind, and its length."""
 MARK_AT = 18
 """Place of the mark: behind the heads of UDP (8 octets), the map and the text, and the name of the field."""
 LOAD, IF_EQUAL, RETURN = 0x20, 0x15, 0x06
