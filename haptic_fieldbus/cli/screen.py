@@ -75,6 +75,7 @@ def _print_plain(lines: Iterable[tuple[str | None, str]], stream: TextIO) -> Non
         for part in text.translate(CONTROLS).split("\n"):
             print(head + part.expandtabs().rstrip(), file=stream)
             head = " " * KEY_WIDTH if head else ""
+    stream.flush()  # as Rich does: the lines are read at once, such as the address of a page
 
 
 def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
