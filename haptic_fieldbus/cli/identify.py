@@ -134,7 +134,6 @@ LABELS = {
 def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     """Yield the result as lines."""
     from haptic_fieldbus.identification import further_texts, interval_text
-    from haptic_fieldbus.identification.scale import NOT_CHECKED
 
     for name, label in LABELS.items():
         each = found.fit.values[name]
@@ -143,7 +142,7 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     yield OutputRow("beside", further_texts(found.fit))
     left, unused = rounded(found.fit.residual), rounded(found.check)
     yield OutputRow("fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"])
-    yield OutputRow("scale", [NOT_CHECKED if found.scale is None else found.scale.text()])
+    yield OutputRow("scale", [found.scale_text])
     yield OutputRow("warning", found.warnings)
     if found.written:
         yield OutputRow("rig", [f"[axis.{found.axis}.identified] written into {found.written}"])

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
-from haptic_fieldbus.identification.scale import ScaleCheck
+from haptic_fieldbus.identification.scale import NOT_CHECKED, ScaleCheck
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 
 
@@ -59,6 +59,11 @@ class IdentifiedBench:
     """Check by an added mass; None without one."""
     written: str = ""
     """File of the rig into which the values were written; empty if they were not."""
+
+    @property
+    def scale_text(self) -> str:
+        """Return the result of the check by an added mass, or that there was none."""
+        return NOT_CHECKED if self.scale is None else self.scale.text()
 
     def to_json(self) -> dict[str, object]:
         """Return the object of `identify --json`."""

@@ -98,4 +98,4 @@ NOT_CHECKED = (
     "not checked: a wrong torque constant, gear or number of counts changes all values by the same factor; fix a known "
     "mass to the handle and repeat with --with-mass or --with-inertia"
 )
-"""What cannot be known without an added mass."""
+"""Told without an added mass."""

@@ -96,6 +96,8 @@ TESTS: dict[int, dict[str, str]] = {
     },
     62: {},
     68: {},
+    77: {},
+    78: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 

@@ -159,7 +159,7 @@ class Noted:
     latched: list[tuple[int, int]] = field(default_factory=list)
     """(instant, counts)"""
     answered: list[tuple[int, int]] = field(default_factory=list)
-    """Those of `latched` that an answer of a Modbus drive tells."""
+    """Members of `latched` that an answer of a Modbus drive tells."""
     acted: list[tuple[int, float]] = field(default_factory=list)
     """(instant, torque [N·m])"""
     speed: float = 0.0
@@ -244,7 +244,7 @@ class Measured:
 
     @cached_property
     def truth(self) -> dict[str, float]:
-        """What is true of each value."""
+        """True value of each measured one."""
         bench = self.bench
         assert self.found is not None
         known = {"inertia": bench.inertia, "viscous_damping": bench.viscous_damping,
