@@ -8,8 +8,8 @@ from tests.identification.drawn import table
 from tests.identification.whole_benches import accurate, drawn_whole_bench, judged, measured_whole, wrong_with
 
 
-@pytest.mark.thorough("measures 12 drawn benches through their buses", quick=1)
-@pytest.mark.parametrize("seed", [2, 3, 10, 21, 25, 28, 31, 34, 36, 37, 40, 44])
+@pytest.mark.thorough("measures 12 drawn benches through their buses")
+@pytest.mark.parametrize("seed", [3, 5, 7, 8, 10, 14, 15, 16, 17, 24, 25, 28])
 def test_a_drawn_bench_stays_within_what_was_announced(tmp_path: Path, seed: int) -> None:
     measured = measured_whole(drawn_whole_bench(seed), tmp_path)
     assert measured.failure == ""
@@ -17,8 +17,11 @@ def test_a_drawn_bench_stays_within_what_was_announced(tmp_path: Path, seed: int
     assert accurate(measured)["inertia"]
 
 
-def test_a_bound_that_was_left_is_found(tmp_path: Path) -> None:
+def test_a_rigid_bench_is_known_well_and_a_bound_that_was_left_is_found(tmp_path: Path) -> None:
     measured = measured_whole(drawn_whole_bench(2), tmp_path)
+    assert measured.failure == ""
+    assert wrong_with(measured) == []
+    assert all(accurate(measured).values())
     told = judged(measured)
     assert len(told) == 5
     assert sum(told.values()) >= 4
