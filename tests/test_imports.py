@@ -52,6 +52,7 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
+        "cli.certify": "api.certification api.provenance report.certificate_page",
         "cli.identify": "api.identification api.provenance identification report.analysis_plots",
         "cli.options": "documents.quantities planning.request protocols.registry report.drawing signals",
         "cli.bench": "api.bench clock running.watch",

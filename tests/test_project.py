@@ -372,6 +372,7 @@ SAME_QUESTION = {
     "acknowledge": "the fault of a drive that lost its master cleared, by its protocol",
     "adapter_checks": "what the system tells of an adapter, by its protocol",
     "bind": "a fresh step, its parameters bound",
+    "certify": "the command and the API behind it",
     "check_profile": "faults of a profile beyond its schema, by its protocol",
     "discrete": "the linear system that a step is",
     "draw": "a picture of what a page or a command shows",

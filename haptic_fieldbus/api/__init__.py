@@ -29,6 +29,7 @@ from haptic_fieldbus.documents.own_parts import OwnName, name_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.planning.limits import BEYOND_SHARE
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
 from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
@@ -201,12 +202,14 @@ def run_task(task: Task, trial: Trial, repeats: Provenance | None = None) -> Res
 
 
 def prepare_run(
-    task: Task, trial: Trial, repeats: Provenance | None = None, share: float = math.inf
+    task: Task, trial: Trial, repeats: Provenance | None = None, share: float = math.inf, *, beyond: bool = False
 ) -> "tuple[Session, AbstractContextManager[Site]]":
     """Check a task and its trial, and return the run and its place, of which nothing is opened yet.
 
-    The effort of each axis is at most `share` of its rated effort.
+    The effort of each axis is at most `share` of its rated effort. With `beyond`, which `certify` alone uses, the scene
+    may be above its limit, and the share is at most `BEYOND_SHARE`.
     """
+    share = min(share, BEYOND_SHARE) if beyond else share
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
     bus = task.bus or DEFAULT_BUS
@@ -225,7 +228,7 @@ def prepare_run(
         vars(error)["result"] = Result(scene=str(task.scene), drive=drive, bus=bus, rate=rate)
         raise
     try:
-        changes = _checked(plan, trial)
+        changes = _checked(plan, trial, beyond=beyond)
     except PlanError as refused:
         refused.result = known_before(plan, selection.bus.text)
         raise
@@ -376,9 +379,9 @@ def _selected(task: Task, trial: Trial) -> Selection:
     return replace(found, rig=rig, profiles=profiles)
 
 
-def _checked(plan: Plan, trial: Trial) -> "Changes | None":
-    """Refuse an unstable loop, and return the checked changes; None when there are none."""
-    if not trial.force:
+def _checked(plan: Plan, trial: Trial, *, beyond: bool) -> "Changes | None":
+    """Refuse an unstable loop unless it may be `beyond`; return the checked changes, None when there are none."""
+    if not (trial.force or beyond):
         check_stable(plan)
     nothing = trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes)
     if nothing and trial.live is None:

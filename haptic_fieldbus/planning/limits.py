@@ -135,6 +135,9 @@ STALL_TIME = 90.0
 """Time for which counts may stand still under torque before the limit falls [s]."""
 HOLDING_SHARE = 0.05
 """Holding torque, always safe for a hand, as a share of rated torque: after a stall, or without a proved guard."""
+BEYOND_SHARE = 0.2
+"""Largest torque of `certify` above the limit, by its own pulses and with nobody at the handle, as a share of rated
+torque."""
 PULSE_SHARE = 0.15
 """Largest torque before the motor direction is confirmed, as a share of rated torque; more needs a permission."""
 PULSE_EFFORT = {"linear": 5.0, "rotary": 0.25}

@@ -89,6 +89,8 @@ class Session:
     report: LoopReport = field(default_factory=LoopReport, init=False)
     """Counts of the loop, once it runs."""
     cycle: Cycle | None = field(default=None, init=False)
+    kept: Record = field(default_factory=lambda: Record((), 1), init=False, repr=False)
+    """Rows of the run, once it has begun."""
     _leading: "Leading | None" = field(default=None, init=False)
 
     def render(self, place: AbstractContextManager[Site]) -> Result:
@@ -114,7 +116,7 @@ class Session:
         enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
         kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
         room = min(cycles, kept) + enabling + 1
-        record = Record(columns(plan), room)
+        record = self.kept = Record(columns(plan), room)
         if self.live is not None:
             self.live.follow(plan, record)
         try:

@@ -353,7 +353,7 @@ def test_a_picture_of_no_run_tells_what_it_was_made_from(
 def test_every_command_that_draws_is_tried() -> None:
     commands = [cast(Any, each.callback) for each in application().registered_commands]
     drawing = {each.__name__ for each in commands if "plot" in signature(each).parameters}
-    assert drawing == {*WORDS, "run", "rehearse", "identify"}
+    assert drawing == {*WORDS, "run", "rehearse", "identify", "certify"}
 
 
 def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:

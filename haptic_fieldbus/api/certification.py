@@ -1,0 +1,277 @@
+"""Certificate of a contact on its bench: stiffness is raised in steps, each a run with all guards, and tapped.
+
+Up to the limit a person may tap by hand. Above it the drive taps, nobody holds the handle, and the effort is at most
+`BEYOND_SHARE` of rated torque. No stiffness is above a share of the onset, of the predicted one and of that which the
+taps so far have told. The motor is off between two stiffnesses.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from haptic_fieldbus.api import Trial, prepare_run
+from haptic_fieldbus.api.identification import FADE_IN, LONGEST, MeasuringLaw
+from haptic_fieldbus.assessing.looking_back import shaft_record
+from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.drive.objects import Identity
+from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
+from haptic_fieldbus.identification.certificate import FIRST_COUNTS, FIRST_STEPS, Certificate, TappedContact, Tapping
+from haptic_fieldbus.identification.experiment import Bounds
+from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft
+from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.margins.closed_loop import with_parameters
+from haptic_fieldbus.numerals import in_unit, percent, rounded_down
+from haptic_fieldbus.planning.limits import BEYOND_SHARE
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import select
+from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.running.loop import Caller
+from haptic_fieldbus.running.session import Session
+
+TOP_SHARE, LARGEST_SHARE = 0.8, 0.9
+"""Share of the onset that no stiffness exceeds, and the largest share that a caller may ask for."""
+FIRST_STEP, STEP, LAST_STEP = 0.2, 1.6, 1.05
+"""First stiffness as a share of the limit; largest ratio of neighbours, and the smallest one that is worth a run."""
+FITTED = 3
+"""Stiffnesses whose pulses are fitted: the first and the last ones."""
+PRESS_SHARE, ROOM_SHARE = 0.95, 0.3
+"""Effort of the press as a share of the effort limit, and its depth as a share of the travel behind the surface."""
+INSIDE = 0.02
+"""Part of the travel at each of its ends in which the taps end, before the run trips."""
+LONGEST_DELAY = 20.0
+"""Longest delay of an interval, in periods."""
+Question = Callable[[str], bool]
+
+
+@dataclass(frozen=True)
+class CertifyTask:
+    """Request of a caller: a scene on its bench, and how it is tapped."""
+
+    task: Task
+    by_hand: bool = False
+    """Whether a person taps up to the limit; else the drive does."""
+    share: float = TOP_SHARE
+    """Share of the onset that no stiffness exceeds."""
+    seed: int = DEFAULT_SEED
+
+
+def certify(
+    asked: CertifyTask,
+    *,
+    confirm: Question | None = None,
+    above: Question | None = None,
+    instruct: Callable[[str], None] | None = None,
+    announce: Callable[[tuple[str, ...]], None] | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Certificate:
+    """Raise the stiffness of a scene in steps, tap it, and return what was seen.
+
+    `confirm` is asked before a real drive is enabled for the first time, and `above` before the first stiffness above
+    the limit; without `above` a real bench stays below. `announce` is called before any bus is opened, `progress` with
+    each stiffness and its unit. Raises DocumentError, UsageError, PlanError, and as a run BusError, DriveFaultError or
+    SafetyTripError; the motor is off by then.
+    """
+    bench = _TappedBench(asked, confirm, above, instruct)
+    if announce is not None:
+        announce(tuple(bench.announced()))
+    for stiffness in bench.stiffnesses():
+        if progress is not None:
+            progress(stiffness, bench.unit)
+        bench.tap(stiffness)
+    return bench.certificate()
+
+
+class _TappedBench:
+    """The bench of a certificate, and what its taps have told so far."""
+
+    def __init__(
+        self, asked: CertifyTask, confirm: Question | None, above: Question | None,
+        instruct: Callable[[str], None] | None,
+    ) -> None:  # fmt: skip
+        if not 0.0 < asked.share <= LARGEST_SHARE:
+            raise UsageError(f"--share {asked.share}: expected a number above 0, up to {LARGEST_SHARE}")
+        self._asked, self._confirm, self._above, self._instruct = asked, confirm, above, instruct
+        self.plan = select(asked.task).plan
+        self.axis = axis = self.plan.axes[0]
+        group = axis.group
+        if len(self.plan.axes) != 1 or group is None or group.stiffest is None or axis.integrates:
+            raise UsageError("certify needs a scene of one axis with a stiffness, on a drive that reports its position")
+        self.group, self.element, self.unit = group, group.stiffest, axis.workspace.stiffness_unit
+        self.limit, self.predicted = group.stability.limit.value, group.stability.stiffness_limit.stable or 0.0
+        if not (self.limit > 0.0 and math.isfinite(self.predicted)):
+            raise PlanError("certify needs a contact with a limit above 0; this scene has none on this bench")
+        self.effort = min(axis.limits.effort, BEYOND_SHARE * axis.rated_effort)
+        self.top, self.ended, self._is_confirmed = asked.share * self.predicted, "", False
+        self.contacts: list[TappedContact] = []
+        self.fit: ShaftFit | None = None
+        self._session: Session | None = None
+
+    def announced(self) -> Iterator[str]:
+        """Yield what will move, how strongly and how stiffly."""
+        effort, share = in_unit(self.effort, self.axis.workspace.effort_unit), self.effort / self.axis.rated_effort
+        taps = "you tap the handle with a finger, and take the hand away" if self._asked.by_hand else "keep hands off"
+        yield (
+            f"axis {self.axis.name}: the handle moves by itself, into the contact and back, with at most {effort} "
+            f"({percent(share)} of rated torque)"
+        )
+        yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
+        yield (
+            f"above it, up to {in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset): "
+            "nobody may touch the handle"
+        )
+
+    def stiffnesses(self) -> Iterator[float]:
+        """Yield each stiffness to tap, decided after the one before."""
+        value = rounded_down(FIRST_STEP * min(self.limit, self.predicted), 3)
+        allowed = self.plan.simulated
+        while not self.ended:
+            if value > self.limit and not allowed:
+                if self._above is None or not self._above(self._question()):
+                    self.ended = "the limit, because going above it was not confirmed"
+                    return
+                allowed = True
+            yield value
+            told = math.inf if self.fit is None else self._asked.share * self._onset(self.fit.model)
+            before, value = value, min(STEP * value, self.top, told)
+            value = rounded_down(self.limit if LAST_STEP * before < self.limit < value else value, 3)
+            if not self.ended and value < LAST_STEP * before:
+                self.ended = f"{percent(self._asked.share)} of the onset, which no stiffness may exceed"
+
+    def _question(self) -> str:
+        return (
+            f"about to go above the limit of {in_unit(self.limit, self.unit)}, up to {in_unit(self.top, self.unit)}: "
+            f"the contact may begin to vibrate. At most {percent(BEYOND_SHARE)} of rated torque. Take all hands off "
+            "the handle and keep them off.\nGo on?"
+        )
+
+    def _confirmed(self, question: str) -> bool:
+        """Return whether torque may be enabled; a person is asked once."""
+        self._is_confirmed = self._is_confirmed or (self._confirm is not None and self._confirm(question))
+        return self._is_confirmed
+
+    def tap(self, stiffness: float) -> None:
+        """Tap the contact at a stiffness in a run of its own, and keep what it told."""
+        law = self._law(stiffness)
+        if law is None:
+            return
+        record = self._conducted(law, stiffness)
+        if law.failure and not law.grew:
+            raise SafetyTripError(f"{law.failure}; torque is off")
+        self.contacts.append(TappedContact(stiffness, law.growth, law.by_hand, record))
+        if law.grew:
+            self.ended = f"growth: at {in_unit(stiffness, self.unit)} {law.failure}"
+        pulses = [each.record for each in self.contacts if not each.by_hand]
+        with suppress(ValueError):  # too few samples, or nothing moved: these taps tell no shaft
+            self.fit = fit_shaft([*pulses[:1], *pulses[1:][1 - FITTED :]], self.fit.model if self.fit else None)
+
+    def _law(self, stiffness: float) -> Tapping | None:
+        """Return the law of the taps; None where a swing would have too few counts or torque steps.
+
+        A stiffer contact may have enough of them if the travel limits the press.
+        """
+        axis, limits, plant = self.axis, self.axis.limits, self.group.members[0].plant
+        low, high = limits.position or (-math.inf, math.inf)
+        side = -1.0 if getattr(self.element, "side", "positive") == "negative" else 1.0
+        surface = float(getattr(self.element, "position", 0.0))
+        room = ROOM_SHARE * (high - surface if side > 0.0 else surface - low) * stiffness
+        press = min(PRESS_SHARE * self.effort, room)
+        least = max(FIRST_COUNTS * axis.resolution, FIRST_STEPS * axis.effort_unit / stiffness)
+        if press / stiffness < 1.5 * least:
+            few = "resolution: the swings of a stiffer contact have too few encoder counts or torque steps"
+            self.ended = few if press < room else ""
+            return None
+        inside = INSIDE * (high - low) if limits.position else 0.0
+        bounds = Bounds(
+            self.plan.period, axis.resolution, low + inside, high - inside, limits.speed, self.effort,
+            limits.acceleration,
+        )  # fmt: skip
+        law = Tapping(bounds, plant.mass, plant.coulomb, axis.delay.total + self.plan.period)
+        law.surface, law.press, law.least = surface, side * press, least
+        law.by_hand = self._asked.by_hand and stiffness <= self.limit
+        return law
+
+    def _conducted(self, law: Tapping, stiffness: float) -> ShaftRecord:
+        """Conduct the taps in a run, and return the record of press and taps."""
+        task, name = self._asked.task, self.axis.name
+        rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig or self.plan.rig
+        limits = replace(rig.axis[name].limits, effort=self.effort)
+        rig = replace(rig, axis={**rig.axis, name: replace(rig.axis[name], limits=limits)})
+        varied = [
+            with_parameters(each, {"stiffness": stiffness}) if each is self.element else each
+            for each in self.plan.scene.elements
+        ]
+        scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, [True], self.effort, "taps")))
+        hand = "tap" if law.by_hand else "none"
+        trial = Trial(
+            duration=LONGEST, hand=hand, fade_in=FADE_IN, seed=self._asked.seed, confirm=self._confirmed,
+            instruct=self._instruct,
+        )  # fmt: skip
+        task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
+        self._session, place = prepare_run(task, trial, beyond=stiffness > self.limit)
+        session, caller = self._session, Caller()
+        steps = session.steps(place, caller)
+        try:
+            while True:
+                next(steps)
+                if session.cycle is None:  # confirmed, and not yet enabled
+                    continue
+                state = session.cycle.axes[name].state
+                if state.permitted_ns is not None and session.cycle.t_ns - state.permitted_ns >= 1e9 * FADE_IN:
+                    law.advance(state.position)
+                caller.stopping = law.done
+        except StopIteration as end:
+            if end.value.stopped is not None:
+                raise KeyboardInterrupt from None
+        if not law.done:
+            raise SafetyTripError("the taps were ended before the last one; torque is off")
+        whole = shaft_record(self.axis, self.plan.period, session.kept, session.report.enabled_at_ns or 0)
+        first = len(whole.positions) - law.periods
+        part = slice(first + law.first, first + law.last)
+        return replace(whole, positions=whole.positions[part], torques=whole.torques[part])
+
+    # What the taps tell.
+
+    def _onset(self, model: ShaftModel) -> float:
+        """Return the onset of the scene on a shaft [N/m or N·m/rad]."""
+        (member,), square = self.group.members, self.axis.rig.mechanism.ratio**2
+        mass, damping = model.inertia / square, model.damping / square
+        plant = replace(member.plant, mass=mass, damping=damping, torque_lag=model.lag)
+        delay = min(max(model.delay, 0.0), LONGEST_DELAY * self.plan.period)
+        group = replace(self.group, members=(replace(member, plant=plant, delay=delay, ranges=None),))
+        return group.loop.limit(lambda stiffness: group.environment(stiffness=stiffness))
+
+    def _told_onset(self) -> Estimate | None:
+        """Return the onset with its interval.
+
+        The ends of damping and delay are taken one by one, and their distances added as squares. Both estimates vary
+        together, because the taps tell their difference best, so the interval is rather too wide.
+        """
+        if self.fit is None:
+            return None
+        model, (damping, delay) = self.fit.model, map(self.fit.values.__getitem__, ("viscous_damping", "delay_and_lag"))
+        value = self._onset(model)
+        ends = [
+            math.hypot(
+                value - self._onset(replace(model, damping=b)), value - self._onset(replace(model, delay=d - model.lag))
+            )
+            for b, d in ((damping.low, delay.high), (damping.high, delay.low))
+        ]
+        return Estimate(value, max(value - ends[0], 0.0), value + ends[1], self.unit, damping.reason or delay.reason)
+
+    def certificate(self) -> Certificate:
+        """Return what was seen."""
+        plan, session = self.plan, self._session
+        drive = Identity() if plan.simulated or session is None else session.identities[self.axis.name]
+        serial, firmware = (number and f"{number:#010x}" for number in (drive.serial, drive.revision))
+        bench: dict[str, object] = {
+            "rig": plan.rig.source or None, "drive": self.axis.profile.title, "serial": serial, "firmware": firmware,
+            "bus": "simulated" if plan.simulated else self.axis.bus_name, "rate_hz": plan.rate,
+            "basis": self.group.stability.limit.basis.value,
+        }  # fmt: skip
+        return Certificate(
+            plan.scene.name, self.element.name, self.unit, self.limit, self.predicted, tuple(self.contacts),
+            self._told_onset(), self.ended, bench, datetime.now().astimezone().isoformat(timespec="seconds"),
+        )  # fmt: skip

@@ -1,0 +1,278 @@
+"""Taps against a contact, the growth of its own oscillation, and the certificate that rests on them.
+
+Theory. A handle that is pressed into a wall of the stiffness K by a constant effort P, both of the same motor, rests
+P/K inside it, where the motor gives nothing. It swings about this place as on a spring, and stays in contact while its
+swing is below P/K. A tap lowers the effort until the handle turns, and restores it. The handle then swings freely.
+
+Growth is the ratio of a swing, from one turning point to the next, to the swing one period before. Viscous damping and
+delay multiply the swing, and near the onset of instability the ratio goes to 1. Coulomb friction takes the same way of
+each swing, so the ratio that is seen is below that of the linear contact. Therefore the onset is not extrapolated from
+the growth alone: the shaft model, with friction in it, is fitted to all taps (`fit`), and the onset is that of the
+scene on the fitted shaft.
+
+All quantities are in the workspace of the axis: m, N and kg, or rad, N·m and kg·m².
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import takewhile
+
+from haptic_fieldbus.identification.experiment import Bounds, ExperimentError, GuidedMotion, Stage
+from haptic_fieldbus.identification.fit import Estimate, ShaftRecord
+from haptic_fieldbus.numerals import OutputRow, in_unit, rounded, with_interval
+
+TAPS = 2
+"""Taps at each stiffness."""
+LOWERED = 0.45
+"""Share of the effort that a tap takes away; the swing is twice this share, so that contact stays."""
+RAMP_TIME = 1.0
+"""Time in which the effort rises, and falls at the end [s]."""
+STILL_TIME, STILL_PERIODS, STILL_COUNTS, STILL_SHARE = 0.12, 8, 2.0, 0.25
+"""A handle is at rest that moved for this time [s], or these periods, by at most so many counts, or by this share of
+the smallest swing that is judged."""
+LISTENING = 5.0
+"""Longest time of the swings after a tap [s]."""
+FIRST_COUNTS, FIRST_STEPS = 16.0, 10.0
+"""Smallest swing beside which a later one is judged: in counts, and in steps of the drive's torque."""
+TURN_COUNTS = 3.0
+"""Way back that shows a turning point [counts]."""
+WELL_DAMPED = 0.9
+"""Largest growth per period of a contact that is called well damped."""
+
+
+class Swings:
+    """Turning points of a motion, and the growth of its swings."""
+
+    def __init__(self, resolution: float, least: float, begin: float | None = None) -> None:
+        self.turns: list[float] = [] if begin is None else [begin]
+        """Turning points; the motion may have begun at one."""
+        self._turn, self._least = max(TURN_COUNTS * resolution, STILL_SHARE * least), least
+        self._side, self._extreme = 0.0, math.nan
+
+    def take(self, place: float) -> float | None:
+        """Take a position; return the growth per period when it shows a turning point that completes one, else None."""
+        if not self._side:
+            self._extreme = place if math.isnan(self._extreme) else self._extreme
+            if abs(place - self._extreme) >= self._turn:
+                self._side, self._extreme = math.copysign(1.0, place - self._extreme), place
+            return None
+        if self._side * (self._extreme - place) < self._turn:
+            self._extreme = max(self._extreme, place, key=lambda each: self._side * each)
+            return None
+        self.turns.append(self._extreme)
+        self._side, self._extreme = -self._side, place
+        if len(self.turns) < 4:
+            return None
+        before, after = abs(self.turns[-3] - self.turns[-4]), abs(self.turns[-1] - self.turns[-2])
+        return after / before if before >= self._least else None
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the first swing is large enough to judge a later one."""
+        return bool(self.turns) and abs([*self.turns, self._extreme][1] - self.turns[0]) >= self._least
+
+
+class Tapping(GuidedMotion):
+    """Press the handle into the contact of a scene, tap it, and lead it back to where it was."""
+
+    def __init__(self, bounds: Bounds, mass: float, friction: float, delay: float) -> None:
+        super().__init__(bounds, mass, friction, 0.0, delay)
+        self.stage = "surface"
+        self.surface = 0.0
+        """Place where the contact begins."""
+        self.press = 0.0
+        """Effort that presses, positive towards positive positions."""
+        self.least = FIRST_COUNTS * bounds.resolution
+        """Smallest swing beside which a later one is judged."""
+        self.by_hand = False
+        """Whether a person taps, who has the time of all taps."""
+        self.growth: float | None = None
+        """Largest growth per period so far; None while no swing was large enough."""
+        self.rests = False
+        """Whether the handle was at rest at the end of what was listened to."""
+        self.periods = self.first = self.last = 0
+        """Periods of this law, the first of the press, and the end of the last tap."""
+        self._present = 0.0
+
+    def effort(self, position: float) -> float:
+        """Return the present effort, however often it is asked for."""
+        return self._present
+
+    def advance(self, position: float) -> None:
+        """Go on to the next period."""
+        self.periods += 1
+        if self.stage in ("press", "tap"):
+            self.last = self.periods
+        self._present = super().effort(position)
+
+    def _all(self) -> Stage:
+        begin = self.place
+        yield from self._lead(self.surface)
+        self.stage, self.first = "press", self.periods
+        yield from self._ramp(0.0, self.press)
+        yield from self._listen(self._swings())
+        self.stage = "tap"
+        if self.by_hand:
+            yield from self._listen(self._swings(), TAPS * LISTENING)
+        for _ in range(0 if self.by_hand else TAPS):
+            if self.rests:  # one that still swings tells enough
+                yield from self._tap()
+        self.stage = "back"
+        yield from self._ramp(self.press, 0.0)
+        yield from self._lead(begin)
+
+    @property
+    def grew(self) -> bool:
+        """Whether a swing was as large as the one a period before."""
+        return self.growth is not None and self.growth >= 1.0
+
+    def _lead(self, goal: float) -> Stage:
+        """Lead the handle to a place, gently, and stop there."""
+        begin, way = self.place, goal - self.place
+        time = max(0.3, math.pi * abs(way) / (0.4 * self.bounds.speed), 5.0 * math.sqrt(abs(way) / self._acceleration))
+        for k in range(count := round(time / self.bounds.period)):
+            turn, rate = math.pi * k / count, math.pi / time
+            yield self._led(
+                begin + 0.5 * way * (1.0 - math.cos(turn)), 0.5 * way * rate * math.sin(turn),
+                0.5 * way * rate * rate * math.cos(turn),
+            )  # fmt: skip
+            self._check()
+
+    def _ramp(self, begin: float, end: float) -> Stage:
+        for k in range(count := max(1, round(RAMP_TIME / self.bounds.period))):
+            yield begin + 0.5 * (end - begin) * (1.0 - math.cos(math.pi * k / count))
+            self._check()
+
+    def _tap(self) -> Stage:
+        """Lower the effort until the handle turns or rests, restore it, and listen."""
+        lowered = self._swings()
+        for _ in self._until_rest():
+            lowered.take(self.place)
+            if lowered.turns:
+                break
+            yield (1.0 - LOWERED) * self.press
+            self._check()
+        yield from self._listen(self._swings([*lowered.turns, self.place][0]))
+
+    def _listen(self, swings: Swings, least: float = 0.0) -> Stage:
+        """Press until the handle is at rest, for `least` [s] at least; raises ExperimentError when a swing grows."""
+        for _ in self._until_rest(least):
+            growth = swings.take(self.place)
+            if growth is not None:
+                self.growth = max(growth, self.growth or 0.0)
+            if self.grew:
+                raise ExperimentError(f"a swing was {rounded(growth or 0.0)} times as large as the one a period before")
+            yield self.press
+            self._check()
+        if swings.is_large:
+            self.growth = self.growth or 0.0
+
+    def _swings(self, begin: float | None = None) -> Swings:
+        return Swings(self.bounds.resolution, self.least, begin)
+
+    def _until_rest(self, least: float = 0.0) -> Iterator[None]:
+        """Yield once a period until the handle is at rest, for `least` [s] at least."""
+        period, still, anchor = self.bounds.period, 0, self.place
+        moved = max(STILL_COUNTS * self.bounds.resolution, STILL_SHARE * self.least)
+        self.rests, resting = False, max(STILL_PERIODS, round(STILL_TIME / period))
+        for number in range(round(max(LISTENING, least) / period)):
+            still += 1
+            if abs(self.place - anchor) > moved:
+                still, anchor = 0, self.place
+            if still >= resting and number >= round(least / period):
+                self.rests = True
+                return
+            yield
+
+
+@dataclass(frozen=True)
+class TappedContact:
+    """One stiffness of a certificate, and how the contact swung."""
+
+    stiffness: float
+    """[N/m or N·m/rad]"""
+    growth: float | None
+    """Largest growth per period that was seen; 0: no second swing; None: no swing was large enough."""
+    by_hand: bool
+    record: ShaftRecord = field(repr=False)
+
+    def text(self, unit: str) -> str:
+        """Return the stiffness and its growth in words."""
+        growth = f"growth {rounded(self.growth)} per period" if self.growth else "no second swing"
+        growth = "no swing was large enough" if self.growth is None else growth
+        taps = "taps by hand" if self.by_hand else f"{TAPS} pulses"
+        return f"{in_unit(self.stiffness, unit)}: {growth}, {taps}"
+
+    @property
+    def is_well_damped(self) -> bool:
+        """Whether swings were seen, and each was well below the one a period before."""
+        return self.growth is not None and self.growth <= WELL_DAMPED
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Result of taps on a scene and its bench."""
+
+    scene: str
+    element: str
+    """Element whose stiffness was raised."""
+    unit: str
+    """Of the stiffness."""
+    limit: float
+    predicted: float
+    """Onset of instability at the values of rig and profile; infinite for a contact that is always stable."""
+    contacts: tuple[TappedContact, ...]
+    onset: Estimate | None
+    """Onset that follows from the taps; None when no pulse told it."""
+    ended: str
+    """Why no higher stiffness was tried."""
+    bench: dict[str, object]
+    """Rig, drive and bus, as in JSON."""
+    date: str
+
+    @property
+    def seen(self) -> float | None:
+        """Largest stiffness that was well damped, as all below it that swung; None when there is none."""
+        swung = [each for each in self.contacts if each.growth is not None]
+        damped = list(takewhile(lambda each: each.is_well_damped, swung))
+        return damped[-1].stiffness if damped else None
+
+    @property
+    def contradiction(self) -> str:
+        """Sentence about a predicted onset outside of the interval; empty without one."""
+        found = self.onset
+        if found is None or found.low <= self.predicted <= found.high:
+            return ""
+        side = "below" if found.high < self.predicted else "above"
+        bench = "the bench is not the one that the rig describes; measure it with haptic-fieldbus identify"
+        return f"the onset is {side} the predicted {in_unit(self.predicted, self.unit)}: {bench}"
+
+    def rows(self) -> Iterator[OutputRow]:
+        """Yield what text, JSON and picture show."""
+        found, unit, told, seen = self.onset, self.unit, self.bench, self.seen
+        numbers = "".join(f", {key} {told[key]}" for key in ("serial", "firmware") if told[key] is not None)
+        yield OutputRow("drive", [f"{told['drive']}{numbers}, {told['bus']} at {told['rate_hz']:g} Hz"])
+        yield OutputRow("rig", [f"{told['rig'] or 'shipped bench'}, values {told['basis']}"], "bench", told)
+        yield OutputRow("date", [self.date], "date", self.date)
+        yield OutputRow("contact", [f"{self.element} of the scene {self.scene}"], "scene", self.scene)
+        yield OutputRow("tapped", [each.text(unit) for each in self.contacts], detail=True)
+        text = "no stiffness" if seen is None else in_unit(seen, unit)
+        yield OutputRow("seen", [f"{text} well damped (growth per period at most {WELL_DAMPED})"], "seen", seen)
+        text, onset = "not told by these taps", None
+        if found is not None:
+            onset = {key: _finite(getattr(found, key)) for key in ("value", "low", "high")}
+            reason = f"; {found.reason}" if found.reason else ""
+            text = f"{with_interval(found.value, found.low, found.high, unit)}, extrapolated{reason}"
+        yield OutputRow("onset", [text], "onset", onset)
+        yield OutputRow("predicted", [f"onset {in_unit(self.predicted, unit)}"], "predicted", self.predicted)
+        yield OutputRow("limit", [in_unit(self.limit, unit)], "limit", self.limit)
+        yield OutputRow("ended by", [self.ended], "ended", self.ended)
+        yield OutputRow("warning", filter(None, [self.contradiction]), "unit", unit)
+        keys = ("stiffness", "growth", "by_hand")
+        tapped = [{key: getattr(each, key) for key in keys} for each in self.contacts]
+        yield OutputRow(key="contacts", value=tapped)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

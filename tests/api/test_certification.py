@@ -1,0 +1,219 @@
+"""`certify` on simulated benches that their rigs describe badly, and on a bus that the rig calls real."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.api import Trial, certification, prepare_run
+from haptic_fieldbus.api.certification import CertifyTask, certify
+from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.errors import PlanError, SafetyTripError, UnstableSceneError, UsageError
+from haptic_fieldbus.identification.certificate import Tapping
+from haptic_fieldbus.identification.fit import fit_shaft
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.running.session import Site
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
+from tests.api.certified import certified, drawn_bench
+from tests.api.test_identification import rig_text
+
+SLOW = 250.0
+"""A rate at which a certificate takes little computing time [Hz]."""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(drawn_bench(1).text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.thorough("certifies 13 drawn benches", quick=("250.0-1",))
+@pytest.mark.parametrize(("rate", "seed"), [(SLOW, 1), *((None, seed) for seed in range(12))])
+def test_the_onset_of_a_bench_that_its_rig_describes_badly_is_told_and_not_reached(
+    bench: Path, rate: float | None, seed: int
+) -> None:
+    found, onset = certified(seed, bench, rate)
+    assert found.onset is not None
+    assert max(each.stiffness for each in found.contacts) < onset
+    if found.onset.reason:
+        assert found.onset.low <= onset <= found.onset.high
+    else:
+        assert found.onset.value == pytest.approx(onset, rel=0.1)
+    assert found.seen is not None
+    assert found.seen <= 0.8 * min(found.predicted, 1.1 * onset)
+
+
+def stopping(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no run begin."""
+
+    def stop(*_: object, **words: object) -> object:
+        raise SafetyTripError("stopped by the test")
+
+    monkeypatch.setattr(certification, "prepare_run", stop)
+
+
+def test_the_effort_is_announced_and_at_most_a_fifth_of_rated_torque(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    stopping(monkeypatch)
+    with pytest.raises(SafetyTripError):
+        certify(CertifyTask(Task("wall", bench, rate=SLOW)), announce=told.extend)
+    text = " ".join(told)
+    for part in ("10.1 N (20 % of rated torque)", "keep hands off", "80 % of the predicted onset", "nobody may touch"):
+        assert part in text
+    narrow = bench.read_text(encoding="utf-8").replace("[axis.handle.limits]", "[axis.handle.limits]\neffort = 2.0")
+    bench.write_text(narrow, encoding="utf-8")
+    with pytest.raises(SafetyTripError):
+        certify(CertifyTask(Task("wall", bench), by_hand=True), announce=told.extend)
+    assert "at most 2 N" in " ".join(told)
+    assert "you tap the handle with a finger" in " ".join(told)
+
+
+@pytest.mark.parametrize(
+    ("scene", "words", "error", "complaint"),
+    [
+        ("wall", {"share": 0.95}, UsageError, r"--share 0\.95: expected a number above 0, up to 0\.9"),
+        ("wall", {"share": 0.0}, UsageError, "expected a number above 0"),
+        ("virtual_shaft", {}, PlanError, "needs the axis"),
+        ("damper", {}, UsageError, "a scene of one axis with a stiffness"),
+    ],
+)
+def test_what_cannot_be_certified_is_refused(
+    bench: Path, scene: str, words: dict[str, float], error: type[Exception], complaint: str
+) -> None:
+    with pytest.raises(error, match=complaint):
+        certify(CertifyTask(Task(scene, bench), **words))  # type: ignore[arg-type]
+
+
+def test_a_bench_without_a_known_limit_is_refused(bench: Path) -> None:
+    text = bench.read_text(encoding="utf-8").splitlines()
+    bench.write_text("\n".join(line for line in text if not line.startswith("viscous_damping")), encoding="utf-8")
+    with pytest.raises(PlanError, match=r"lacks axis\.handle\.viscous_damping"):
+        certify(CertifyTask(Task("wall", bench)))
+
+
+def test_only_a_certificate_goes_above_the_limit_and_with_a_fifth_of_rated_torque(bench: Path) -> None:
+    task = Task("wall", bench, settings={"wall.stiffness": 1e5})
+    with pytest.raises(UnstableSceneError):
+        prepare_run(task, Trial(hand="none"))
+    session, _ = prepare_run(task, Trial(hand="none"), beyond=True)
+    (axis,) = session.plan.axes
+    assert axis.limits.effort == pytest.approx(0.2 * axis.rated_effort)
+
+
+# A bus that the rig calls real.
+
+
+@pytest.fixture
+def real(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A rig with a real bus, behind which simulated drives are, in virtual time."""
+    text = rig_text().replace("haptic_sim", "socketcan").replace("3.0e-4", "1.0e-4")
+    bench.write_text(text, encoding="utf-8")
+
+    @contextmanager
+    def behind(plan: Plan, *_: object) -> Iterator[Site]:
+        clock = VirtualClock()
+        world = World(clock, 1_000_000, 0)
+        for axis in plan.axes:
+            world.add_drive(axis.node, axis.profile, axis.rig)
+        bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
+        yield Site(clock, {"here": bus}, {}, "")
+
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", behind)
+    return bench
+
+
+def test_a_real_bench_is_asked_once_and_again_above_the_limit(real: Path) -> None:
+    asked: list[str] = []
+    above: list[str] = []
+
+    def refuse(question: str) -> bool:
+        above.append(question)
+        return False
+
+    def agree(question: str) -> bool:
+        asked.append(question)
+        return True
+
+    found = certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=agree, above=refuse)
+    assert len(asked) == 1
+    assert "at most 20 % of rated torque" in asked[0]
+    assert len(above) == 1
+    assert "above the limit of" in above[0]
+    assert "Take all hands off" in above[0]
+    assert max(each.stiffness for each in found.contacts) == found.limit
+    assert found.ended == "the limit, because going above it was not confirmed"
+    assert found.bench["serial"] is not None
+    assert found.bench["bus"] == "socketcan:bench@1000000"
+
+
+def test_a_real_bench_that_is_not_confirmed_is_not_enabled(real: Path) -> None:
+    with pytest.raises(UsageError, match="not enabled"):
+        certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: False)
+
+
+def test_taps_by_hand_tell_no_onset_and_end_at_the_limit_without_a_confirmation(
+    real: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("haptic_fieldbus.identification.certificate.LISTENING", 0.3)
+    found = certify(CertifyTask(Task("wall", real, rate=SLOW), by_hand=True), confirm=lambda question: True)
+    assert all(each.by_hand for each in found.contacts)
+    assert found.onset is None
+
+
+# What ends a certificate.
+
+
+def test_a_contact_that_grows_ends_it(bench: Path) -> None:
+    """The rig states sixty times the true damping."""
+    bench.write_text(rig_text("viscous_damping = 5.0e-6", "coulomb_friction = 4.0e-4"), encoding="utf-8")
+    found = certify(CertifyTask(Task("wall", bench)))
+    assert found.ended.startswith("growth: at ")
+    assert (len(found.contacts), found.seen) == (1, None)
+    assert found.contradiction.startswith("the onset is below the predicted")
+
+
+def test_a_handle_that_leaves_its_travel_ends_it(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(certification, "ROOM_SHARE", 5.0)
+    with pytest.raises(SafetyTripError, match=r"would have left the announced travel .* torque is off"):
+        certify(CertifyTask(Task("wall", bench, rate=SLOW)))
+
+
+def test_a_contact_whose_swings_have_too_few_counts_is_not_tapped(bench: Path) -> None:
+    text = bench.read_text(encoding="utf-8")
+    bench.write_text(text.replace("encoder_counts_per_revolution = ", "encoder_counts_per_revolution = 24 #"), "utf-8")
+    found = certify(CertifyTask(Task("wall", bench, rate=SLOW)))
+    assert found.ended.startswith("resolution")
+    assert (found.seen, found.onset) == (None, None)
+
+
+def test_taps_that_tell_no_shaft_leave_the_onset_open(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> object:
+        return fit_shaft([])
+
+    monkeypatch.setattr(certification, "fit_shaft", none)
+    monkeypatch.setattr(certification, "STEP", 10.0)
+    assert certify(CertifyTask(Task("wall", bench, rate=SLOW))).onset is None
+
+
+def test_a_signal_ends_it(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def raised(self: Tapping) -> object:
+        signal.raise_signal(signal.SIGINT)
+        yield 0.0
+
+    monkeypatch.setattr(Tapping, "_all", raised)
+    with pytest.raises(KeyboardInterrupt):
+        certify(CertifyTask(Task("wall", bench, rate=SLOW)))
+
+
+def test_a_run_that_is_over_before_its_taps_is_a_trip(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(certification, "LONGEST", 0.5)
+    with pytest.raises(SafetyTripError, match="the taps were ended before the last one"):
+        certify(CertifyTask(Task("wall", bench, rate=SLOW)))
