@@ -27,6 +27,7 @@ LOWERED = f"{CYCLE}standstill.py::test_at_the_limit_the_force_is_lowered_slowly_
 
 FORGIVEN = f"{SYSTEM}energy_in_gaps.py::test_no_scene_of_the_library_trips_by_energy_in_gaps"
 ALONE = f"{CYCLE}energy_in_gaps.py::test_a_handle_that_is_left_alone_is_given_no_power_that_is_felt"
+CERTIFIED = "tests/api/test_certification.py::test_the_onset_of_a_bench_that_its_rig_describes_badly_"
 LIMIT = "tests/planning/test_limit_of_a_plan.py::test_"
 TESTS: dict[int, dict[str, str]] = {
     20: {},
@@ -99,8 +100,7 @@ TESTS: dict[int, dict[str, str]] = {
     77: {},
     78: {},
     79: {
-        "at most 80 % of the predicted": "tests/api/test_certification.py::test_the_onset_of_a_bench_that_its_rig_describes"
-        "_badly_is_told_and_not_reached",
+        "at most 80 % of the predicted": f"{CERTIFIED}is_told_and_not_reached",
     },
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
