@@ -112,6 +112,8 @@ DOES_WITHOUT = {
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
         "running.session": "running.direction running.guard_proof running.rights",
+        "buses.canopen.access": "protocols.canopen.upload",
+        "running.session": "assessing.looking_back running.direction running.guard_proof running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },
 }

@@ -198,6 +198,7 @@ def run_task(task: Task, trial: Trial, repeats: Provenance | None = None) -> Res
     `repeats` is the provenance of the run that the task repeats; its texts come from there.
     """
     session, place = prepare_run(task, trial, repeats)
+    session.looks_back = repeats is None and isinstance(task.rig, str | Path)
     return session.render(place)
 
 

@@ -1,15 +1,55 @@
-"""Look back on an ordinary run: what its record shows of the bench on which its plan rests."""
+"""Look back on an ordinary run: what its record shows of the bench on which its plan rests.
+
+Theory. A second difference of positions over ±w is the mean acceleration under a triangle. Under the same triangle the
+means of torque, speed and direction satisfy J·a = u − b·v − c·s + g, whatever the scene is. A least-squares fit over a
+window gives J, b, c and a constant g, if torque varies in it, as in a bounce, a decay in a contact, or a start from a
+spring. A window counts only if it leaves no more than the noise of the encoder: a hand that pulls or pushes in it
+leaves much more.
+
+A hand that only holds the handle adds inertia and damping, and no window shows it. Therefore a value that is larger
+than the known one says nothing, and a smaller one contradicts it. The delay is the longest one that is open: a
+longer delay makes the damping that is seen larger. `WINDOWS` windows must contradict with three standard deviations.
+
+What contradicts is noted in the rig (`drive.rig.Contradicted`), and the next plan rests on it (`planning.known_bench`).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from haptic_fieldbus.assessing.loop_report import Record
+from haptic_fieldbus.documents.edits import edit_file, with_table
+from haptic_fieldbus.drive.rig import Contradicted
 from haptic_fieldbus.identification.fit import ShaftRecord
+from haptic_fieldbus.numerals import in_unit
+from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.known_bench import evidence_digest
+from haptic_fieldbus.planning.plan import Plan
+
+WINDOW, HOP, HALF = 0.3, 0.025, 0.012
+"""Length of a window, distance of their beginnings, and half width of a triangle [s]."""
+FEWEST = 3
+"""Fewest periods in half a triangle; and counts of motion in it."""
+NOISE, NOISE_SHARE = 1.5, 0.02
+"""Largest residual of a window: in standard deviations of the encoder's noise, or as a share of the accelerations."""
+EXCITED = 0.05
+"""Largest relative standard deviation of the inertia of a window that counts."""
+SPREADS, WINDOWS = 3.0, 2
+"""Standard deviations of an interval, and windows that must contradict."""
+UNITS = {"inertia": "kg·m²", "viscous_damping": "N·m·s/rad"}
+WORDS = {"inertia": "an inertia", "viscous_damping": "a damping"}
 
 
 def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> ShaftRecord:
     """Return the record of an axis at its motor shaft since `begin_ns`; missing samples are drawn as straight lines."""
     since = rows.column("t_ns") >= begin_ns
+    if not since.any():
+        return ShaftRecord(period, (), (), axis.resolution / axis.rig.mechanism.ratio)
     times_ns, position, command = (
         rows.column(name)[since] for name in ("t_ns", f"{axis.name}.position", f"{axis.name}.command")
     )
@@ -18,3 +58,113 @@ def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> 
     positions = np.interp(grid, places, position) / ratio
     torques = command[np.searchsorted(places, grid, side="right") - 1] * ratio
     return ShaftRecord(period, tuple(positions.tolist()), tuple(torques.tolist()), axis.resolution / ratio)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A value that windows of a run show, at the motor shaft, with its interval of three standard deviations."""
+
+    value: float
+    low: float
+    high: float
+
+
+def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Seen]]:
+    """Yield inertia and damping of each window that counts; `delay` [s] is that of the set-points, with lag."""
+    period, resolution = record.period, record.resolution
+    y, w = np.array(record.positions), max(FEWEST, round(HALF / period))
+    length, hop = round(WINDOW / period), max(1, round(HOP / period))
+    if len(y) < length + 2 * w:
+        return
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]))]) * period
+    after, before = y[2 * w :] - y[w:-w], y[w:-w] - y[: -2 * w]
+    bend = (after - before) / (w * period) ** 2
+    speed = (way[2 * w :] - 2.0 * way[w:-w] + way[: -2 * w]) / (w * period) ** 2
+    triangle = np.concatenate([np.arange(1, w + 1), np.arange(w - 1, 0, -1)]) / w**2
+    # A set-point acts from its sample on, so its middle is half a period later.
+    acting = np.interp(np.arange(len(y)) - 0.5 - delay / period, np.arange(len(y)), record.torques)
+    torque = np.convolve(acting, triangle, "valid")[1 : len(bend) + 1]
+    rows = np.column_stack([torque, speed, np.sign(speed), np.ones(len(bend))])
+    moving = (after * before > 0.0) & (np.minimum(abs(after), abs(before)) > FEWEST * resolution)
+    noise = resolution * np.sqrt(0.5) / (w * period) ** 2
+    for first in range(0, len(bend) - length + 1, hop):
+        here = np.arange(first, first + length)[moving[first : first + length]]
+        if 2 * len(here) >= length:
+            yield from _fitted(rows[here], bend[here], float(noise), 0.5 * w)
+
+
+def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[Mapping[str, Seen]]:
+    """Yield the values of a window, if it counts; `alike` neighbouring rows count as one."""
+    turned = np.ptp(rows[:, 2]) > 0.0
+    rows = rows if turned else rows[:, [0, 1, 3]]
+    scales = np.maximum(np.abs(rows).max(axis=0), 1e-300)
+    found = np.linalg.lstsq(rows / scales, bend, rcond=None)[0] / scales
+    left = float(np.sqrt(np.mean((bend - rows @ found) ** 2)))
+    if left > max(NOISE * noise, NOISE_SHARE * float(np.sqrt(np.mean(bend**2)))):
+        return
+    inverse = np.linalg.pinv((rows / scales).T @ (rows / scales))
+    spread = max(left, noise) * np.sqrt(alike * np.diag(inverse)) / scales
+    if not 0.0 < spread[0] < EXCITED * found[0]:
+        return
+    inertia = 1.0 / found[0]
+    damping, wide = -inertia * found[1], SPREADS * inertia * np.array([inertia * spread[0], spread[1]])
+    values = ((inertia, wide[0]), (damping, wide[1]))
+    yield {key: Seen(*(max(float(f"{each:.6g}"), 0.0) for each in (value, value - half, value + half)))
+           for key, (value, half) in zip(UNITS, values, strict=True)}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """A value of a bench that a run contradicts."""
+
+    axis: str
+    key: str
+    known: float
+    basis: str
+    seen: Seen
+
+    def text(self) -> str:
+        """Return the sentence with both values."""
+        unit, name = UNITS[self.key], f"axis {self.axis}"
+        low, high = in_unit(self.seen.low, unit), in_unit(self.seen.high, unit)
+        return (
+            f"{name}: this run shows {WORDS[self.key]} of {low} to {high}, the rig has {in_unit(self.known, unit)} "
+            f"({self.basis}). Until the rig or the measurement changes, the limit rests on what was seen; measure the "
+            "bench with haptic-fieldbus identify"
+        )
+
+
+def contradictions(plan: Plan, rows: Record, begin_ns: int) -> Iterator[Contradiction]:
+    """Yield each value of a bench that the record contradicts: at least `WINDOWS` windows lie below its region."""
+    for axis in plan.axes:
+        if axis.integrates or axis.plant is None:
+            continue
+        delay = axis.delay.range[1] + 1.4 * axis.delay.torque_loop
+        # While the force fades in, a hand that takes hold rises with it.
+        since_ns = begin_ns + round(1e9 * (axis.limits.fade_in + WINDOW))
+        windows = list(seen_values(shaft_record(axis, plan.period, rows, since_ns), delay))
+        for place, key in enumerate(UNITS):
+            known = getattr(axis.bench, key)
+            below = [each[key] for each in windows if each[key].high < axis.bench.shares[place][0] * known]
+            if len(below) >= WINDOWS:
+                best = min(below, key=lambda each: each.high - each.low)
+                yield Contradiction(axis.name, key, known, axis.bench.basis.value, best)
+
+
+def noted(plan: Plan, found: Iterator[Contradiction]) -> Iterator[str]:
+    """Write contradictions into the rig file, and yield a sentence for each and for what could not be written."""
+    notes: dict[str, Contradicted] = {}
+    for each in found:
+        yield each.text()
+        note = notes.get(each.axis, Contradicted(simulated=plan.simulated))
+        shown: dict[str, Any] = {each.key: each.seen.value, f"{each.key}_interval": (each.seen.low, each.seen.high)}
+        notes[each.axis] = replace(note, **shown)
+    for name, note in notes.items():
+        note = replace(note, date=datetime.now().astimezone().isoformat(timespec="seconds"))
+        note = replace(note, digest=evidence_digest(plan.axis(name).rig, note))
+        values = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(note).items()}
+        known = {key: value for key, value in values.items() if value is not None}
+        try:
+            edit_file(plan.rig.source, partial(with_table, path=("axis", name, "contradicted"), values=known))
+        except (OSError, ValueError) as error:
+            yield f"this was not noted in {plan.rig.source}: {getattr(error, 'strerror', None) or error}"

@@ -395,6 +395,29 @@ class Identified(Table):
 
 @dataclass(frozen=True)
 class RigAxis(Table):
+class Contradicted:
+    """Values below those of the axis that an ordinary run has shown, each with its interval; a run writes them. Until
+    the values of the axis or its measurement change, limits rest on them."""
+
+    inertia: Inertia | None = None
+    """[kg·m²]"""
+    inertia_interval: Annotated[Interval, Measured(Quantity.MASS)] | None = None
+    """Interval of the value above [kg·m²]."""
+    viscous_damping: Damping | None = None
+    """[N·m·s/rad]"""
+    viscous_damping_interval: Annotated[Interval, Measured(Quantity.DAMPING)] | None = None
+    """Interval of the value above [N·m·s/rad]."""
+    simulated: bool = False
+    """True: the run was on a simulated bus, and the values count there only."""
+    date: Annotated[str, Len(1)] | None = None
+    """Date of the run."""
+    digest: Annotated[str, Len(1)] | None = None
+    """Digest of the values above and of the values that they contradict; with another digest none of them counts."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class RigAxis:
     """One drive with its motor and mechanism; values are at the motor shaft. An omitted value is unknown."""
 
     bus: str
@@ -435,6 +458,7 @@ class RigAxis(Table):
     permissions: Permissions = field(default_factory=Permissions)
     seen: Seen = field(default_factory=Seen)
     identified: Identified = field(default_factory=Identified)
+    contradicted: Contradicted = field(default_factory=Contradicted)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Simulated bench where it differs from the values of the axis."""
 

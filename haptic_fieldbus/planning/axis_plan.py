@@ -16,7 +16,7 @@ from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import STATUSWORD, canonical
-from haptic_fieldbus.planning.known_bench import KnownBench, known_bench
+from haptic_fieldbus.planning.known_bench import KnownBench, known_bench, with_evidence
 from haptic_fieldbus.planning.limits import (
     GAP_SHARE,
     HOLDING_SHARE,
@@ -208,7 +208,7 @@ def draft_axis(
         rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
         position_steps(profile, axis),
     )
-    bench = known_bench(axis, profile)
+    bench = with_evidence(known_bench(axis, profile), axis, simulated=rig.bus[axis.bus].simulated)
     protocol, plant = _protocol(profile, rig, axis), plant_of(bench, axis, profile, steps)
     capped = forced or bool(cap_reason(profile, axis, bench.unknown))
     limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)

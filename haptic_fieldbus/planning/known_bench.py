@@ -24,15 +24,17 @@ from dataclasses import dataclass, fields, replace
 
 from haptic_fieldbus.drive.objects import Identity, digest_of
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import MECHANICAL, Identified, LinearMechanism, RigAxis
+from haptic_fieldbus.drive.rig import MECHANICAL, Contradicted, Identified, LinearMechanism, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.margins.plant import COULOMB_SHARES, DAMPING_SHARES, EXACT, INERTIA_SHARES, Range
-from haptic_fieldbus.numerals import rounded, with_interval
+from haptic_fieldbus.numerals import in_unit, rounded, with_interval
 from haptic_fieldbus.protocols.traffic import Delay
 
 WIDER = 2.0
 """Half width of the region of 99.7 %, in half widths of the intervals of 95 %."""
+SMALLEST = 1e-3
+"""Smallest damping that a run can show, as a share of that of the rig."""
 SAME_PLAN = 1e-6
 """Largest difference of two planned delays that are the same [s]: a rig keeps six digits."""
 STATED_SHARES = {"inertia": INERTIA_SHARES, "viscous_damping": DAMPING_SHARES, "coulomb_friction": COULOMB_SHARES}
@@ -57,6 +59,8 @@ class KnownBench:
     """Measured values that count; None when none do."""
     fault: str = ""
     """Why measured values of the rig do not count; all values are then unknown. Empty if they count."""
+    evidence: str = ""
+    """Sentence about an earlier run that contradicts the rig, and on which the values rest; empty without one."""
 
     @property
     def unknown(self) -> str:
@@ -120,13 +124,44 @@ def _fault(axis: RigAxis, profile: DriveProfile) -> str:
     return ""
 
 
-def digest_with(axis: RigAxis, measured: Identified) -> str:
+def digest_with(axis: RigAxis, measured: Identified | Contradicted) -> str:
     """Return the digest of measured values and of the values of the axis on which they rest."""
     mechanism = axis.mechanism
     ratio = mechanism.metres_per_revolution if isinstance(mechanism, LinearMechanism) else mechanism.gear_ratio
     own = [getattr(measured, each.name) for each in fields(measured) if each.name != "digest"]
     scales = [mechanism.kind, ratio, *(getattr(axis, key) for key in SCALES)]
     return digest_of(_text(each) for each in (*own, *scales))
+
+
+# What an ordinary run has shown against the values of the rig.
+
+
+def evidence_digest(axis: RigAxis, note: Contradicted) -> str:
+    """Return the digest of a note about an earlier run and of the values that it contradicts."""
+    return digest_of(
+        (digest_with(axis, note), str(axis.identified), *(_text(getattr(axis, key)) for key in MECHANICAL))
+    )
+
+
+def with_evidence(bench: KnownBench, axis: RigAxis, *, simulated: bool) -> KnownBench:
+    """Return the bench with the note of an earlier run in its region, if it counts; it permits no more than before."""
+    note = axis.contradicted
+    if note.digest is None or note.simulated != simulated or note.digest != evidence_digest(axis, note):
+        return bench
+    shares, told = list(bench.shares), []
+    for place, key in enumerate(("inertia", "viscous_damping")):
+        known, seen, interval = (getattr(each, name) for each, name in
+                                 ((bench, key), (note, key), (note, f"{key}_interval")))  # fmt: skip
+        if not known or seen is None or interval is None:
+            continue
+        low, high = (share * known for share in shares[place])
+        value = min(known, max(seen, SMALLEST * known)) if key == "viscous_damping" else known
+        shares[place] = min(low, interval[0]) / value, max(high, interval[1]) / value
+        bench = replace(bench, **{key: value})
+        unit = TOLD[key][1]
+        told.append(f"{TOLD[key][0]} {in_unit(seen, unit)}, where the rig has {in_unit(known, unit)}")
+    evidence = f"the run of {note.date} showed {' and '.join(told)}; change the rig or measure the bench"
+    return replace(bench, shares=(shares[0], shares[1], shares[2]), evidence=evidence if told else "")
 
 
 def _text(value: object) -> str:

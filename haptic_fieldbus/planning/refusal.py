@@ -113,6 +113,7 @@ def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> s
     inside = [f"Inside the limit: {' · or '.join(hints)}."] if hints else []
     forced = [] if plan.simulated else [f"--force continues with at most {percent(HOLDING_SHARE)} of rated torque."]
     reasons = [text for law, text in own_law_texts(stability, axis.workspace) if law.is_steeper or law.runs_off]
+    reasons += [axis.bench.evidence] if axis.bench.evidence else []
     at = f"at {exactly(plan.rate)} Hz with {rounded(1e3 * axis.delay.total)} ms of delay"
     first = f"{_exceeded(plan, group, stability)}, {at}{_uncoupled(plan, group)}."
     return "\n".join([first, *reasons, *inside, *forced])

@@ -91,6 +91,8 @@ class Session:
     cycle: Cycle | None = field(default=None, init=False)
     kept: Record = field(default_factory=lambda: Record((), 1), init=False, repr=False)
     """Rows of the run, once it has begun."""
+    looks_back: bool = False
+    """Compare the record with the bench after the run, and note in the rig file what contradicts it."""
     _leading: "Leading | None" = field(default=None, init=False)
 
     def render(self, place: AbstractContextManager[Site]) -> Result:
@@ -180,6 +182,10 @@ class Session:
         faults = [*site.faults, *([] if rows.fault is None else [rows.fault.strerror or str(rows.fault)])]
         told = [f"the recording {self.record} ended before the run: {fault}" for fault in faults[:1]]
         fault = faults[0] if faults else None
+        if self.looks_back and report.enabled_at_ns is not None:
+            from haptic_fieldbus.assessing.looking_back import contradictions, noted
+
+            told += noted(plan, contradictions(plan, record, report.enabled_at_ns))
         warnings = (*told, *result.warnings)
         return self._told_with(replace(result, recording_fault=fault, stopped=stopped, warnings=warnings))
 

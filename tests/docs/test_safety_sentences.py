@@ -102,6 +102,7 @@ TESTS: dict[int, dict[str, str]] = {
     79: {
         "at most 80 % of the predicted": f"{CERTIFIED}is_told_and_not_reached",
     },
+    80: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 

@@ -15,6 +15,7 @@ from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import (
     SHARES_OF_RATED,
+    Contradicted,
     Identified,
     Limits,
     Mechanics,
@@ -78,6 +79,7 @@ DESCRIPTIVE = {
     "simulation.encoder_counts_per_revolution",
     "simulation.torque_scale",
     *(f"identified.{each.name}" for each in fields(Identified)),
+    *(f"contradicted.{each.name}" for each in fields(Contradicted)),
 }
 MEASURED = Identified(
     inertia=3e-5, inertia_interval=(2e-5, 4e-5), viscous_damping=1e-3, viscous_damping_interval=(5e-4, 2e-3),

@@ -1,0 +1,188 @@
+"""Runs look back: no library scene on its own bench is contradicted, and one whose rig is wrong by three is."""
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.api import Trial, prepare_run, run
+from haptic_fieldbus.assessing.looking_back import contradictions, seen_values
+from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.errors import SafetyTripError, UnstableSceneError
+from haptic_fieldbus.identification.experiment import Experiment, Stage
+from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.signals import Workspace
+from tests.api.test_identification import rig_text
+from tests.identification.benches import Bench, conducted, plant_of_bench
+
+BENCH = Bench(ShaftModel(4e-5, 1e-4, 2e-3, 4e-4, 1.6e-4), 4096, 1000.0, 0.1, 50.0, 6.0)
+
+
+# What a record shows, on a plant of the simulation.
+
+
+class Released(Experiment):
+    """A spring that lets the shaft go from a place; another force, which the record does not show, acts beside it."""
+
+    other = 0.0
+    """Strength of the other force [N·m]."""
+
+    def _all(self) -> Stage:
+        for number in range(1500):
+            yield -0.02 * (self.place - 2.5) + self.other * math.sin(0.03 * number)
+
+
+def shown(other: float, coulomb: float = 2e-3) -> list[tuple[float, float, float, float]]:
+    """Return inertia and damping of each window that counts, each with its upper end, in shares of the true ones."""
+    bench = replace(BENCH, model=replace(BENCH.model, coulomb=coulomb))
+    law = Released(bench.bounds)
+    law.other = other
+    record = conducted(law, bench, plant_of_bench(bench)).record
+    hidden = other * np.sin(0.03 * np.arange(len(record.torques)))
+    record = replace(record, torques=tuple((np.array(record.torques) - hidden).tolist()))
+    found = list(seen_values(record, bench.model.delay + bench.model.lag))
+    pairs = [(each["inertia"], each["viscous_damping"]) for each in found]
+    return [(j.value / 4e-5, j.high / 4e-5, b.value / 1e-4, b.high / 1e-4) for j, b in pairs]
+
+
+def test_a_shaft_that_swings_on_a_known_spring_shows_its_inertia_and_damping() -> None:
+    found = shown(0.0)
+    assert len(found) > 10
+    for inertia, most, damping, highest in found:
+        assert inertia == pytest.approx(1.0, abs=most - inertia + 0.01)
+        assert damping == pytest.approx(1.0, abs=highest - damping + 0.1)
+    best = min(found, key=lambda each: each[3] - each[2])
+    assert best[0] == pytest.approx(1.0, rel=0.02)
+    assert best[2] == pytest.approx(1.0, rel=0.15)
+
+
+def test_a_force_that_the_record_does_not_show_leaves_no_window() -> None:
+    assert shown(0.01) == []
+
+
+def test_a_record_that_is_too_short_or_at_rest_shows_nothing() -> None:
+    record = conducted(Released(BENCH.bounds), BENCH, plant_of_bench(BENCH)).record
+    assert list(seen_values(replace(record, positions=record.positions[:200], torques=record.torques[:200]), 0.0)) == []
+    still = replace(record, positions=(0.0,) * 2000, torques=(0.0,) * 2000)
+    assert list(seen_values(still, 0.0)) == []
+
+
+# Runs on simulated benches.
+
+AXIS = """
+[axis.{name}]
+bus = "here"
+node = {node}
+profile = "maxon_epos4"
+rated_torque = 0.4
+encoder_counts_per_revolution = 4096
+inertia = {inertia}
+viscous_damping = {damping}
+coulomb_friction = 2.0e-3
+mechanism = {mechanism}
+limits = {limits}
+simulation = {{ inertia = 4.0e-5, viscous_damping = 1.0e-4 }}
+"""
+KINDS = {
+    Workspace.LINEAR: (
+        '{ kind = "linear", metres_per_revolution = 0.05 }',
+        "{ speed = 10.0, position = [-0.1, 0.1] }",
+    ),
+    Workspace.ROTARY: ('{ kind = "rotary", gear_ratio = 1.0 }', "{ speed = 1.0e4 }"),
+}
+
+
+def rig_for(scene: str, folder: Path, inertia: float = 1.0, damping: float = 1.0) -> Path:
+    """Write a rig for a scene that states these multiples of the true values."""
+    text = '[bus.here]\ninterface = "haptic_sim"\nchannel = "bench"\n'
+    for place, axis in enumerate(load_scene(scene).axes):
+        mechanism, limits = KINDS[axis.workspace]
+        text += AXIS.format(
+            name=axis.name, node=5 + place, inertia=inertia * 4e-5, damping=damping * 1e-4, mechanism=mechanism,
+            limits=limits,
+        )  # fmt: skip
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def found_in(scene: str, rig: Path, hand: str | None = None) -> set[str]:
+    """Run a scene for 4 s and return the values that the run contradicts."""
+    session, place = prepare_run(Task(scene, rig), Trial(duration=4.0, hand=hand, force=True))
+    with suppress(SafetyTripError):  # of a handle that a hand throws against the end of its travel
+        session.render(place)
+    begin_ns = session.report.enabled_at_ns
+    assert begin_ns is not None
+    return {each.key for each in contradictions(session.plan, session.kept, begin_ns)}
+
+
+@pytest.mark.thorough("runs every scene of the library", quick=1)
+@pytest.mark.parametrize("scene", scene_names())
+def test_no_scene_on_a_bench_as_its_rig_states_it_is_contradicted(scene: str, tmp_path: Path) -> None:
+    assert found_in(scene, rig_for(scene, tmp_path)) == set()
+
+
+@pytest.mark.thorough("runs six scenes whose handle is released", quick=("wall",))
+@pytest.mark.parametrize("scene", ["wall", "damped_wall", "end_stops", "kelvin_voigt", "hunt_crossley", "spring"])
+def test_a_value_that_is_stated_three_times_too_large_is_found_when_the_handle_is_released(
+    scene: str, tmp_path: Path
+) -> None:
+    assert found_in(scene, rig_for(scene, tmp_path, damping=3.0), "release") == {"viscous_damping"}
+    assert found_in(scene, rig_for(scene, tmp_path, inertia=3.0), "release") == {"inertia"}
+
+
+# The note in the rig, and the next run.
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A rig that states three times the true damping."""
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_text("viscous_damping = 1.0e-4"), encoding="utf-8")
+    return path
+
+
+def released(bench: Path) -> Result:
+    return run("wall", bench, hand="release", duration=3.2)
+
+
+def test_a_run_tells_the_contradiction_and_the_next_one_is_refused_until_the_rig_changes(bench: Path) -> None:
+    before = bench.read_text(encoding="utf-8")
+    (told,) = released(bench).warnings
+    assert "this run shows a damping of" in told
+    assert "the rig has 0.3 mN·m·s/rad (stated)" in told
+    after = bench.read_text(encoding="utf-8")
+    assert after.startswith(before)
+    note = load_rig(bench).axis["handle"].contradicted
+    assert note.simulated
+    assert note.viscous_damping_interval is not None
+    assert note.viscous_damping_interval[0] < 1e-4 < note.viscous_damping_interval[1]
+    stiff = {"wall.stiffness": 2000.0}
+    with pytest.raises(UnstableSceneError, match=r"showed damping .* where the rig has 0\.3 mN·m·s/rad"):
+        run("wall", bench, hand="none", duration=0.05, settings=stiff)
+    bench.write_text(after.replace("viscous_damping = 3.0e-4", "viscous_damping = 3.1e-4"), encoding="utf-8")
+    assert run("wall", bench, hand="none", duration=0.05, settings=stiff).cycles == 50
+
+
+def test_a_rig_that_cannot_be_written_is_told(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "it is read-only")
+
+    monkeypatch.setattr("haptic_fieldbus.assessing.looking_back.edit_file", refuse)
+    assert released(bench).warnings[1] == f"this was not noted in {bench}: it is read-only"
+
+
+def test_a_rig_made_in_python_and_a_run_on_the_shipped_bench_do_not_look_back(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("haptic_fieldbus.assessing.looking_back.contradictions", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run("wall", bench, hand="none", duration=0.05)
+    assert run("wall", load_rig(bench), hand="none", duration=0.05).cycles == 50
+    assert run("wall", hand="none", duration=0.05).cycles == 50
