@@ -16,6 +16,7 @@ from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api.identification import FADE_IN, LONGEST, MeasuringLaw
 from haptic_fieldbus.assessing.looking_back import shaft_record
 from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.documents.own_parts import OwnName
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification.certificate import FIRST_COUNTS, FIRST_STEPS, Certificate, TappedContact, Tapping
@@ -30,6 +31,7 @@ from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.loop import Caller
 from haptic_fieldbus.running.session import Session
+from haptic_fieldbus.sim.hand import Hand, Piece
 
 TOP_SHARE, LARGEST_SHARE = 0.8, 0.9
 """Share of the onset that no stiffness exceeds, and the largest share that a caller may ask for."""
@@ -43,6 +45,11 @@ INSIDE = 0.02
 """Part of the travel at each of its ends in which the taps end, before the run trips."""
 LONGEST_DELAY = 20.0
 """Longest delay of an interval, in periods."""
+FINGER = OwnName("finger", Hand("finger", tuple(
+    Piece(start, force) for at in (3.0, 5.0, 7.0) for start, force in ((at, 2.0), (at + 0.05, 0.0))
+)))  # fmt: skip
+"""Finger of a simulation, which taps while the drive listens [s, N]."""
+FEW = "resolution: the swings of a contact have too few encoder counts or torque steps"
 Question = Callable[[str], bool]
 
 
@@ -113,15 +120,11 @@ class _TappedBench:
         """Yield what will move, how strongly and how stiffly."""
         effort, share = in_unit(self.effort, self.axis.workspace.effort_unit), self.effort / self.axis.rated_effort
         taps = "you tap the handle with a finger, and take the hand away" if self._asked.by_hand else "keep hands off"
-        yield (
-            f"axis {self.axis.name}: the handle moves by itself, into the contact and back, with at most {effort} "
-            f"({percent(share)} of rated torque)"
-        )
+        yield f"axis {self.axis.name}: the handle moves by itself, into the contact and back"
+        yield f"at most {effort} ({percent(share)} of rated torque)"
         yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
-        yield (
-            f"above it, up to {in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset): "
-            "nobody may touch the handle"
-        )
+        top = f"{in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset)"
+        yield f"above it, up to {top}: nobody may touch the handle"
 
     def stiffnesses(self) -> Iterator[float]:
         """Yield each stiffness to tap, decided after the one before."""
@@ -180,8 +183,7 @@ class _TappedBench:
         press = min(PRESS_SHARE * self.effort, room)
         least = max(FIRST_COUNTS * axis.resolution, FIRST_STEPS * axis.effort_unit / stiffness)
         if press / stiffness < 1.5 * least:
-            few = "resolution: the swings of a stiffer contact have too few encoder counts or torque steps"
-            self.ended = few if press < room else ""
+            self.ended = FEW if press < room else ""
             return None
         inside = INSIDE * (high - low) if limits.position else 0.0
         bounds = Bounds(
@@ -204,10 +206,9 @@ class _TappedBench:
             for each in self.plan.scene.elements
         ]
         scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, [True], self.effort, "taps")))
-        hand = "tap" if law.by_hand else "none"
         trial = Trial(
-            duration=LONGEST, hand=hand, fade_in=FADE_IN, seed=self._asked.seed, confirm=self._confirmed,
-            instruct=self._instruct,
+            duration=LONGEST, hand=FINGER if law.by_hand else "none", fade_in=FADE_IN, seed=self._asked.seed,
+            confirm=self._confirmed, instruct=self._instruct,
         )  # fmt: skip
         task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
         self._session, place = prepare_run(task, trial, beyond=stiffness > self.limit)
@@ -273,5 +274,5 @@ class _TappedBench:
         }  # fmt: skip
         return Certificate(
             plan.scene.name, self.element.name, self.unit, self.limit, self.predicted, tuple(self.contacts),
-            self._told_onset(), self.ended, bench, datetime.now().astimezone().isoformat(timespec="seconds"),
+            self._told_onset(), self.ended if self.contacts else FEW, bench, datetime.now().astimezone().isoformat(timespec="seconds"),
         )  # fmt: skip

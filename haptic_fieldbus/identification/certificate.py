@@ -37,6 +37,8 @@ FIRST_COUNTS, FIRST_STEPS = 16.0, 10.0
 """Smallest swing beside which a later one is judged: in counts, and in steps of the drive's torque."""
 TURN_COUNTS = 3.0
 """Way back that shows a turning point [counts]."""
+FINGER = 2
+"""Swings in a row that a tap by hand lets grow."""
 WELL_DAMPED = 0.9
 """Largest growth per period of a contact that is called well damped."""
 
@@ -157,10 +159,14 @@ class Tapping(GuidedMotion):
 
     def _listen(self, swings: Swings, least: float = 0.0) -> Stage:
         """Press until the handle is at rest, for `least` [s] at least; raises ExperimentError when a swing grows."""
+        grown = 0
         for _ in self._until_rest(least):
             growth = swings.take(self.place)
             if growth is not None:
-                self.growth = max(growth, self.growth or 0.0)
+                grown = grown + 1 if growth >= 1.0 else 0
+                # A finger that taps again lets one or two swings grow.
+                if not grown or grown > (FINGER if self.by_hand else 0):
+                    self.growth = max(growth, self.growth or 0.0)
             if self.grew:
                 raise ExperimentError(f"a swing was {rounded(growth or 0.0)} times as large as the one a period before")
             yield self.press

@@ -168,6 +168,20 @@ def test_taps_by_hand_tell_no_onset_and_end_at_the_limit_without_a_confirmation(
     assert found.onset is None
 
 
+@pytest.mark.thorough("taps by hand take ten seconds each")
+def test_a_bench_is_tapped_by_hand_up_to_the_limit_and_by_pulses_above_it(bench: Path) -> None:
+    """The hand of the simulation taps three times while the drive listens."""
+    text = bench.read_text(encoding="utf-8")
+    bench.write_text(text.replace('"sim-modbus-tcp"', '"haptic_sim"').replace("generic_cia402_modbus", "maxon_epos4"))
+    found = certify(CertifyTask(Task("wall", bench, rate=SLOW), by_hand=True))
+    assert [each.by_hand for each in found.contacts] == [each.stiffness <= found.limit for each in found.contacts]
+    assert found.contacts[0].by_hand
+    assert not found.contacts[-1].by_hand
+    assert any(each.growth is not None for each in found.contacts if each.by_hand), "taps are seen"
+    assert not found.ended.startswith("growth"), "a tap is no growth"
+    assert found.onset is not None
+
+
 # What ends a certificate.
 
 
