@@ -272,7 +272,8 @@ class _TappedBench:
             "bus": "simulated" if plan.simulated else self.axis.bus_name, "rate_hz": plan.rate,
             "basis": self.group.stability.limit.basis.value,
         }  # fmt: skip
+        ended, date = self.ended if self.contacts else FEW, datetime.now().astimezone().isoformat(timespec="seconds")
         return Certificate(
             plan.scene.name, self.element.name, self.unit, self.limit, self.predicted, tuple(self.contacts),
-            self._told_onset(), self.ended if self.contacts else FEW, bench, datetime.now().astimezone().isoformat(timespec="seconds"),
+            self._told_onset(), ended, bench, date,
         )  # fmt: skip

@@ -24,7 +24,7 @@ import numpy as np
 from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.documents.edits import edit_file, with_table
 from haptic_fieldbus.drive.rig import Contradicted
-from haptic_fieldbus.identification.fit import ShaftRecord
+from haptic_fieldbus.identification.fit import Estimate, ShaftRecord
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -41,7 +41,6 @@ EXCITED = 0.05
 """Largest relative standard deviation of the inertia of a window that counts."""
 SPREADS, WINDOWS = 3.0, 2
 """Standard deviations of an interval, and windows that must contradict."""
-UNITS = {"inertia": "kg·m²", "viscous_damping": "N·m·s/rad"}
 WORDS = {"inertia": "an inertia", "viscous_damping": "a damping"}
 
 
@@ -60,17 +59,11 @@ def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> 
     return ShaftRecord(period, tuple(positions.tolist()), tuple(torques.tolist()), axis.resolution / ratio)
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A value that windows of a run show, at the motor shaft, with its interval of three standard deviations."""
+def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Estimate]]:
+    """Yield inertia and damping of each window that counts, with intervals of three standard deviations.
 
-    value: float
-    low: float
-    high: float
-
-
-def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Seen]]:
-    """Yield inertia and damping of each window that counts; `delay` [s] is that of the set-points, with lag."""
+    `delay` [s] is that of the set-points, with lag.
+    """
     period, resolution = record.period, record.resolution
     y, w = np.array(record.positions), max(FEWEST, round(HALF / period))
     length, hop = round(WINDOW / period), max(1, round(HOP / period))
@@ -93,7 +86,7 @@ def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Seen
             yield from _fitted(rows[here], bend[here], float(noise), 0.5 * w)
 
 
-def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[Mapping[str, Seen]]:
+def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[Mapping[str, Estimate]]:
     """Yield the values of a window, if it counts; `alike` neighbouring rows count as one."""
     turned = np.ptp(rows[:, 2]) > 0.0
     rows = rows if turned else rows[:, [0, 1, 3]]
@@ -107,10 +100,16 @@ def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[
     if not 0.0 < spread[0] < EXCITED * found[0]:
         return
     inertia = 1.0 / found[0]
-    damping, wide = -inertia * found[1], SPREADS * inertia * np.array([inertia * spread[0], spread[1]])
-    values = ((inertia, wide[0]), (damping, wide[1]))
-    yield {key: Seen(*(max(float(f"{each:.6g}"), 0.0) for each in (value, value - half, value + half)))
-           for key, (value, half) in zip(UNITS, values, strict=True)}  # fmt: skip
+    wide = SPREADS * inertia * np.array([inertia * spread[0], spread[1]])
+    yield {
+        "inertia": _estimate(inertia, wide[0], "kg·m²"),
+        "viscous_damping": _estimate(-inertia * found[1], wide[1], "N·m·s/rad"),
+    }
+
+
+def _estimate(value: float, half: float, unit: str) -> Estimate:
+    low, middle, high = (max(float(f"{each:.6g}"), 0.0) for each in (value - half, value, value + half))
+    return Estimate(middle, low, high, unit)
 
 
 @dataclass(frozen=True)
@@ -121,14 +120,14 @@ class Contradiction:
     key: str
     known: float
     basis: str
-    seen: Seen
+    seen: Estimate
 
     def text(self) -> str:
         """Return the sentence with both values."""
-        unit, name = UNITS[self.key], f"axis {self.axis}"
-        low, high = in_unit(self.seen.low, unit), in_unit(self.seen.high, unit)
+        unit = self.seen.unit
+        low, high, known = (in_unit(each, unit) for each in (self.seen.low, self.seen.high, self.known))
         return (
-            f"{name}: this run shows {WORDS[self.key]} of {low} to {high}, the rig has {in_unit(self.known, unit)} "
+            f"axis {self.axis}: this run shows {WORDS[self.key]} of {low} to {high}, the rig has {known} "
             f"({self.basis}). Until the rig or the measurement changes, the limit rests on what was seen; measure the "
             "bench with haptic-fieldbus identify"
         )
@@ -143,7 +142,7 @@ def contradictions(plan: Plan, rows: Record, begin_ns: int) -> Iterator[Contradi
         # While the force fades in, a hand that takes hold rises with it.
         since_ns = begin_ns + round(1e9 * (axis.limits.fade_in + WINDOW))
         windows = list(seen_values(shaft_record(axis, plan.period, rows, since_ns), delay))
-        for place, key in enumerate(UNITS):
+        for place, key in enumerate(WORDS):
             known = getattr(axis.bench, key)
             below = [each[key] for each in windows if each[key].high < axis.bench.shares[place][0] * known]
             if len(below) >= WINDOWS:
