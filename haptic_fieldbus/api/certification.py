@@ -196,7 +196,7 @@ class _TappedBench:
         return law
 
     def _conducted(self, law: Tapping, stiffness: float) -> ShaftRecord:
-        """Conduct the taps in a run, and return the record of press and taps."""
+        """Conduct the taps in a run, and return the record from the press on."""
         task, name = self._asked.task, self.axis.name
         rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig or self.plan.rig
         limits = replace(rig.axis[name].limits, effort=self.effort)
@@ -229,8 +229,7 @@ class _TappedBench:
         if not law.done:
             raise SafetyTripError("the taps were ended before the last one; torque is off")
         whole = shaft_record(self.axis, self.plan.period, session.kept, session.report.enabled_at_ns or 0)
-        first = len(whole.positions) - law.periods
-        part = slice(first + law.first, first + law.last)
+        part = slice(max(len(whole.positions) - law.periods, 0), None)
         return replace(whole, positions=whole.positions[part], torques=whole.torques[part])
 
     # What the taps tell.

@@ -93,8 +93,8 @@ class Tapping(GuidedMotion):
         """Largest growth per period so far; None while no swing was large enough."""
         self.rests = False
         """Whether the handle was at rest at the end of what was listened to."""
-        self.periods = self.first = self.last = 0
-        """Periods of this law, the first of the press, and the end of the last tap."""
+        self.periods = 0
+        """Periods since the press began."""
         self._present = 0.0
 
     def effort(self, position: float) -> float:
@@ -103,15 +103,13 @@ class Tapping(GuidedMotion):
 
     def advance(self, position: float) -> None:
         """Go on to the next period."""
-        self.periods += 1
-        if self.stage in ("press", "tap"):
-            self.last = self.periods
+        self.periods += self.stage != "surface"
         self._present = super().effort(position)
 
     def _all(self) -> Stage:
         begin = self.place
         yield from self._lead(self.surface)
-        self.stage, self.first = "press", self.periods
+        self.stage = "press"
         yield from self._ramp(0.0, self.press)
         yield from self._listen(self._swings())
         self.stage = "tap"
