@@ -111,8 +111,6 @@ DOES_WITHOUT = {
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
-        "running.session": "running.direction running.guard_proof running.rights",
-        "buses.canopen.access": "protocols.canopen.upload",
         "running.session": "assessing.looking_back running.direction running.guard_proof running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },

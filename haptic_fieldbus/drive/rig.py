@@ -394,18 +394,17 @@ class Identified(Table):
 
 
 @dataclass(frozen=True)
-class RigAxis(Table):
-class Contradicted:
+class Contradicted(Table):
     """Values below those of the axis that an ordinary run has shown, each with its interval; a run writes them. Until
     the values of the axis or its measurement change, limits rest on them."""
 
-    inertia: Inertia | None = None
+    inertia: fields.Inertia | None = None
     """[kg·m²]"""
-    inertia_interval: Annotated[Interval, Measured(Quantity.MASS)] | None = None
+    inertia_interval: Annotated[fields.Interval, fields.Measured(Quantity.MASS)] | None = None
     """Interval of the value above [kg·m²]."""
-    viscous_damping: Damping | None = None
+    viscous_damping: fields.Damping | None = None
     """[N·m·s/rad]"""
-    viscous_damping_interval: Annotated[Interval, Measured(Quantity.DAMPING)] | None = None
+    viscous_damping_interval: Annotated[fields.Interval, fields.Measured(Quantity.DAMPING)] | None = None
     """Interval of the value above [N·m·s/rad]."""
     simulated: bool = False
     """True: the run was on a simulated bus, and the values count there only."""
@@ -413,11 +412,10 @@ class Contradicted:
     """Date of the run."""
     digest: Annotated[str, Len(1)] | None = None
     """Digest of the values above and of the values that they contradict; with another digest none of them counts."""
-    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class RigAxis:
+class RigAxis(Table):
     """One drive with its motor and mechanism; values are at the motor shaft. An omitted value is unknown."""
 
     bus: str

@@ -19,6 +19,7 @@ from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.running.session import Site
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.api.certified import certified, drawn_bench
 from tests.api.test_identification import rig_text
 
@@ -122,7 +123,7 @@ def real(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         clock = VirtualClock()
         world = World(clock, 1_000_000, 0)
         for axis in plan.axes:
-            world.add_drive(axis.node, axis.profile, axis.rig)
+            world.add(DriveOnBus(axis.node, axis.profile, axis.rig))
         bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
         yield Site(clock, {"here": bus}, {}, "")
 
