@@ -40,6 +40,8 @@ COMMANDS: dict[str, dict[str, str]] = {
         " drive, and write them into the rig file.",
         "haptic_fieldbus.cli.certify:certify": "Raise the stiffness of SCENE in steps and tap it: the largest one that"
         " is well damped, and the onset. Measure first: `identify`.",
+        "haptic_fieldbus.cli.twin:twin": "Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say"
+        " what changed on it.",
         "haptic_fieldbus.cli.simulate:simulate": "Host simulated drives for other programs, in real time, until"
         " Ctrl-C. `run --bus sim` needs none.",
         "haptic_fieldbus.cli.vcan:vcan": "Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on"

@@ -1,0 +1,94 @@
+"""Command `twin`: the bench of a recorded run as a simulation, and what changed since."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptic_fieldbus.cli.identify import LABELS
+from haptic_fieldbus.cli.options import BENCH, HANDS, OUTPUT, JsonOption, ProfilesOption, option, seconds
+from haptic_fieldbus.cli.replay import DIFFERENT
+from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import OutputRow, lines_of, rounded
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from haptic_fieldbus.api.twin import BenchTwin
+
+
+def twin(
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="Rows of an ordinary run (.csv, .mcap, .parquet).")
+    ],
+    rig: Annotated[Path, option("FILE", "Rig file of the bench; with --check, its twin.", BENCH)],
+    axis: Annotated[str | None, option("NAME", "Axis of the rig.", BENCH, default="the only one")] = None,
+    hand: Annotated[str | None, option("NAME", HANDS, BENCH, default="that of a simulated run")] = None,
+    free: Annotated[
+        list[str] | None,
+        option("FROM:TO", "Time in s from the first row in which nobody held the handle, may be repeated.", BENCH),
+    ] = None,
+    out: Annotated[Path | None, option("FILE", "Write the twin, a rig file.", OUTPUT)] = None,
+    check: Annotated[bool, option(None, "Say what changed since the twin was made.", OUTPUT, "--check")] = False,
+    profiles: ProfilesOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say what changed on it.
+
+    With --check, the exit status is 1 when a value changed.
+    """
+    from haptic_fieldbus.api.twin import twin as fit_twin
+
+    if out is not None and out.exists():
+        raise UsageError(f"{out}: exists; move it away")
+    found = fit_twin(recording, rig, axis=axis, hand=hand, free=[_times(each) for each in free or ()], profiles=profiles)
+    if check and not found.compared:
+        raise UsageError(f"{rig}: no twin, since it has no [axis.{found.axis}.identified]")
+    if out is not None:
+        out.write_text(found.text, encoding="utf-8")
+    if as_json:
+        print_json({key: plain(value) for key, value in found.to_json().items()})
+    else:
+        show(lines_of(_rows(found, check)))
+        if out is not None:
+            show([("written", str(out))])
+    sys.stdout.flush()
+    if check and found.changed:
+        raise typer.Exit(DIFFERENT)
+
+
+def _times(text: str) -> tuple[float, float]:
+    """Return begin and end of a time [s]."""
+    first, colon, last = text.partition(":")
+    times = (seconds(first or "0"), seconds(last)) if colon else (0.0, 0.0)
+    if not 0.0 <= times[0] < times[1]:
+        raise UsageError(f'--free "{text}": expected FROM:TO, such as 12:18.5')
+    return times
+
+
+def _rows(found: "BenchTwin", check: bool) -> "Iterator[OutputRow]":
+    """Yield the result as lines."""
+    from haptic_fieldbus.identification import interval_text
+
+    for name, label in LABELS.items():
+        each = found.fit.values[name]
+        more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
+        yield OutputRow(label, [f"not told: {each.reason}" if each.reason else f"{interval_text(each)}{more}"])
+    for name, label in (("torque_scale", "torque"), ("count_scale", "counts")):
+        if (scale := found.fit.values[name].value) != 1.0:
+            yield OutputRow(label, [f"{rounded(scale)} times those of the rig"])
+    fit = found.fit
+    yield OutputRow(
+        "fit",
+        [f"{rounded(fit.seconds)} s of motion, hand {found.hand}; leaves {rounded(fit.residual)} counts unexplained, "
+         f"{rounded(fit.predicted)} in a part that it did not use"],
+    )  # fmt: skip
+    yield OutputRow("warning", found.warnings)
+    if check:
+        names = {"encoder_counts_per_revolution": "counts", "torque_scale": "torque", **LABELS}
+        told = [f"{each.text}" if each.name not in LABELS else f"{names[each.name]}: {each.text}" for each in found.changed]
+        yield OutputRow("changed", told or ["nothing that this recording tells"])
+        if found.unknown:
+            yield OutputRow("unknown", [", ".join(names[name] for name in found.unknown)])
