@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MODBUS = "virtual_modbus_line"
 """Name of a fixture and of its mark."""
 _MARKERS = (
-    "simulated_drive(profile, node, hand, workspace, profiles): a drive on the simulated bus of this test; "
+    "simulated_drive(profile, node, hand, workspace, profiles, rig): a drive on the simulated bus of this test; "
     "several of these marks are several drives",
     "virtual_can_bus(time, bitrate, seed): the simulated bus of this test; time is 'real' or 'virtual'",
     "virtual_modbus_line(bus, seed): the simulated Modbus line of this test; bus is 'modbus-tcp:127.0.0.1:0', which is "

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.options import (
+    BENCH,
     DRIVE,
     HANDS,
     OUTPUT,
@@ -47,6 +48,9 @@ def simulate(
         ),
     ] = None,
     node: Annotated[int, option("ID", "Node-ID of the first drive without one.", default=DEFAULT_NODE)] = DEFAULT_NODE,
+    rig: Annotated[
+        Path | None, option("FILE", "Rig file, such as a twin, whose drives and benches are simulated.", BENCH)
+    ] = None,
     profiles: ProfilesOption = None,
     hand: Annotated[str, option("NAME", HANDS, SIMULATION, default=DEFAULT_HOSTED_HAND)] = DEFAULT_HOSTED_HAND,
     seed: Annotated[int, option("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
@@ -55,13 +59,17 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives for other programs, in real time, until Ctrl-C. `run --bus sim` needs none."""
+    from haptic_fieldbus.protocols.catalogue import load_rig
     from haptic_fieldbus.running.rights import real_time
     from haptic_fieldbus.sim.faults import load_faults
     from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve, rig_of
 
     never_wait()  # the drives go on whether somebody reads or not
+    if rig is not None and drive:
+        raise UsageError("--rig and --drive: expected one of them")
+    axes = tuple(load_rig(rig, profiles).axis.values()) if rig is not None else ()
     known_faults = load_faults(faults) if faults is not None else ()
-    name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles))
+    name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles, axes))
     show(note_assumed_bitrate(bus), sys.stderr)
     if write_rig is not None:
         check_free(write_rig)

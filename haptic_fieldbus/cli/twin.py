@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptic_fieldbus.cli.identify import LABELS
 from haptic_fieldbus.cli.options import BENCH, HANDS, OUTPUT, JsonOption, ProfilesOption, option, seconds
 from haptic_fieldbus.cli.replay import DIFFERENT
 from haptic_fieldbus.cli.screen import plain, print_json, show
@@ -17,6 +16,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from haptic_fieldbus.api.twin import BenchTwin
+
+
+LABELS = {"inertia": "inertia", "viscous_damping": "damping", "coulomb_friction": "friction", "delay_and_lag": "delay",
+          "torque_scale": "torque", "encoder_counts_per_revolution": "counts"}  # fmt: skip
+"""Values that people are shown, and their words."""
 
 
 def twin(
@@ -43,7 +47,9 @@ def twin(
 
     if out is not None and out.exists():
         raise UsageError(f"{out}: exists; move it away")
-    found = fit_twin(recording, rig, axis=axis, hand=hand, free=[_times(each) for each in free or ()], profiles=profiles)
+    found = fit_twin(
+        recording, rig, axis=axis, hand=hand, free=[_times(each) for each in free or ()], profiles=profiles
+    )
     if check and not found.compared:
         raise UsageError(f"{rig}: no twin, since it has no [axis.{found.axis}.identified]")
     if out is not None:
@@ -70,12 +76,13 @@ def _times(text: str) -> tuple[float, float]:
 
 def _rows(found: "BenchTwin", check: bool) -> "Iterator[OutputRow]":
     """Yield the result as lines."""
+    from haptic_fieldbus.api.twin import KEPT
     from haptic_fieldbus.identification import interval_text
 
-    for name, label in LABELS.items():
+    for name in KEPT:
         each = found.fit.values[name]
         more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
-        yield OutputRow(label, [f"not told: {each.reason}" if each.reason else f"{interval_text(each)}{more}"])
+        yield OutputRow(LABELS[name], [f"not told: {each.reason}" if each.reason else f"{interval_text(each)}{more}"])
     for name, label in (("torque_scale", "torque"), ("count_scale", "counts")):
         if (scale := found.fit.values[name].value) != 1.0:
             yield OutputRow(label, [f"{rounded(scale)} times those of the rig"])
@@ -87,8 +94,7 @@ def _rows(found: "BenchTwin", check: bool) -> "Iterator[OutputRow]":
     )  # fmt: skip
     yield OutputRow("warning", found.warnings)
     if check:
-        names = {"encoder_counts_per_revolution": "counts", "torque_scale": "torque", **LABELS}
-        told = [f"{each.text}" if each.name not in LABELS else f"{names[each.name]}: {each.text}" for each in found.changed]
+        told = [f"{LABELS[each.name]} {each.text}" for each in found.changed]
         yield OutputRow("changed", told or ["nothing that this recording tells"])
         if found.unknown:
-            yield OutputRow("unknown", [", ".join(names[name] for name in found.unknown)])
+            yield OutputRow("unknown", [", ".join(LABELS[name] for name in found.unknown)])

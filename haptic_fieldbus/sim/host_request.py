@@ -10,7 +10,7 @@ from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import is_path
-from haptic_fieldbus.drive.rig import Rig, Seen, default_axis
+from haptic_fieldbus.drive.rig import Rig, RigAxis, Seen, default_axis
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.protocols.protocol import BusName
@@ -56,12 +56,15 @@ def slot_of(
     *,
     booted: bool = True,
     profiles: str | Path | None = None,
+    axis: RigAxis | None = None,
 ) -> DriveOnBus:
-    """Return the slot of a drive on the shipped bench; `profiles` is a folder of own profiles (see `load_profile`).
+    """Return the slot of a drive; `axis` is that of a rig, None: that of the shipped bench.
+
+    `profiles` is a folder of own profiles (see `load_profile`).
 
     Raises ProfileError or EdsError for a bad profile file, UsageError for an unknown profile.
     """
-    axis = default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
+    axis = axis or default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
     return DriveOnBus(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)
 
 
@@ -93,6 +96,8 @@ class HostRequest:
     faults: tuple[Fault, ...] = ()
     profiles: str | Path | None = None
     """Folder of one's own profiles (see `load_profile`)."""
+    axes: tuple[RigAxis, ...] = ()
+    """Axes of a rig, whose drives and simulated benches are hosted in the place of `drives`."""
 
 
 def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
@@ -120,11 +125,12 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
         faults += _strange(bus, request.faults)
     with _collecting(faults):
         protocol = protocol_named(bus.section.protocol if bus is not None else DEFAULT_PROTOCOL)
-        drives = numbered(request.drives or [protocol.default_drive], request.node, protocol.nodes)
-    for drive in drives:
+        texts = [f"{axis.profile}@{axis.node}" for axis in request.axes]
+        drives = numbered(texts or request.drives or [protocol.default_drive], request.node, protocol.nodes)
+    for drive, axis in zip(drives, request.axes or [None] * len(drives), strict=False):
         with _collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
-            slot = slot_of(*bench, booted=False, profiles=request.profiles)
+            slot = slot_of(*bench, booted=False, profiles=request.profiles, axis=axis)
             spoken = slot.profile.drive.protocol
             if bus is not None and spoken != bus.section.protocol:
                 wrong = f"{slot.axis.profile} uses {spoken}, but {bus.text} is a {bus.section.protocol} bus"

@@ -19,6 +19,7 @@ from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
 from haptic_fieldbus.sim.canopen.slave import Slave
@@ -286,11 +287,18 @@ class DriveRequest:
     workspace: str = Workspace.LINEAR.value
     profiles: str | None = None
     """Folder of own profiles (see `load_profile`)."""
+    rig: str | None = None
+    """Rig file, such as a twin, whose only axis is the drive, in the place of profile, node and workspace."""
 
     def slot(self, default: str, bus: str, faults: tuple[Fault, ...]) -> DriveOnBus:
         """Return the place of the drive on a bus with these faults; `default` is the profile when none was named."""
-        drive, hand = NamedDrive(self.profile or default, self.node), hand_named(self.hand)
-        return slot_of(drive, bus, Workspace(self.workspace), hand, faults, profiles=self.profiles)
+        drive, hand, axis = NamedDrive(self.profile or default, self.node), hand_named(self.hand), None
+        if self.rig is not None:
+            axes = list(load_rig(self.rig, self.profiles).axis.values())
+            if len(axes) != 1:
+                raise UsageError(f"{self.rig}: expected a rig with one axis, found {len(axes)}")
+            axis, drive = axes[0], NamedDrive(axes[0].profile, axes[0].node)
+        return slot_of(drive, bus, Workspace(self.workspace), hand, faults, profiles=self.profiles, axis=axis)
 
 
 class VirtualCanBus:
