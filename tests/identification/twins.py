@@ -4,13 +4,14 @@ import math
 import random
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from haptic_fieldbus import api
 from haptic_fieldbus.api.twin import BenchTwin, twin
 from haptic_fieldbus.drive.rig import Limits, Mechanics, Rig, Seen, default_axis
-from haptic_fieldbus.errors import HapticFieldbusError
+from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.recordings.reading import RecordedRun, read_recording
 from haptic_fieldbus.signals import Workspace
@@ -25,19 +26,20 @@ LASTING: tuple[Pair, ...] = (
     ("damped_wall", "shake", WALL | {"wall.damping": 2.0}), ("spring", "sine", SOFT),
     ("friction", "shake", {}), ("detents", "guide", {}),
 )  # fmt: skip
-"""Runs of a minute in which the handle moves; in the first there is contact and free motion, which tells all values."""
+"""Runs of a minute in which the handle moves. The first has contact and free motion, and tells all values."""
 OTHERS: tuple[Pair, ...] = (
     ("wall", "release", WALL), ("wall", "push", WALL), ("spring", "tap", SOFT), ("damper", "guide", {}),
     ("friction", "guide", {}), ("wall", "guide", WALL), ("detents", "push", {}), ("damper", "sine", {}),
 )  # fmt: skip
 """Runs that were not recorded, and are predicted."""
+CHANGED = {"inertia": "inertia", "lag": "delay_and_lag", "counts": "encoder_counts_per_revolution"}
+"""Planted changes, and the names by which they are told."""
 
 
 @dataclass(frozen=True)
 class HiddenBench:
-    """A rig that states one bench, and the truth of its simulation."""
+    """A rig that states one bench, and has another one as its simulation."""
 
-    seed: int
     rig: Rig
     rate: float
 
@@ -45,63 +47,97 @@ class HiddenBench:
     def truth(self) -> Mechanics:
         return self.rig.axis["handle"].simulation
 
-    def changed(self, **values: float | int) -> "HiddenBench":
-        axis = self.rig.axis["handle"]
-        return replace(
-            self, rig=replace(self.rig, axis={"handle": replace(axis, simulation=replace(axis.simulation, **values))})
-        )
-
     @property
     def stated(self) -> Rig:
         """The rig without what is hidden."""
-        return replace(self.rig, axis={"handle": replace(self.rig.axis["handle"], simulation=Mechanics())})
+        return self.with_truth(Mechanics()).rig
+
+    def with_truth(self, truth: Mechanics) -> "HiddenBench":
+        axis = replace(self.rig.axis["handle"], simulation=truth)
+        return replace(self, rig=replace(self.rig, axis={"handle": axis}))
+
+    def changed(self, kind: str) -> "HiddenBench":
+        """The bench with inertia + 15 %, a lag longer by 0.2 ms, or four times the counts."""
+        truth, counts = self.truth, self.rig.axis["handle"].encoder_counts_per_revolution
+        if kind == "inertia":
+            return self.with_truth(replace(truth, inertia=1.15 * (truth.inertia or 0.0)))
+        if kind == "counts":
+            return self.with_truth(replace(truth, encoder_counts_per_revolution=4 * counts))
+        lag = 1.0 / (2.0 * math.pi * (truth.torque_bandwidth or 0.0)) + 2e-4
+        return self.with_truth(replace(truth, torque_bandwidth=1.0 / (2.0 * math.pi * lag)))
 
 
 def hidden_bench(seed: int) -> HiddenBench:
-    """Draw drive, rate, counts, and a bench whose values are up to three times those that its rig states."""
+    """Draw drive, rate and counts, and a bench with up to three times or a third of the values of its rig."""
     draw = random.Random(f"twin/{seed}")
     profile, bus = draw.choice(DRIVES)
     counts = round(2.0 ** draw.uniform(10.0, 16.0))
     shipped = default_axis(Workspace.LINEAR, bus="bus", node=5, profile=profile)
-    stated = replace(shipped, encoder_counts_per_revolution=counts, limits=Limits(speed=10.0),
-                     raise_max_torque=True, seen=Seen(sign="seen"))  # fmt: skip
+    stated = replace(
+        shipped, encoder_counts_per_revolution=counts, limits=Limits(speed=10.0), raise_max_torque=True,
+        seen=Seen(sign="seen"),
+    )  # fmt: skip
     inertia, damping, friction = (value * 3.0 ** draw.uniform(-1.0, 1.0) for value in (4.0e-5, 1.0e-4, 2.0e-3))
     torque_scale = draw.choice([1.0] * 4 + [1.25 ** draw.uniform(-1.0, 1.0)])
-    truth = Mechanics(torque_scale=torque_scale, inertia=inertia, viscous_damping=damping, coulomb_friction=friction,
-                      torque_bandwidth=10.0 ** draw.uniform(2.5, 3.3))  # fmt: skip
+    truth = Mechanics(
+        torque_scale=torque_scale, inertia=inertia, viscous_damping=damping, coulomb_friction=friction,
+        torque_bandwidth=10.0 ** draw.uniform(2.5, 3.3),
+    )  # fmt: skip
     rig = Rig({"bus": parse_bus(bus).section}, {"handle": replace(stated, simulation=truth)})
-    return HiddenBench(seed, rig, draw.choice([500.0, 1000.0]))
+    return HiddenBench(rig, draw.choice([500.0, 1000.0]))
 
 
 def recorded(
-    bench: HiddenBench, pair: Pair, file: Path, duration: float, seed: int, rig: Rig | None = None
+    bench: HiddenBench, pair: Pair, file: Path, seconds: float, seed: int, rig: Rig | None = None
 ) -> RecordedRun:
     """Run a pair of scene and hand on the simulated bench, and return its rows."""
     scene, hand, settings = pair
-    api.run(scene, rig or bench.rig, rate=bench.rate, settings=settings, hand=hand, duration=duration, seed=seed,
+    api.run(scene, rig or bench.rig, rate=bench.rate, settings=settings, hand=hand, duration=seconds, seed=seed,
             record=file, force=True)  # fmt: skip
     return read_recording(file)
 
 
-def away(found: RecordedRun, other: RecordedRun) -> tuple[float, float]:
-    """Return the error of position and of force between two runs, as shares of their rms."""
+def errors_between(truth: RecordedRun, found: RecordedRun) -> tuple[float, float]:
+    """Return the errors of position and of force, as shares of their rms; infinite when one run ended earlier."""
     shares = []
     for name in ("handle.position", "handle.command"):
-        a, b = found[name], other[name]
-        n = min(len(a), len(b))
-        rms = math.sqrt(float(np.mean(a[:n] ** 2))) or 1.0
-        shares.append(math.sqrt(float(np.mean((a[:n] - b[:n]) ** 2))) / rms if len(a) == len(b) else math.inf)
+        if len(truth) != len(found):
+            return math.inf, math.inf
+        rms = math.sqrt(float(np.mean(truth[name] ** 2))) or 1.0
+        shares.append(math.sqrt(float(np.mean((truth[name] - found[name]) ** 2))) / rms)
     return shares[0], shares[1]
 
 
-PLANTED = {"inertia": "inertia", "lag": "delay_and_lag", "counts": "encoder_counts_per_revolution"}
+def twin_of(found: RecordedRun, rig: Rig, folder: Path) -> tuple[BenchTwin, Rig]:
+    """Return the twin, and the rig that is read from its file."""
+    made = twin(found, rig)
+    file = folder / f"{len(list(folder.iterdir()))}.toml"
+    file.write_text(made.text, encoding="utf-8")
+    assert len(made.text.splitlines()) <= 60
+    return made, load_rig(file)
 
 
-def planted(bench: HiddenBench, kind: str) -> HiddenBench:
-    truth = bench.truth
-    if kind == "inertia":
-        return bench.changed(inertia=1.15 * (truth.inertia or 0.0))
-    if kind == "lag":
-        lag = 1.0 / (2.0 * math.pi * (truth.torque_bandwidth or 1.0)) + 2e-4
-        return bench.changed(torque_bandwidth=1.0 / (2.0 * math.pi * lag))
-    return bench.changed(encoder_counts_per_revolution=4 * bench.rig.axis["handle"].encoder_counts_per_revolution)
+def prediction(seed: int) -> tuple[float, float]:
+    """Record a minute of one scene on a hidden bench, and return the errors of its twin in another scene."""
+    bench, draw = hidden_bench(seed), random.Random(f"pairs/{seed}")
+    lasting, other = draw.choice(LASTING), draw.choice(OTHERS)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        _, rig = twin_of(recorded(bench, lasting, folder / "minute.mcap", 60.0, seed), bench.stated, folder)
+        truth = recorded(bench, other, folder / "other.mcap", 10.0, seed + 1000)
+        return errors_between(truth, recorded(bench, other, folder / "twin.mcap", 10.0, seed + 1000, rig))
+
+
+def verdicts(seed: int) -> dict[str, bool]:
+    """Return whether each planted change is named, and whether a bench that did not change is left alone."""
+    bench = hidden_bench(seed)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        _, rig = twin_of(recorded(bench, LASTING[0], folder / "first.mcap", 20.0, seed), bench.stated, folder)
+        told = {}
+        for kind in ("nothing", *CHANGED):
+            later = bench if kind == "nothing" else bench.changed(kind)
+            changed = twin(recorded(later, LASTING[0], folder / f"{kind}.mcap", 20.0, seed + 77), rig).changed
+            names = [each.name for each in changed]
+            told[kind] = CHANGED[kind] in names if kind in CHANGED else not names
+        return told

@@ -1,0 +1,67 @@
+"""Command `twin`."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.documents.edits import with_table
+from haptic_fieldbus.drive.rig_units import rig_text
+from tests.cli.command import Command
+from tests.identification.twins import LASTING, hidden_bench, recorded
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a rig, and a run on a bench that differs from it."""
+    folder, bench = tmp_path_factory.mktemp("bench"), hidden_bench(3)
+    (folder / "rig.toml").write_text(rig_text(bench.stated, "My bench."), encoding="utf-8")
+    recorded(bench, LASTING[0], folder / "run.mcap", 6.0, 1)
+    return folder
+
+
+def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, command: Command) -> None:
+    twin = tmp_path / "twin.toml"
+    ended = command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin)
+    assert ended.status == 0, ended.err
+    assert "inertia    9.75e-5 kg·m² ± 1 %" in ended.out
+    assert f"written    {twin}" in ended.out
+    assert command("run", "spring", "--rig", twin, "--bus", "sim", "--duration", "0.2").status == 0
+    checked = command("twin", folder / "run.mcap", "--rig", twin, "--check", "--json")
+    assert checked.status == 0, checked.err
+    told = json.loads(checked.out)
+    assert list(told) == "recording axis hand values predicted changed unknown warnings".split()
+    assert told["changed"] == []
+    assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 2
+
+
+def test_a_change_is_told_by_text_and_status(folder: Path, tmp_path: Path, command: Command) -> None:
+    twin, lighter = tmp_path / "twin.toml", tmp_path / "lighter.toml"
+    assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 0
+    text = twin.read_text(encoding="utf-8")
+    values = tomllib.loads(text)["axis"]["handle"]["identified"]
+    values |= {
+        "inertia": 0.8 * values["inertia"],
+        "inertia_interval": [0.8 * each for each in values["inertia_interval"]],
+    }
+    lighter.write_text(with_table(text, ("axis", "handle", "identified"), values), encoding="utf-8")
+    ended = command("twin", folder / "run.mcap", "--rig", lighter, "--check")
+    assert ended.status == 1
+    assert "changed    inertia 7.8e-5 kg·m² before, 9.75e-5 kg·m² now (+25 %)" in ended.out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--check"], "no twin, since it has no [axis.handle.identified]"),
+        (["--free", "5"], '--free "5": expected FROM:TO, such as 12:18.5'),
+        (["--free", "8:2"], "expected FROM:TO"),
+        (["--free", "0:1"], "no bench can be fitted"),
+        (["--hand", "glove"], 'no hand "glove"'),
+    ],
+)
+def test_a_request_without_sense_is_refused(words: list[str], told: str, folder: Path, command: Command) -> None:
+    ended = command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", *words)
+    assert ended.status == 2
+    assert told in ended.err.replace("\n", " ")
