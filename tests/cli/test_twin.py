@@ -31,7 +31,7 @@ def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, co
     checked = command("twin", folder / "run.mcap", "--rig", twin, "--check", "--json")
     assert checked.status == 0, checked.err
     told = json.loads(checked.out)
-    assert list(told) == "recording axis hand values predicted changed unknown warnings".split()
+    assert list(told) == ["recording", "axis", "hand", "values", "predicted", "changed", "unknown", "warnings"]
     assert told["changed"] == []
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 2
 

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,12 @@ from haptic_fieldbus import run
 from haptic_fieldbus.assessing.result import Stopped, TripRecord
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import OUTCOMES
+from haptic_fieldbus.drive.rig import Identified
+from haptic_fieldbus.drive.rig_units import rig_text as toml_of
 from haptic_fieldbus.eds import eds_text
 from tests.api.test_identification import rig_text
 from tests.eds.sheets import generic
+from tests.identification.twins import LASTING, hidden_bench, recorded
 from tests.scenes.packages import install
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "compatibility.md").read_text(encoding="utf-8")
@@ -36,6 +40,7 @@ COMMANDS = {
     "doctor": "doctor",
     "watch": "watch --duration 0.5",
     "identify": "identify --rig rig.toml --bus sim",
+    "twin": "twin motion.csv --rig twin.toml",
     "profiles list": "profiles list",
     "profiles check": "profiles check maxon_epos4",
     "profiles check --eds": "profiles check nanotec_c5_e --eds push1.eds",
@@ -79,6 +84,15 @@ def test_a_command_prints_the_keys_of_the_page(
     Path("rig.toml").write_text(rig_text(), encoding="utf-8")
     if name == "replay":
         run("wall", duration=0.05, record="run.csv")
+    if name == "twin":
+        bench = hidden_bench(3)
+        recorded(bench, LASTING[0], Path("motion.csv"), 6.0, 1)
+        other = replace(
+            bench.stated.axis["handle"], identified=Identified(inertia=1e-5, inertia_interval=(9e-6, 1.1e-5))
+        )
+        Path("twin.toml").write_text(
+            toml_of(replace(bench.stated, axis={"handle": other}), "A twin."), encoding="utf-8"
+        )
     with pytest.raises(SystemExit):
         main([*COMMANDS[name].split(), "--json"])
     told = dict(objects_of(json.loads(capsys.readouterr().out), name))

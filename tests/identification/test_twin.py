@@ -16,6 +16,7 @@ from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from tests.identification.test_fit import COUNT, PERIOD, TRUE, multisine, open_loop
 from tests.identification.test_fit import record_of as record_of_shaft
+from tests.identification.twins import wrong_with_twins
 
 TRUTH = ShaftModel(5e-5, 1.5e-4, 2e-3, 0.0006, 0.0003)
 STATED = ShaftModel(2e-5, 4e-4, 5e-3, 0.0006, 0.0002)
@@ -128,6 +129,13 @@ def test_a_run_of_few_pieces_has_none_to_check(shaken: RunRecord) -> None:
         shaken, positions=shaken.positions[:count], torques=shaken.torques[:count], usable=shaken.usable[:count]
     )
     assert math.isnan(fit_run(short, STATED).predicted)
+
+
+def test_a_soak_is_judged_by_shares() -> None:
+    good = {"twins": {"benches": 60, "predicted": 54, "named": 171, "false": 3}}
+    bad = {"twins": {"benches": 60, "predicted": 53, "named": 170, "false": 4}}
+    assert list(wrong_with_twins([good, {"broken": []}])) == []
+    assert len(list(wrong_with_twins([bad]))) == 3
 
 
 @pytest.mark.parametrize("name", ["shake", "push", "tap", "sine"])

@@ -2,9 +2,11 @@
 
 import math
 import random
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +36,8 @@ OTHERS: tuple[Pair, ...] = (
 """Runs that were not recorded, and are predicted."""
 CHANGED = {"inertia": "inertia", "lag": "delay_and_lag", "counts": "encoder_counts_per_revolution"}
 """Planted changes, and the names by which they are told."""
+LARGEST_ERROR, PREDICTED, NAMED, FALSE = 0.1, 0.9, 0.95, 0.05
+"""Largest error of a prediction, and shares of benches and changes that must hold."""
 
 
 @dataclass(frozen=True)
@@ -141,3 +145,27 @@ def verdicts(seed: int) -> dict[str, bool]:
             names = [each.name for each in changed]
             told[kind] = CHANGED[kind] in names if kind in CHANGED else not names
         return told
+
+
+def hidden_twins(first: int, count: int) -> dict[str, object]:
+    """Findings of a chunk of the soak: how many twins predict, changes that are named, and false alarms."""
+    sums = dict.fromkeys(("benches", "predicted", "named", "false"), 0)
+    for seed in range(first, first + count):
+        told = verdicts(seed)
+        sums["benches"] += 1
+        sums["predicted"] += max(prediction(seed)) <= LARGEST_ERROR
+        sums["named"] += sum(told[kind] for kind in CHANGED)
+        sums["false"] += not told["nothing"]
+    return {"broken": [], "twins": sums}
+
+
+def wrong_with_twins(found: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield what all twins of a soak together do not hold."""
+    parts = [each["twins"] for each in found if "twins" in each]
+    sums = {key: sum(part[key] for part in parts) for key in ("benches", "predicted", "named", "false")}
+    if sums["predicted"] < PREDICTED * sums["benches"]:
+        yield f"twins: {sums['predicted']} of {sums['benches']} predict a scene that was not recorded"
+    if sums["named"] < NAMED * len(CHANGED) * sums["benches"]:
+        yield f"twins: {sums['named']} of {len(CHANGED) * sums['benches']} planted changes are named"
+    if sums["false"] > FALSE * sums["benches"] and sums["false"] > 1:
+        yield f"twins: {sums['false']} of {sums['benches']} unchanged benches are called changed"

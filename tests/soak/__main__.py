@@ -17,6 +17,7 @@ from time import perf_counter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from tests.identification.twins import wrong_with_twins
 from tests.soak.page import page
 from tests.soak.parts import WHOLE, Chunk, Found, chunks, worked
 
@@ -79,7 +80,7 @@ def main() -> int:
     (FOLDER / "soak.md").write_text(text, encoding="utf-8")
     if runs >= WHOLE:
         PAGE.write_text(text, encoding="utf-8")
-    broken = [sentence for each in found for sentence in each["broken"]]
+    broken = [sentence for each in found for sentence in each["broken"]] + list(wrong_with_twins(found))
     print("\n".join([*broken, f"{len(broken)} broken; {FOLDER / 'soak.md'}"]))
     return 1 if broken else 0
 

@@ -5,6 +5,7 @@ import platform
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from tests.identification.twins import wrong_with_twins
 from tests.soak.parts import Found
 
 HEAD = """# Soak test results
@@ -18,7 +19,7 @@ time. Every run is checked against the [invariants](../how-to/simulate_faults.md
 
 def page(found: Sequence[Found], runs: int, commit: str, seconds: float) -> str:
     """Return the page as Markdown."""
-    broken = [sentence for each in found for sentence in each["broken"]]
+    broken = [*(sentence for each in found for sentence in each["broken"]), *wrong_with_twins(found)]
     cpu = sum(each["cpu_s"] for each in found)
     virtual = sum(each.get("virtual_s", 0.0) for each in found)
     lines = [

@@ -11,6 +11,7 @@ from haptic_fieldbus import api
 from haptic_fieldbus.errors import HapticFieldbusError
 from tests.builders import endless_rig
 from tests.identification import drawn
+from tests.identification.twins import hidden_twins
 from tests.invariants.attach import watched
 from tests.soak import active, files, frames
 from tests.soak.case import case_of, run_case
@@ -105,6 +106,7 @@ PARTS: Mapping[str, Part] = {
     "seeded runs": Part(WHOLE, 50, seeded_runs),
     "identified benches": Part(300, 3, drawn.work),
     "active elements under gaps": Part(500, 10, active_elements),
+    "twins of hidden benches": Part(60, 1, hidden_twins),
     "frames into the drive": Part(500_000, 10_000, into_drive),
     "frames into the master": Part(500_000, 10_000, into_master),
     **{f"small files: {name}": Part(10_000, 500, partial(into_reader, name, False)) for name in files.READERS},
