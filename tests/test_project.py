@@ -397,6 +397,7 @@ SAME_QUESTION = {
     "stability": "the command and the API behind it",
     "sweep": "the command and the API behind it",
     "translate": "the errors of a library or the system as ours, by its protocol",
+    "twin": "the command and the API behind it",
 }
 
 

@@ -46,7 +46,7 @@ Fitted to {recording}; not told by it: {missing}."""
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangedValue:
     """A value that is another one than the twin has."""
 
     name: str
@@ -67,7 +67,7 @@ class BenchTwin:
     """The twin: the rig with `identified` and `simulation` of the axis."""
     compared: bool
     """Whether the given rig is a twin, so that it was compared."""
-    changed: tuple[Change, ...]
+    changed: tuple[ChangedValue, ...]
     unknown: tuple[str, ...]
     """Values that cannot be compared, because one of both recordings does not tell them."""
     warnings: tuple[str, ...]
@@ -234,7 +234,7 @@ def _simulation(fit: RunFit, own: RigAxis, axis: AxisPlan) -> Mechanics:
 # What changed.
 
 
-def _compared(own: RigAxis, kept: Identified, fit: RunFit) -> tuple[list[Change], list[str]]:
+def _compared(own: RigAxis, kept: Identified, fit: RunFit) -> tuple[list[ChangedValue], list[str]]:
     """Return the values that are others than those of the twin `own`, and those that cannot be compared."""
     stated, built = own.encoder_counts_per_revolution, own.simulation
     before = (built.torque_scale, (built.encoder_counts_per_revolution or stated) / stated)
@@ -244,7 +244,7 @@ def _compared(own: RigAxis, kept: Identified, fit: RunFit) -> tuple[list[Change]
     names = {"torque_scale": "torque constant, rated values or unit",
              "encoder_counts_per_revolution": "encoder, lines for counts, or gear"}  # fmt: skip
     changed = [
-        Change(name, old, new, f"× {exactly(float(f'{new / old:.3g}'))}: {why}")
+        ChangedValue(name, old, new, f"× {exactly(float(f'{new / old:.3g}'))}: {why}")
         for (name, why), old, new in zip(names.items(), before, after, strict=True)
         if abs(new / old - 1.0) > WORTH_SCALE
     ]
@@ -258,7 +258,7 @@ def _compared(own: RigAxis, kept: Identified, fit: RunFit) -> tuple[list[Change]
         if abs(new - old) > max(0.5 * (old_width + new_width), least):
             share = f" ({100.0 * (new / old - 1.0):+.3g} %)" if old else ""
             told = f"{in_unit(old, UNITS[name])} before, {in_unit(new, UNITS[name])} now{share}"
-            changed.append(Change(name, old, new, told))
+            changed.append(ChangedValue(name, old, new, told))
     return changed, unknown
 
 

@@ -124,7 +124,7 @@ def test_a_handle_that_hardly_moves_is_refused(shaken: RunRecord) -> None:
 
 
 def test_a_run_of_few_pieces_has_none_to_check(shaken: RunRecord) -> None:
-    count = 1400
+    count = 1250
     short = replace(
         shaken, positions=shaken.positions[:count], torques=shaken.torques[:count], usable=shaken.usable[:count]
     )
