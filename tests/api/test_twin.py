@@ -9,6 +9,9 @@ import pytest
 from haptic_fieldbus.api.twin import BenchTwin, twin
 from haptic_fieldbus.drive.rig import Identified, LinearMechanism, Mechanics, Rig
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins import Basis
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.recordings.reading import RecordedRun
 from tests.identification.twins import (
     LASTING,
@@ -66,6 +69,13 @@ def test_the_twin_predicts_a_run_that_was_not_recorded_with_the_same_frames_for_
     assert max(errors_between(truth, first)) < 0.1
     assert max(errors_between(truth, stated)) > 0.1, "the rig as it was stated predicts less"
     assert np.array_equal(first.table(), again.table())
+
+
+def test_a_twin_raises_no_permitted_torque(bench: HiddenBench, made: tuple[BenchTwin, Rig]) -> None:
+    stated, found = (load(Task("spring", rig)).plan.axes[0] for rig in (bench.stated, made[1]))
+    assert (found.limits.effort, found.limits.holding) == (stated.limits.effort, stated.limits.holding)
+    assert found.bench.basis is Basis.STATED
+    assert found.rig.permissions == stated.rig.permissions
 
 
 def test_what_changed_is_named_alone_and_an_unchanged_bench_is_left_alone(

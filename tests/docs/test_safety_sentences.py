@@ -103,6 +103,9 @@ TESTS: dict[int, dict[str, str]] = {
         "at most 80 % of the predicted": f"{CERTIFIED}is_told_and_not_reached",
     },
     80: {},
+    81: {
+        "never raises a permitted torque": "tests/api/test_twin.py::test_a_twin_raises_no_permitted_torque",
+    },
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 

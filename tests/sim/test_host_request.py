@@ -1,19 +1,27 @@
 """Requests to `simulate` are checked as a whole before a bus is opened."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import pytest
 
-from haptic_fieldbus.drive.rig import BusSection
+from haptic_fieldbus.drive.rig import BusSection, Mechanics, default_axis
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.bus import NODES
 from haptic_fieldbus.protocols.protocol import BusName
+from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.faults import AnswerLost, BusOff, Emergency, ErrorFrame, Fault, SyncIgnored
 from haptic_fieldbus.sim.host_request import HostRequest, host_on, joined_bus, numbered, resolve, rig_of
 
 
 class TestRequest:
     """A request is checked as a whole before a bus is opened."""
+
+    def test_the_drives_of_a_rig_are_hosted_with_their_benches(self) -> None:
+        bench = default_axis(Workspace.LINEAR, bus="bus", node=9, profile="generic_cia402")
+        axis = replace(bench, simulation=Mechanics(inertia=9e-5))
+        _, (slot,) = resolve(HostRequest([], "virtual:here", axes=(axis,)))
+        assert (slot.node, slot.profile.name, slot.axis.simulation.inertia) == (9, "generic_cia402", 9e-5)
 
     @pytest.mark.parametrize(
         ("texts", "first", "nodes"),

@@ -1,12 +1,18 @@
 """A simulated bus with its drives as the plugin's fixtures give them, in virtual and in real time."""
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import can
 import canopen
 import pytest
 
+from haptic_fieldbus.drive.rig import Rig, default_axis
+from haptic_fieldbus.drive.rig_units import rig_text
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.faults import DriveFault, MissingNode, Silence
 from haptic_fieldbus.testing import DriveRequest, FaultPlan, SimulatedDrive, VirtualCanBus, plan_faults
 
@@ -85,6 +91,17 @@ class TestVirtualTime:
         assert virtual_can_bus.wait_until(lambda: virtual_can_bus.clock.now_ns() - began_ns >= 500_000_000)
         assert not virtual_can_bus.wait_until(lambda: False, longest=100.0)
         assert virtual_can_bus.clock.now_ns() - began_ns == 100_500_000_000
+
+
+def test_a_drive_may_be_that_of_a_rig(tmp_path: Path) -> None:
+    file, bench = tmp_path / "twin.toml", default_axis(Workspace.LINEAR, bus="a", node=9, profile="generic_cia402")
+    bus = {"a": CanSection("haptic_sim", "sim")}
+    file.write_text(rig_text(Rig(bus, {"handle": replace(bench, rated_torque=0.7)}), ""), encoding="utf-8")
+    with VirtualCanBus([DriveRequest(rig=str(file))], time="virtual") as wire:
+        assert wire.drives[9].rated_torque == pytest.approx(0.7)
+    file.write_text(rig_text(Rig(bus, {"handle": bench, "other": replace(bench, node=10)}), ""), encoding="utf-8")
+    with pytest.raises(UsageError, match="expected a rig with one axis, found 2"):
+        VirtualCanBus([DriveRequest(rig=str(file))], time="virtual")
 
 
 def test_in_virtual_time_every_run_is_the_same() -> None:
