@@ -8,7 +8,7 @@ import can
 import canopen
 import pytest
 
-from haptic_fieldbus.drive.rig import Rig, default_axis
+from haptic_fieldbus.drive.rig import BusSection, Rig, default_axis
 from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -95,7 +95,7 @@ class TestVirtualTime:
 
 def test_a_drive_may_be_that_of_a_rig(tmp_path: Path) -> None:
     file, bench = tmp_path / "twin.toml", default_axis(Workspace.LINEAR, bus="a", node=9, profile="generic_cia402")
-    bus = {"a": CanSection("haptic_sim", "sim")}
+    bus: dict[str, BusSection] = {"a": CanSection("haptic_sim", "sim")}
     file.write_text(rig_text(Rig(bus, {"handle": replace(bench, rated_torque=0.7)}), ""), encoding="utf-8")
     with VirtualCanBus([DriveRequest(rig=str(file))], time="virtual") as wire:
         assert wire.drives[9].rated_torque == pytest.approx(0.7)
