@@ -812,7 +812,7 @@ GUARDS = {
     ),
     "Modbus: a late sample has its own age": _line(
         "exchange",
-        "reading.latched(requester.sent_ns, requester.arrived_ns)",
+        "reading.latched(sent_ns, requester.arrived_ns)",
         "requester.arrived_ns",
         "test_exchange",
         "test_a_sample_of_an_earlier_question_counts_for_the_age_that_it_has",
@@ -833,8 +833,8 @@ GUARDS = {
     ),
     "Modbus: a late answer is not that of now": _line(
         "exchange",
-        "if READ_WRITE not in late:",
-        "if True:",
+        "if READ_WRITE in late:",
+        "if False:",
         "test_exchange",
         "test_after_function_23_stayed_unanswered_a_serial_line_gets_the_set_point_by_another_function",
     ),

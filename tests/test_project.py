@@ -318,7 +318,11 @@ def test_every_import_is_a_declared_dependency_and_the_other_way_round() -> None
     project = SETTINGS["project"]
     required = [
         *project["dependencies"],
-        *(each for extra in ("cluster", "data", "plot", "view") for each in project["optional-dependencies"][extra]),
+        *(
+            each
+            for extra in ("cluster", "data", "multicast", "plot", "view")
+            for each in project["optional-dependencies"][extra]
+        ),
     ]
     declared = {re.split(r"[\[<>=,;]", requirement)[0] for requirement in required} | PARTS_OF_NICEGUI
     assert {DISTRIBUTIONS.get(name, name.replace("_", "-")) for name in imported()} == declared
