@@ -256,7 +256,7 @@ def test_a_travel_without_limits_is_a_turn_of_the_motor_or_that_of_the_task(benc
     [
         ("gravity = { torque = 0.005 }", {}, SafetyTripError, "moves while no effort acts on it"),
         ("coulomb_friction = 0.2", {}, PlanError, "motor direction not confirmed"),
-        ("torque_bandwidth = 45", {}, HapticFieldbusError, "set-points do not act"),
+        ("torque_bandwidth = 30", {}, HapticFieldbusError, "set-points do not act"),
     ],
 )
 def test_a_bench_that_cannot_be_measured_is_told_and_left_alone(
