@@ -111,7 +111,8 @@ def task_on(bench: Path) -> Task:
 # The rig file.
 
 
-def test_the_rig_keeps_its_comments_and_gets_one_table(bench: Path) -> None:
+def test_the_rig_keeps_its_comments_and_the_next_plan_rests_on_its_table(bench: Path) -> None:
+    """The rig states three times the true damping; the true limit is 1492 N/m, and the stated one would be 4481."""
     text = rig_text("viscous_damping = 1.0e-4")
     found = measured(bench, text)
     after = bench.read_text(encoding="utf-8")
@@ -122,18 +123,6 @@ def test_the_rig_keeps_its_comments_and_gets_one_table(bench: Path) -> None:
     assert table["viscous_damping"] == pytest.approx(1e-4, rel=0.01)
     assert any("viscous_damping: the rig states 0.3 mN·m·s/rad" in each for each in found.warnings)
     assert not any("coulomb_friction" in each for each in found.warnings)
-
-
-@pytest.mark.thorough("measures a bench")
-def test_the_next_measurement_replaces_the_table(bench: Path) -> None:
-    measured(bench, rig_text("viscous_damping = 1.0e-4"))
-    identify(BenchTask(bench))
-    assert bench.read_text(encoding="utf-8").count("identified]") == 1
-
-
-def test_the_next_plan_rests_on_the_measured_values(bench: Path) -> None:
-    """The rig states three times the true damping; the true limit is 1492 N/m, and the stated one would be 4481."""
-    measured(bench, rig_text("viscous_damping = 1.0e-4"))
     identified, plan = load_rig(bench).axis["handle"].identified, load(Task("wall", bench)).plan
     (axis,) = plan.axes
     assert axis.bench.fault == ""
@@ -142,6 +131,13 @@ def test_the_next_plan_rests_on_the_measured_values(bench: Path) -> None:
     assert plan.stability is not None
     assert plan.stability.limit.basis is Basis.IDENTIFIED
     assert 0.7 * 1492.0 <= plan.stability.limit.value <= 1492.0
+
+
+@pytest.mark.thorough("measures a bench")
+def test_the_next_measurement_replaces_the_table(bench: Path) -> None:
+    measured(bench, rig_text("viscous_damping = 1.0e-4"))
+    identify(BenchTask(bench))
+    assert bench.read_text(encoding="utf-8").count("identified]") == 1
 
 
 @pytest.mark.parametrize(("key", "value"), [("encoder_counts_per_revolution", "1024"), ("rated_torque", "0.2")])

@@ -262,6 +262,11 @@ def test_garbage_raises_nothing_but_a_document_error(tmp_path_factory: pytest.Te
         load_rig(path)
 
 
+def test_of_a_bus_without_a_usable_interface_no_range_of_node_ids_is_told(tmp_path: Path) -> None:
+    (fault,) = faults_of(tmp_path, ('interface = "socketcan"', "interface = 5"), ("node = 5", "node = 200"))
+    assert fault == "line 2: bus.can0.interface: 5; expected a non-empty string"
+
+
 def test_a_bus_of_another_protocol_has_the_keys_of_that_protocol(tmp_path: Path) -> None:
     (fault,) = faults_of(tmp_path, ('interface = "socketcan"', 'interface = "modbus-tcp"'))
     assert fault.startswith("line 4: bus.can0.bitrate: unknown key")
