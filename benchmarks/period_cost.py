@@ -174,7 +174,7 @@ def cycle_pair(stack: ExitStack) -> Pair:
     return pair
 
 
-FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.3, cycle_pair),)
+FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.35, cycle_pair),)
 
 
 def simulation_row() -> Row:
