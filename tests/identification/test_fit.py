@@ -141,6 +141,7 @@ def rich_fit() -> ShaftFit:
     return fit_shaft([course.part("check", "stop")])
 
 
+@pytest.mark.thorough("fits a motion of 8 s, 6 s of the processor")
 def test_stribeck_friction_and_cogging_are_found_and_leave_the_other_values_alone(rich_fit: ShaftFit) -> None:
     values, model = rich_fit.values, rich_fit.model
     assert values["inertia"].value == pytest.approx(4e-5, rel=0.01)
