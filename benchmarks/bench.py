@@ -27,6 +27,8 @@ from rich.progress import track
 from rich.table import Table
 from rows import Figure, NotHereError, Pair, machine
 
+from haptic_fieldbus.numerals import rounded
+
 FIGURES: tuple[Figure, ...] = (
     *period_cost.FIGURES,
     *step_cost.FIGURES,
@@ -88,7 +90,7 @@ def cells(found: Measured) -> list[str]:
 
 def of(seconds: float) -> str:
     """Return a time with a unit that suits it."""
-    return f"{1e3 * seconds:.0f} ms" if seconds >= 1e-2 else f"{1e6 * seconds:.3g} µs"
+    return f"{1e3 * seconds:.0f} ms" if seconds >= 1e-2 else f"{rounded(1e6 * seconds)} µs"
 
 
 def as_object(found: list[Measured]) -> dict[str, object]:
