@@ -32,7 +32,9 @@ class Checkout:
         path.write_text(step.edit(path.read_text(encoding="utf-8") if path.exists() else ""), encoding="utf-8")
 
     def test(self, *words: str) -> subprocess.CompletedProcess[str]:
-        return self.call(sys.executable, "-m", "pytest", "-q", "--lane", "quick", "-p", "no:cacheprovider", *words)
+        """Run quick tests of the copy, without differences of long values: their computation may take hours."""
+        plain = ("--assert=plain", "-p", "no:cacheprovider")
+        return self.call(sys.executable, "-m", "pytest", "-q", "--lane", "quick", *plain, *words)
 
     def generate(self, generator: str) -> None:
         """With the programs of the environment around this test: nothing is installed."""
