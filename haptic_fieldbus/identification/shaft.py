@@ -105,18 +105,6 @@ class HeldSpan:
         )  # fmt: skip
 
 
-def predicted_positions(
-    model: ShaftModel,
-    positions: Sequence[float],
-    torques: Sequence[float],
-    period: float,
-    speed: float = 0.0,
-    leading: float = LEADING,
-) -> Matrix:
-    """Return the predicted position of each sample [rad], shape (n,); see `predicted_motion`."""
-    return predicted_motion(model, positions, torques, period, speed, leading)[0]
-
-
 def predicted_motion(
     model: ShaftModel,
     positions: Sequence[float],

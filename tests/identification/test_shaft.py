@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, predicted_positions
+from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, predicted_motion
 
 PERIOD = 0.002
 SMOOTH = ShaftModel(4e-5, 3e-4, 0.0, 0.0007, 0.0006)
@@ -84,8 +84,8 @@ def test_stribeck_friction_and_waves_are_those_of_scipy() -> None:
     )
     torques = [2.2e-3 + 1e-3 * math.sin(0.05 * k) for k in range(150)]
     theirs = solved_with_parts(model, torques)
-    mine = predicted_positions(model, [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0)
-    without = predicted_positions(
+    mine, _ = predicted_motion(model, [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0)
+    without, _ = predicted_motion(
         replace(model, stribeck=0.0, waves=()), [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0
     )
     assert np.ptp(theirs) > 1.0
@@ -110,7 +110,7 @@ def pushes(count: int, size: float) -> list[float]:
 @pytest.mark.parametrize("model", [SMOOTH, ROUGH, LOADED], ids=["smooth", "rough", "loaded"])
 def test_an_open_integration_is_that_of_scipy(model: ShaftModel) -> None:
     torques = pushes(120, 0.008)
-    mine = predicted_positions(model, [0.0] * len(torques), torques, PERIOD, leading=0.0)
+    mine, _ = predicted_motion(model, [0.0] * len(torques), torques, PERIOD, leading=0.0)
     theirs = solved(model, torques)
     assert np.ptp(theirs) > 0.02
     assert mine == pytest.approx(theirs, abs=1e-6)
@@ -118,7 +118,7 @@ def test_an_open_integration_is_that_of_scipy(model: ShaftModel) -> None:
 
 def test_a_spinning_shaft_slows_down_and_sticks_where_the_closed_form_says() -> None:
     model = ShaftModel(4e-5, 0.0, 2e-3, 0.0, 0.0005)
-    angles = predicted_positions(model, [0.0] * 500, [0.0] * 500, PERIOD, speed=10.0, leading=0.0)
+    angles, _ = predicted_motion(model, [0.0] * 500, [0.0] * 500, PERIOD, speed=10.0, leading=0.0)
     # ω²·J/(2·c)
     assert angles[-1] == pytest.approx(100.0 * 4e-5 / 4e-3, rel=1e-9)
 
@@ -138,6 +138,6 @@ def test_a_tiny_damping_is_the_limit_without_damping(damping: float) -> None:
 
 def test_the_model_is_led_back_to_a_record_that_it_does_not_explain() -> None:
     drifting = [0.01 * k * PERIOD for k in range(2000)]
-    at_rest = predicted_positions(SMOOTH, drifting, [0.0] * 2000, PERIOD)
+    at_rest, _ = predicted_motion(SMOOTH, drifting, [0.0] * 2000, PERIOD)
     assert abs(at_rest[-1] - drifting[-1]) < 0.01
-    assert predicted_positions(SMOOTH, drifting, [0.0] * 2000, PERIOD, leading=0.0)[-1] == 0.0
+    assert predicted_motion(SMOOTH, drifting, [0.0] * 2000, PERIOD, leading=0.0)[0][-1] == 0.0
