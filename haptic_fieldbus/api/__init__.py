@@ -251,13 +251,15 @@ def prepare_run(
     session = Session(
         plan, on_bus, trial.duration, record=recording, changes=changes, prove=trial.prove,
         confirm=trial.confirm, instruct=trial.instruct, progress=_shown(trial.progress, plan),
-        provenance=provenance, drawing=DRAWING, live=trial.live, led=_led(plan, trial, repeats),
+        provenance=provenance, drawing=DRAWING, live=trial.live, led=_led(plan, trial, held, repeats),
     )  # fmt: skip
     time = None if trial.live is None else trial.live.time
     return session, site_of(plan, recording, hand, trial.seed, faults, time)
 
 
-def _led(plan: Plan, trial: Trial, repeats: Provenance | None) -> "Callable[[Mapping[str, Any]], Leading] | None":
+def _led(
+    plan: Plan, trial: Trial, hand: str, repeats: Provenance | None
+) -> "Callable[[Mapping[str, Any]], Leading] | None":
     """Return what leads the handles of a simulation by the commands of a page or of a record; None: nobody leads."""
     recorded = (repeats.conditions.led if repeats else None) or ()
     if not plan.simulated or (trial.live is None and not recorded):
@@ -268,7 +270,8 @@ def _led(plan: Plan, trial: Trial, repeats: Provenance | None) -> "Callable[[Map
     def leading(worlds: Mapping[str, Any]) -> Leading:
         axes = [axis for axis in plan.axes if axis.rig.bus in worlds]
         bodies = {axis.name: worlds[axis.rig.bus].body(axis.node) for axis in axes}
-        return Leading({axis.name: PointedHandle(bodies[axis.name], axis.rig.mechanism) for axis in axes}, recorded)
+        handles = {axis.name: PointedHandle(bodies[axis.name], axis.rig.mechanism) for axis in axes}
+        return Leading(handles, recorded, hand)
 
     return leading
 

@@ -86,8 +86,10 @@ class Handle(Protocol):
 class Leading:
     """The handles of a run, led by commands of a page, of a recorded run, or both; what has acted is kept."""
 
-    def __init__(self, handles: Mapping[str, Handle], recorded: Sequence[Led] = ()) -> None:
+    def __init__(self, handles: Mapping[str, Handle], recorded: Sequence[Led] = (), hand: str = "none") -> None:
         self.handles = handles
+        self.hand = hand
+        """Name of the hand that a person chose last."""
         self.acted: list[Led] | None = []
         """Commands with the periods in which they acted; None: too many to keep."""
         self._recorded = deque(recorded)
@@ -104,7 +106,7 @@ class Leading:
     def take(self, hand: str) -> None:
         """Let a hand of this name take all handles."""
         self._asked.clear()
-        self._asked[""] = hand
+        self._asked[""] = self.hand = hand
 
     def let_go(self) -> None:
         """Let all handles go that are pulled."""

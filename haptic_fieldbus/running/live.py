@@ -304,7 +304,8 @@ class Live:
         return values
 
     def _pace(self) -> dict[str, Any]:
-        return {"speed": self.time.speed, "paused": self.time.paused}
+        hand = None if self._leading is None else self._leading.hand
+        return {"speed": self.time.speed, "paused": self.time.paused, "hand": hand}
 
     def _tell(self, message: Message, only: _Reader | None = None, *, known: Message | None = None) -> None:
         """Send a message to all readers or to one.
@@ -436,6 +437,7 @@ class Live:
         elif name == "hand":
             _expect(value in HANDS)
             leading.take(value)
+            self._tell({"pace": self._pace()}, known=self._pace())
         elif name in PACE:
             number = PACE[name](value)
             _expect(math.isfinite(number))

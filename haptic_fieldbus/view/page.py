@@ -164,9 +164,11 @@ class Controls:
                     _button("skip_next", "One period forward (key N)", "haptic.step()", text="step"),
                 ]
             pace = next((name for name, speed in SPEEDS.items() if speed == hello["speed"]), "real time")
+            hands = {value: name for name, value in HANDS_SHOWN.items()}
+            held = hands.setdefault(hello["hand"], hello["hand"])
             chosen = [
                 _choice(SPEEDS, pace, "Speed", "haptic.send({speed: value})"),
-                _choice(HANDS_SHOWN, "none (drag the handle)", "Hand", "haptic.send({hand: value})"),
+                _choice({name: value for value, name in hands.items()}, held, "Hand", "haptic.send({hand: value})"),
             ]
             if scenes := {name: name for name in [hello["scene"], *hello["scenes"]] if hello["scenes"]}:
                 label = "Scene; ends this run and begins anew"

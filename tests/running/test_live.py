@@ -244,6 +244,21 @@ def test_what_a_page_has_changed_is_repeated_and_so_is_the_hand_that_it_led(led:
     assert [change.settings for change in again.changes] == [{"wall.stiffness": 700.0}, {"wall.position": 0.01}]
 
 
+def test_the_hand_of_a_run_is_told_and_so_is_one_that_a_page_chose() -> None:
+    hands = []
+
+    def watch(watcher: Watcher) -> None:
+        hands.append(watcher.until("hello")["hand"])
+        watcher.reader.send({"hand": "tap"})
+        hands.append(watcher.until("pace")["hand"])
+        later = Watcher(folder() / f"{os.getpid()}.sock")
+        hands.append(later.until("hello")["hand"])
+        later.reader.close()
+
+    run_watched(watch, hand="guide")
+    assert hands == ["guide", "tap", "tap"]
+
+
 NONSENSE = [b"nonsense\n", b"[1]\n", b"5\n", b"[" * 60_000 + b"\n", b"x" * 200_000]
 
 

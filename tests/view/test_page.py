@@ -284,6 +284,8 @@ def test_a_hand_chosen_on_the_page_takes_the_handle_and_the_pointer_takes_it_fro
     WebDriverWait(browser, PATIENCE, 0.1).until(lambda _: browser.find_elements(By.XPATH, option))
     browser.execute_script("arguments[0].click()", browser.find_element(By.XPATH, option))
     until(browser, "haptic.drawn.handle.asked < -4")  # a push of 6 N
+    browser.refresh()
+    until(browser, "/Hand\\s+push/.test(document.querySelector('.simulation').innerText)")
     browser.execute_script("haptic.pull('handle', -0.03)")
     until(browser, "haptic.drawn.handle.position < -0.025")
 
