@@ -86,7 +86,7 @@ class Handle(Protocol):
 class Leading:
     """The handles of a run, led by commands of a page, of a recorded run, or both; what has acted is kept."""
 
-    def __init__(self, handles: Mapping[str, Handle], recorded: Sequence[Led] = (), hand: str = "none") -> None:
+    def __init__(self, handles: Mapping[str, Handle], recorded: Sequence[Led], hand: str) -> None:
         self.handles = handles
         self.hand = hand
         """Name of the hand that a person chose last."""

@@ -35,7 +35,7 @@ def axes(*, begun: bool = True) -> Any:
 def led(commands: Mapping[int, Callable[[Leading], None]], recorded: tuple[Led, ...] = ()) -> tuple[Leading, list[Any]]:
     """Go through ten periods with commands before some; return what was kept, and what was done to the axis a."""
     handle = Handle()
-    found = Leading({"a": handle, "b": Handle()}, recorded)
+    found = Leading({"a": handle, "b": Handle()}, recorded, "none")
     for period in range(10):
         if period in commands:
             commands[period](found)
@@ -67,7 +67,7 @@ def test_each_command_acts_in_its_period_and_the_record_does_the_same_again() ->
 
 def test_a_handle_whose_place_is_not_known_is_not_pulled_yet() -> None:
     handle = Handle()
-    found = Leading({"a": handle})
+    found = Leading({"a": handle}, [], "none")
     found.pull("a", 0.1)
     found.act(axes(begun=False), PERIOD)
     assert handle.done == []
@@ -78,7 +78,7 @@ def test_a_handle_whose_place_is_not_known_is_not_pulled_yet() -> None:
 @pytest.mark.parametrize(("seconds", "kept"), [(60, True), (300, False)])
 def test_a_minute_of_dragging_is_kept_and_five_are_not(seconds: int, kept: bool) -> None:
     """One place per period of 1 ms."""
-    found, handles = Leading({"a": Handle()}), axes()
+    found, handles = Leading({"a": Handle()}, [], "none"), axes()
     for period in range(1000 * seconds):
         found.pull("a", 0.001 * (period % 2))
         found.act(handles, PERIOD)
