@@ -75,7 +75,7 @@ class BenchTwin:
     @property
     def text(self) -> str:
         """Return the twin as a rig file."""
-        missing = ", ".join(name for name in KEPT if self.fit.values[name].reason) or "nothing"
+        missing = ", ".join(name for name in (*KEPT, "torque_scale") if self.fit.values[name].reason) or "nothing"
         return rig_text(self.rig, HEADING.format(recording=Path(self.recording).name, missing=missing))
 
     def to_json(self) -> dict[str, object]:

@@ -84,8 +84,11 @@ def _rows(found: "BenchTwin", check: bool) -> "Iterator[OutputRow]":
         more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
         yield OutputRow(LABELS[name], [f"not told: {each.reason}" if each.reason else f"{interval_text(each)}{more}"])
     for name, label in (("torque_scale", "torque"), ("count_scale", "counts")):
-        if (scale := found.fit.values[name].value) != 1.0:
-            yield OutputRow(label, [f"{rounded(scale)} times those of the rig"])
+        scale = found.fit.values[name]
+        if scale.reason:
+            yield OutputRow(label, [f"not told: {scale.reason}; the values hold for that of the rig"])
+        elif scale.value != 1.0:
+            yield OutputRow(label, [f"{rounded(scale.value)} times those of the rig"])
     fit = found.fit
     yield OutputRow(
         "fit",

@@ -56,6 +56,12 @@ FIRST_SHARES = (1.0, 0.1, 0.3, 3.0, 10.0)
 COUNT_SCALES, FEW_PIECES, SAME_SCALE = (1.0, 0.25, 4.0), 20, 0.02
 """Scales of the counts from which a fit may begin, about the number of pieces that choose one of them, and the share
 within which a scale is one of these."""
+ROUNDING, CONTRADICTED = 1.0 / 12.0, 40.0
+"""Variance of an encoder [counts²], and the fall of the sum of squares, in variances, from which a record contradicts
+that both scales are 1: chance alone gives 2, and about 10 in 1 of 100; samples of one piece vary together."""
+KNOWN_SCALE = 0.05
+"""Largest half of the interval of a scale of torque that a record tells."""
+ONLY_A_HAND, ACT_ALIKE = "only a hand of known force tells it", "the torque of the scene and the bench act alike"
 LEAST_SHARE, LEAST_TIME = 0.01, 2e-5
 """Half of an interval is at least this share of its value, or this time [s]."""
 
@@ -142,23 +148,33 @@ def fit_run(record: RunRecord, stated: ShaftModel) -> RunFit:
                        0.0, 0.4 * record.period, 0.0, 1.0, 1.0])  # fmt: skip
     free = [each for each in range(START if record.hand is None else TORQUE) if each != LAG]
     fit = _Fit(used, values, free).solved()
-    if record.hand is not None and fit.rms > ENCODER_NOISE:
-        fit = _with_scales(fit, values)
-    return fit.told(_Fit(unused, fit.values, []).solved().rms if rest.any() else math.nan)
+    reason = ONLY_A_HAND
+    if record.hand is not None:
+        scaled, half_width = _with_scales(fit, values)
+        gained = (fit.cost - scaled.cost) / max(scaled.rms**2, ROUNDING)
+        fit = scaled if gained > CONTRADICTED else fit
+        reason = ACT_ALIKE if fit.values[TORQUE] == 1.0 and half_width > KNOWN_SCALE else ""
+    told = fit.told(_Fit(unused, fit.values, []).solved().rms if rest.any() else math.nan)
+    torque = replace(told.values["torque_scale"], reason=reason)
+    return replace(told, values={**told.values, "torque_scale": torque})
 
 
-def _with_scales(fit: "_Fit", values: Matrix) -> "_Fit":
-    """Return the fit with scales of torque and counts; one within `SAME_SCALE` of a round number is that number."""
+def _with_scales(fit: "_Fit", values: Matrix) -> tuple["_Fit", float]:
+    """Return the fit with scales of torque and counts, and half of the interval of the scale of torque.
+
+    A scale within `SAME_SCALE` of a round number is that number.
+    """
     few = fit.pieces.part(np.arange(len(fit.pieces.first)) % (1 + len(fit.pieces.first) // FEW_PIECES) == 0)
     free, starts = [*fit.free, TORQUE, COUNTS], [np.append(values[:COUNTS], scale) for scale in COUNT_SCALES]
     begun = min((_Fit(few, start, free).solved() for start in starts), key=lambda each: each.cost)
     best = _Fit(fit.pieces, begun.values, free, values).solved()
+    half_width = best.told(math.nan).values["torque_scale"].half_width
     start = best.values.copy()
     for name, rounds in ((TORQUE, COUNT_SCALES[:1]), (COUNTS, COUNT_SCALES)):
         for near in (each for each in rounds if abs(start[name] / each - 1.0) < SAME_SCALE):
             start[name], free = near, [each for each in free if each != name]
     again = _Fit(fit.pieces, start, free, values).solved()
-    return again if again.rms < max(1.1 * best.rms, ENCODER_NOISE) else best
+    return again if again.rms < max(1.1 * best.rms, ENCODER_NOISE) else best, half_width
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,7 +367,7 @@ class _Fit:
     def total(self, values: Matrix, angle: Matrix, speed: Matrix) -> float:
         """Return the sum of squares; an error of an encoder has a variance of 1/12."""
         before = ((values - self.expected) / self.spreads)[self.free]
-        return float(np.sum(self.errors(values, angle, speed) ** 2) + before @ before / 12.0)
+        return float(np.sum(self.errors(values, angle, speed) ** 2) + ROUNDING * (before @ before))
 
     def solved(self) -> "_Fit":
         """Descend to the least sum of squares."""
@@ -381,7 +397,7 @@ class _Fit:
         corner = corner + 1e-9 * np.eye(2) * np.abs(corner).max(axis=(1, 2), keepdims=True)
         inner, wrong = np.einsum("slk,asl->ask", basis, slopes), np.einsum("slk,sl->sk", basis, errors)
         slopes -= np.einsum("slk,ask->asl", basis, inner)
-        scales, weight = self.scales[self.free], (self.scales / self.spreads)[self.free] ** 2 / 12.0
+        scales, weight = self.scales[self.free], ROUNDING * (self.scales / self.spreads)[self.free] ** 2
         self.scores = np.einsum("asl,sl->sa", slopes, errors - np.einsum("slk,sk->sl", basis, wrong))
         self.slopes = np.einsum("asl,bsl->ab", slopes, slopes) + np.diag(weight)
         gradient = self.scores.sum(0) + weight * (self.values - self.expected)[self.free] / scales
@@ -429,7 +445,7 @@ class _Fit:
         """Return the values with their intervals, and the reasons of those that the record does not tell."""
         rms, inverse, values = self.rms, np.linalg.pinv(self.slopes, rcond=1e-14), dict[str, Estimate]()
         sandwich = inverse @ self.scores.T @ self.scores @ inverse
-        variances = np.maximum(np.diag(sandwich), np.diag(inverse) * max(rms**2, 1.0 / 12.0))
+        variances = np.maximum(np.diag(sandwich), np.diag(inverse) * max(rms**2, ROUNDING))
         deviations = dict(zip(self.free, np.sqrt(variances) * self.scales[self.free], strict=True))
         for name, place in TOLD.items():
             value, lowest = float(self.values[place]), -math.inf if name == "load" else 0.0

@@ -59,6 +59,30 @@ def test_the_twin_has_the_values_of_the_hidden_bench(made: tuple[BenchTwin, Rig]
     assert axis.identified.digest is None, "its values are judged like stated ones"
 
 
+@pytest.mark.thorough("fits scales of torque and counts to 12 s of a run")
+@pytest.mark.parametrize(("counts", "told"), [(16384, 1.07), (1024, None)])
+def test_a_wrong_torque_constant_beside_a_damper_is_told_or_named_as_unknown(
+    tmp_path: Path, counts: int, told: float | None
+) -> None:
+    """The best fit with the stated torque leaves hardly more than rounding: only fine counts tell damper and bench."""
+    truth = Mechanics(
+        inertia=6e-5, viscous_damping=2e-4, coulomb_friction=2e-3, torque_bandwidth=1000.0, torque_scale=1.07
+    )
+    bench = replace(hidden_bench(3).with_truth(truth), rate=1000.0)
+    axis = replace(bench.rig.axis["handle"], encoder_counts_per_revolution=counts)
+    bench = replace(bench, rig=replace(bench.rig, axis={"handle": axis}))
+    run = recorded(bench, ("damper", "shake", {}), tmp_path / "run.mcap", 12.0, 1)
+    made = twin(run, bench.stated)
+    values = made.fit.values
+    if told is None:
+        assert "the bench act alike" in values["torque_scale"].reason
+        assert "torque_scale" in made.text.splitlines()[1]
+    else:
+        assert values["torque_scale"].value == pytest.approx(told, rel=0.01)
+        assert values["torque_scale"].reason == ""
+        assert values["viscous_damping"].value == pytest.approx(2e-4, rel=0.03)
+
+
 def test_the_twin_predicts_a_run_that_was_not_recorded_with_the_same_frames_for_a_seed(
     bench: HiddenBench, made: tuple[BenchTwin, Rig], tmp_path: Path
 ) -> None:
