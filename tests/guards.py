@@ -433,7 +433,7 @@ GUARDS = {
         of="tests/cycle/test_asked_echo.py",
     ),
     "answers that belong to another question": _bus(
-        "target_readback",
+        "master",
         "LATEST * self._patience_ns if self._repeated else self._every_ns",
         "self._every_ns",
         "test_target_readback",
@@ -496,7 +496,7 @@ GUARDS = {
         "test_a_full_disk_keeps_no_axis_from_being_freed",
     ),
     "no bus keeps another from being freed": Guard(
-        "haptic_fieldbus/buses/group.py",
+        "haptic_fieldbus/buses/bus.py",
         "except Exception as error:",
         "except MemoryError as error:",
         ("tests/buses/test_group.py::test_a_bus_that_raises_although_it_must_not_keeps_no_other_from_being_freed",),
@@ -825,7 +825,7 @@ GUARDS = {
         "test_a_late_sample_of_one_unit_is_not_taken_for_that_of_another",
     ),
     "Modbus: the stop waits out a delayed acknowledgement": _line(
-        "release",
+        "master",
         "round(1e9 * DELAYED_ACK)",
         "0",
         "test_release",
@@ -863,21 +863,21 @@ GUARDS = {
         "test_a_register_that_keeps_another_value_ends_the_set_up",
     ),
     "Modbus: the way to zero feeds no watchdog": _line(
-        "release",
+        "master",
         "MOST_ZEROS = 2",
         "MOST_ZEROS = 99",
         "test_release",
         "test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets_zero_torque",
     ),
     "Modbus: zero torque at the end": _line(
-        "release",
+        "master",
         "self._zeros -= 1",
         "return steps",
         "test_release",
         "test_the_first_thing_that_goes_out_is_zero_torque",
     ),
     "Modbus: a line that was reset": _line(
-        "release",
+        "master",
         "self._requester.transport.reopen()",
         "pass",
         "test_release",

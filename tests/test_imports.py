@@ -52,8 +52,8 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.certify": "api.certification api.provenance report.certificate_page",
-        "cli.identify": "api.identification api.provenance identification report.analysis_plots",
+        "cli.identify": "api.certification api.identification api.provenance identification report.analysis_plots"
+        " report.plot",
         "cli.options": "documents.quantities planning.request protocols.registry report.drawing signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots planning.explain"
@@ -82,7 +82,7 @@ DOES_WITHOUT = {
         "api": "api.provenance api.site recordings.reading running.changes running.session",
         "assessing.result": "recordings.tables",
         "api.stability_limits": "numerics.estimators",
-        "api.open_loop": "documents.samples numerics.estimators numerics.integrators numerics.integrators.stepping",
+        "api.open_loop": "documents.samples numerics.estimators numerics.integrators numerics.integrators.method",
         "cycle.axis": "cycle.tachometer",
         "cycle.laws": "numerics.estimators numerics.integrators",
         "documents.document": "documents.positions",
@@ -157,7 +157,7 @@ PUBLIC = {"", "clock", "errors", "numerics.linear", "scenes.element", "sim.fault
 FENCED = {
     "study": (
         "api.site assessing cycle margins numerals numerics.batch numerics.estimators numerics.estimators.tachometer"
-        " numerics.integrators numerics.integrators.stepping numerics.sampled planning.compile report.drawing"
+        " numerics.integrators numerics.integrators.method numerics.sampled planning.compile report.drawing"
         " running.loop sim.hand sim.mechanics",
         "cli.report",
     ),

@@ -311,7 +311,7 @@ class _Answers:
 
     def _dynamic(self, element: DynamicElement, inputs: Array, rest: float) -> _Answer:
         from haptic_fieldbus.numerics import integrators
-        from haptic_fieldbus.numerics.integrators.stepping import follow
+        from haptic_fieldbus.numerics.integrators.method import follow
 
         space = element.dynamics
         one = integrators.discretise(space, self._period, self._method)

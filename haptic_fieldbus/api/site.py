@@ -22,8 +22,7 @@ from haptic_fieldbus.running.session import Site
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Fault, HostFault, faults_on
 from haptic_fieldbus.sim.hand import Hand
-from haptic_fieldbus.sim.host import HostClock
-from haptic_fieldbus.sim.simulation import Simulation
+from haptic_fieldbus.sim.simulation import HostClock, Simulation
 
 # Objects as texts, so that a run imports only the protocols of its buses.
 ACCESS = {

@@ -38,7 +38,7 @@ COMMANDS: dict[str, dict[str, str]] = {
         " render use `run`.",
         "haptic_fieldbus.cli.identify:identify": "Measure inertia, friction, damping and delay of a bench with its own"
         " drive, and write them into the rig file.",
-        "haptic_fieldbus.cli.certify:certify": "Raise the stiffness of SCENE in steps and tap it: the largest one that"
+        "haptic_fieldbus.cli.identify:certify": "Raise the stiffness of SCENE in steps and tap it: the largest one that"
         " is well damped, and the onset. Measure first: `identify`.",
         "haptic_fieldbus.cli.twin:twin": "Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say"
         " what changed on it.",

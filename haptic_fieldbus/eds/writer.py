@@ -10,8 +10,7 @@ from dataclasses import replace
 from haptic_fieldbus.eds.lines import fits, text_of, value_range
 from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsEntry, EdsObject, EdsValue, ObjectCode
 from haptic_fieldbus.eds.names import HIGHEST, REALS, TIMES, EdsType, member_name, parameter_name
-from haptic_fieldbus.eds.objects import HIGHEST_ELEMENT
-from haptic_fieldbus.eds.reader import DUMMY_TYPES
+from haptic_fieldbus.eds.reader import DUMMY_TYPES, HIGHEST_ELEMENT
 
 # The objects of an EDS in a form that other programs load, whatever it was made from.
 #

@@ -3,12 +3,15 @@
 Its title is the verdict in a few words and a number; the rest of the verdict stands below it.
 
 On real drives the error is not known; the last panel then shows the lateness of periods and the age of feedback.
+
+The page of a certificate says what was seen on which bench, and shows the growth of the contact over its stiffness.
 """
 
 import math
 import re
 from collections.abc import Callable, Sequence
 from itertools import cycle, pairwise
+from textwrap import wrap
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,8 +19,9 @@ from matplotlib.figure import Figure, SubFigure
 
 from haptic_fieldbus.assessing.loop_report import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, Trace
+from haptic_fieldbus.identification.certificate import WELL_DAMPED, Certificate
 from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.numerals import exactly, percent, rounded_limit
+from haptic_fieldbus.numerals import exactly, in_unit, lines_of, percent, rounded_limit
 from haptic_fieldbus.planning.refusal import CAVEATS
 from haptic_fieldbus.report.drawing import (
     BLUE,
@@ -31,6 +35,7 @@ from haptic_fieldbus.report.drawing import (
     ORANGE,
     PURPLE,
     SKY,
+    SUBTITLE_SIZE,
     UNITS,
     VERMILION,
     WALL,
@@ -392,3 +397,44 @@ def _between(times: Array | None, first: float, last: float) -> slice:
     if times is None:
         return slice(0, 0)
     return slice(int(np.searchsorted(times, first)), int(np.searchsorted(times, last, side="right")))
+
+
+PAGE = (11.0, 8.3)
+"""Height and width of the page of a certificate [inches]."""
+LINE = 88
+"""Longest line of its text."""
+
+
+def draw_certificate(found: Certificate) -> Figure:
+    """Return the page of a certificate."""
+    seen = "No stiffness was" if found.seen is None else f"{in_unit(found.seen, found.unit)} was"
+    drawn = figure(*PAGE, f"Certificate: {seen} seen well damped")
+    page, panel = drawn.subplots(2, 1, height_ratios=(0.36, 1.0))
+    page.axis("off")
+    page.set(xticks=[], yticks=[])
+    lines = [
+        ("" if number else label, part)
+        for label, text in lines_of(each for each in found.rows() if not each.detail)
+        for number, part in enumerate(wrap(text, LINE))
+    ]
+    for place, (column, colour) in enumerate(((0.0, INK), (0.14, NOTE))):
+        words = "\n".join(line[place] for line in lines)
+        page.text(column, 1.0, words, size=SUBTITLE_SIZE - 1.5, va="top", linespacing=1.6, color=colour)
+    swung = [each for each in found.contacts if each.growth is not None]
+    panel.plot([each.stiffness for each in swung], [each.growth or 0.0 for each in swung], "o-", color=BLUE)
+    for growth, words, colour in ((1.0, "does not decay", VERMILION), (WELL_DAMPED, "well damped below", GREEN)):
+        panel.axhline(growth, color=colour, linewidth=1.0)
+        panel.annotate(
+            words, (0.01, growth), xycoords=panel.get_yaxis_transform(), va="bottom", size=NAME_SIZE, color=NOTE
+        )
+    if found.onset is not None:
+        panel.axvspan(found.onset.low, min(found.onset.high, 3.0 * found.predicted), color=ORANGE, alpha=0.3)
+    marks = [("limit", found.limit, GREY, "-"), ("predicted onset", found.predicted, VERMILION, "--")]
+    marks += [] if found.onset is None else [("extrapolated onset", found.onset.value, ORANGE, "-")]
+    for label, at, colour, style in reversed([each for each in marks if math.isfinite(each[1])]):
+        panel.axvline(at, color=colour, linewidth=1.4, linestyle=style, label=f"{label} {in_unit(at, found.unit)}")
+    panel.set_ylim(0.0, 1.1)
+    panel.set_xlim(0.0, 1.05 * max(panel.get_xlim()[1], found.predicted if math.isfinite(found.predicted) else 0.0))
+    panel.legend(loc="lower center", edgecolor="none", framealpha=1.0)
+    dress(panel, "each swing of the contact beside the one before", f"stiffness [{found.unit}]", "growth per period")
+    return drawn

@@ -14,8 +14,7 @@ from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Proof, Result, Right, known_before
 from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
-from haptic_fieldbus.buses.bus import Bus, StepwiseBus
-from haptic_fieldbus.buses.group import BusGroup
+from haptic_fieldbus.buses.bus import Bus, BusGroup, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.drive.objects import Identity

@@ -6,8 +6,8 @@ import struct
 import can
 import pytest
 
+from haptic_fieldbus.buses.bus import BusGroup
 from haptic_fieldbus.buses.canopen.master import SYNC_BITS, CanopenBus
-from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusConfigurationError, BusError, DriveFaultError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER

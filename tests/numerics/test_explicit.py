@@ -9,8 +9,8 @@ import scipy.integrate
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, discretise
+from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.integrators.staggered import positions
-from haptic_fieldbus.numerics.integrators.stepping import follow
 from haptic_fieldbus.study.explicit import EXPLICIT, EXPLICIT_VERLET_LAG_LIMIT, bind_rates
 from tests.numerics.systems import SPACES
 

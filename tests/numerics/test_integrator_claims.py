@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg
 
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
-from haptic_fieldbus.numerics.integrators.stepping import follow
+from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.cases import every

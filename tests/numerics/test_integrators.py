@@ -14,9 +14,8 @@ from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics import integrators as package
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise, rest
-from haptic_fieldbus.numerics.integrators.method import Integrator
+from haptic_fieldbus.numerics.integrators.method import Integrator, follow
 from haptic_fieldbus.numerics.integrators.staggered import positions
-from haptic_fieldbus.numerics.integrators.stepping import follow
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.cases import every

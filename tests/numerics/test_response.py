@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_fieldbus.assessing.virtual_states import ExactResponse, SequenceResponse, recursion
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, rest
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.response import ExactResponse, SequenceResponse, recursion
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 
 Array = NDArray[np.float64]

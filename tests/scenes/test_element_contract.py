@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 from haptic_fieldbus.scenes import element as element_module
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.registry import ELEMENTS
-from haptic_fieldbus.testing.contracts import axis_count, check_element
+from haptic_fieldbus.testing import axis_count, check_element
 from tests.cases import Test, every
 from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand

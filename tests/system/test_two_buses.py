@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.buses.bus import BusGroup
 from haptic_fieldbus.buses.canopen.master import CanopenBus
-from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Rig

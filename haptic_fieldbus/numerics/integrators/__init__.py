@@ -18,8 +18,7 @@ from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, inst
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
-from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check_system
-from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bind_pair
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, Step, bind_general, bind_pair, check_system
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
 __all__ = [

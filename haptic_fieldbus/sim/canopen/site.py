@@ -14,8 +14,7 @@ from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import ClockStep
-from haptic_fieldbus.sim.host import HostClock, truth_of
-from haptic_fieldbus.sim.simulation import Simulation
+from haptic_fieldbus.sim.simulation import HostClock, Simulation, truth_of
 
 
 class WorldPort(PythonCanPort):

@@ -1,5 +1,12 @@
 """A simulated drive on CAN: the drive together with its CANopen node.
 
+The node has NMT, the services of each state, and the handlers of frames.
+
+Theory (CiA 301, 7.3.2): initialising → pre-operational (boot-up message) ⇄ operational ⇄ stopped; `nmt` lists the
+services that work in each state. A node without node-ID stays in *initialising*, with LSS alone (CiA 305). `handlers`
+maps each identifier that concerns the node to its handler, `requests` does so for remote frames; both are rebuilt when
+a parameter or the state changes.
+
 Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
@@ -11,16 +18,274 @@ from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.protocols.canopen.eds_values import number_of, velocity_unit
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
+from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.link import Frame
-from haptic_fieldbus.sim.canopen.model import extend, install_described, node_options
-from haptic_fieldbus.sim.canopen.node import SDO_REQUEST_ID, Node
-from haptic_fieldbus.sim.canopen.services.basics import INVALID
-from haptic_fieldbus.sim.canopen.services.lss import REQUEST_ID
+from haptic_fieldbus.sim.canopen.model import NodeOptions, extend, install_described, node_options
+from haptic_fieldbus.sim.canopen.services import lss, nmt
+from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, Alarms, Handler
+from haptic_fieldbus.sim.canopen.services.communication import BitTiming, NodeObjects, Storage, TimeConsumer
+from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, REQUEST_ID, UNCONFIGURED, LssSlave
 from haptic_fieldbus.sim.canopen.services.nmt import DRIVE, HEARTBEAT_ID
+from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
+from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.hand import Hand
+
+SDO_RESPONSE_ID = 0x580
+SDO_REQUEST_ID = 0x600
+_CONSUMERS = 4
+"""Number of nodes that can be monitored."""
+_EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
+
+
+class Node:
+    """One CANopen slave."""
+
+    def __init__(
+        self,
+        number: int,
+        dictionary: Dictionary,
+        application: Application,
+        send: Callable[[Frame], None],
+        options: NodeOptions,
+    ) -> None:
+        self.number = number
+        self.state = nmt.NmtState.INITIALISING
+        self.handlers: dict[int, Handler] = {}
+        self.requests: dict[int, Callable[[int], None]] = {}
+        self.now_ns = 0
+        self.heartbeat_enabled = True
+        """False: the node sends no heartbeats, regardless of 1017h, and answers no node guarding."""
+        self.dictionary = dictionary
+        self.sdo = SdoServer(dictionary)
+        self._application = application
+        self._send = send
+        self._options = options
+        self.alarms = alarms = Alarms()
+        self._boot_alarm = alarms.new(self._boot)
+        self._sdo_alarm = alarms.new(lambda _t_ns: self._respond(self.sdo.expire()))
+        self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
+        self.emergencies = nmt.Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
+        self._producer = nmt.Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
+        consumers = _CONSUMERS if options.consumer is not None else 0
+        self.consumers = nmt.Consumers(
+            dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
+        )
+        self._guarding = nmt.Guarding(dictionary, alarms, self._link_lost, self._link_back)
+        self.time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
+        self._objects = NodeObjects(dictionary, number)
+        self._storage = Storage(dictionary)
+        self.lss = LssSlave(
+            self._objects.identity, number, BIT_RATES[0], self._reset_communication, self._bit_timing.activate
+        )
+        self.process = ProcessData(
+            dictionary, application, self.emergencies, self._emit, self._route, alarms,
+            options.rpdos, options.tpdos, options.acts_at_sync,
+        )  # fmt: skip
+
+    def power_on(self, t_ns: int, delay_ns: int | None) -> None:
+        """Switch the voltage on; the boot-up message follows after `delay_ns`.
+
+        None: the message was sent long ago, and the node is *pre-operational* now.
+        """
+        self._initialise(t_ns, None if delay_ns is None else t_ns + delay_ns, power_on=True)
+        if delay_ns is None:
+            self._enter(nmt.NmtState.PRE_OPERATIONAL)
+
+    def commission(self, bitrate: int) -> None:
+        """Set the bit rate [bit/s] of the bus, and store it in the node as if it had been configured before."""
+        self._bit_timing.bus_bitrate = bitrate
+        self.lss.commission(bitrate)
+
+    def receive(self, frame: Frame, t_ns: int) -> None:
+        """Handle a frame of another node that has ended."""
+        if frame.remote or frame.extended:
+            requested = None if frame.extended else self.requests.get(frame.can_id)
+            if requested is not None:
+                self.now_ns = t_ns
+                requested(t_ns)
+            return
+        handler = self.handlers.get(frame.can_id)
+        if handler is not None:
+            self.now_ns = t_ns
+            handler(frame.data, t_ns)
+
+    def timer(self, t_ns: int) -> None:
+        """Serve the timers that are due."""
+        self.now_ns = t_ns
+        self.alarms.ring(t_ns)
+
+    def reset(self, t_ns: int, boot_ns: int | None = None) -> None:
+        """Reset the node as at power-on; the boot-up message follows after `boot_ns`, None: the model's reset time."""
+        # 6007h makes no difference: the power-on state has no torque and no fault.
+        self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
+
+    def lose_rpdos(self, count: int | None) -> None:
+        """Lose the next `count` RPDOs inside the node (a fault), None: all of them."""
+        self.process.lose_rpdos(count)
+        self._route()
+
+    def slow_guards(self, factor: float | None) -> None:
+        """Let the watches on other nodes act after `factor` times their set time, None: never (a fault)."""
+        for watch in (*self.consumers.watches, self._guarding):
+            watch.factor = factor
+
+    def lose_syncs(self, count: int | None) -> None:
+        """Lose the next `count` SYNC messages inside the node (a fault), None: all of them."""
+        self.process.lose_syncs(count)
+        self._route()
+
+    # States.
+
+    def _reset_communication(self) -> None:
+        self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
+        self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
+
+    def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
+        """Enter *initialising* with the power-on values of all objects; without `power_on`, of communication alone."""
+        self.now_ns = t_ns
+        self.state = nmt.NmtState.INITIALISING
+        self.process.stop()
+        self._producer.stop()
+        self.consumers.stop()
+        self._guarding.reset()
+        self._sdo_alarm.off()
+        self.sdo.reset()
+        self.lss.reset(power_on=power_on)
+        self._bit_timing.switch()
+        # The node-ID that LSS has set comes before the values, which may contain it; without one the last is kept.
+        number = self.lss.active_node
+        if number not in (self.number, UNCONFIGURED):
+            self.dictionary.renumber(number - self.number)
+            self.number = number
+        self._storage.restore(*(_EVERYTHING if power_on else _COMMUNICATION))
+        self.emergencies.restart(power_on=power_on)
+        if power_on:
+            self.time.forget()
+            self._application.restart(t_ns)
+        self._boot_alarm.at(NEVER_NS if boot_ns is None else boot_ns)
+        # Last, when all parameters have their power-on values.
+        self.process.compile()
+        self._route()
+
+    def _boot(self, t_ns: int) -> None:
+        self._route()
+        if not self._has_node_id:
+            return
+        self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((nmt.NmtState.INITIALISING.value,))))
+        self._producer.start(t_ns)
+        self._enter(nmt.NmtState.PRE_OPERATIONAL)
+
+    def _enter(self, state: nmt.NmtState) -> None:
+        if state is self.state:
+            return
+        if state is nmt.NmtState.STOPPED:
+            # Before the state is entered, in which no emergency is sent.
+            self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
+        self.state = state
+        if state is nmt.NmtState.OPERATIONAL:
+            self.process.start(self.now_ns)
+        else:
+            self.process.stop()
+        if state is nmt.NmtState.STOPPED:
+            self.sdo.reset()
+            self._sdo_alarm.off()
+        self._route()
+
+    def _route(self) -> None:
+        """Rebuild the handlers for the present state and parameters."""
+        works = nmt.WORKING[self.state]
+        if self.state is nmt.NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
+            # No boot-up is pending: LSS alone can bring the node further.
+            works = nmt.WITHOUT_NODE_ID
+        handlers: dict[int, Handler] = {}
+        requests: dict[int, Callable[[int], None]] = {}
+        if nmt.Service.LSS in works:
+            handlers[lss.REQUEST_ID] = self._lss
+        if nmt.Service.SDO in works:
+            if self.time.can_id is not None:
+                handlers[self.time.can_id] = self.time.received
+            handlers[SDO_REQUEST_ID + self.number] = self._sdo
+        if nmt.Service.PDO in works:
+            handlers |= self.process.route(self.now_ns)
+            requests |= self.process.requests()
+        if nmt.Service.NMT in works:
+            handlers |= self.consumers.route()
+            handlers[0] = self._nmt
+            requests[nmt.HEARTBEAT_ID + self.number] = self._guard
+        self.handlers, self.requests = (handlers, requests) if self._bit_timing.on_bus else ({}, {})
+
+    @property
+    def _has_node_id(self) -> bool:
+        return self.lss.active_node != UNCONFIGURED
+
+    # Services.
+
+    def _nmt(self, data: bytes, t_ns: int) -> None:
+        # The second octet is the node-ID that the command is for, 0 for all nodes.
+        if len(data) != 2 or data[1] not in (0, self.number):
+            return
+        command = data[0]
+        if command in nmt.COMMANDED:
+            self._enter(nmt.COMMANDED[command])
+        elif command == nmt.RESET_NODE:
+            self.reset(t_ns)
+        elif command == nmt.RESET_COMMUNICATION:
+            self._reset_communication()
+
+    def _sdo(self, data: bytes, t_ns: int) -> None:
+        self._application.measure(t_ns)
+        self._respond(self.sdo.request(data))
+        if self.sdo.busy:
+            self._sdo_alarm.at(t_ns + TIMEOUT_NS)
+        else:
+            self._sdo_alarm.off()
+
+    def _respond(self, responses: list[bytes]) -> None:
+        for response in responses:
+            self._emit(Frame(SDO_RESPONSE_ID + self.number, response))
+
+    def _guard(self, t_ns: int) -> None:
+        # A node that produces heartbeats is not guarded: the heartbeat takes precedence.
+        if self._producer.active:
+            return
+        answer = self._guarding.request(self.state.value, t_ns)
+        if self.heartbeat_enabled:
+            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, answer))
+
+    def _beat(self) -> None:
+        if self.heartbeat_enabled:
+            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((self.state.value,))))
+
+    def _link_lost(self, t_ns: int) -> None:
+        """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
+        self.emergencies.raise_error(nmt.HEARTBEAT_LOST)
+        self._application.link_lost(nmt.HEARTBEAT_LOST, t_ns)
+        self._enter(nmt.AFTER_ERROR.get((self._objects.error_behaviour, self.state), self.state))
+
+    def _link_back(self) -> None:
+        # Both share one error; it is over only when nobody is missing any more.
+        if not self.consumers.lost and not self._guarding.lost:
+            self.emergencies.clear(nmt.HEARTBEAT_LOST)
+
+    def _send_emergency(self, data: bytes) -> None:
+        cob_id = self._objects.emergency_cob_id
+        if nmt.Service.SDO in nmt.WORKING[self.state] and not cob_id & INVALID:
+            self._emit(Frame(cob_id & ID, data))
+
+    def _emit(self, frame: Frame) -> None:
+        if self._bit_timing.on_bus:
+            self._send(frame)
+
+    # LSS.
+
+    def _lss(self, data: bytes, _t_ns: int) -> None:
+        response = self.lss.request(data)
+        if response is not None:
+            self._emit(Frame(lss.RESPONSE_ID, response))
+
 
 # Quirks: deviations of real drives from the standards, by the keys of a profile's [simulation].
 #

@@ -31,7 +31,7 @@ from haptic_fieldbus.sim.canopen.link import Controller, Disturbances, Frame, Po
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, HostFault, LineFault
-from haptic_fieldbus.sim.host import HostClock
+from haptic_fieldbus.sim.simulation import HostClock
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
 #

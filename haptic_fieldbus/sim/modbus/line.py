@@ -27,11 +27,10 @@ from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.bench import DrivenBus, until
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.station import RequestServer, ServerRequest
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.sim.simulation import Simulation
+from haptic_fieldbus.sim.simulation import HostClock, Simulation, truth_of
 
 _TOLERANCE_NS = 1_000
 """Permitted shortfall of a silence, for rounding."""

@@ -12,7 +12,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, integrators, sampled
 from haptic_fieldbus.numerics.batch import loops
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.numerics.integrators.stepping import follow
+from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text

@@ -13,7 +13,7 @@ from haptic_fieldbus import plan, response
 from haptic_fieldbus.cycle import TripKind
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
-from haptic_fieldbus.numerics.integrators.stepping import follow
+from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.case import CaseResult, refused, share_used

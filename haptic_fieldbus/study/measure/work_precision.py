@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.numerics.integrators.stepping import follow
+from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.measure.problems import Problem, peak

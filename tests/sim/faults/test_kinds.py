@@ -16,7 +16,7 @@ from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS, Hand, hand_named
-from haptic_fieldbus.sim.host import HostClock, truth_of
+from haptic_fieldbus.sim.simulation import HostClock, truth_of
 from tests.sim.bench import MS, NODE, axis, profile
 from tests.sim.master import Master
 
