@@ -4,13 +4,14 @@ import json
 import math
 import os
 import platform
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
@@ -49,7 +50,9 @@ def versions() -> dict[str, str]:
     found = {"python": platform.python_version()}
     for name in (PACKAGE, *USED):
         with suppress(PackageNotFoundError):  # run from a folder that was never installed
-            found[name] = version(name)
+            # The rest of these texts is long, and `importlib.metadata.version` parses all of it.
+            stated = re.search("^Version: (.+)$", distribution(name).read_text("METADATA") or "", re.MULTILINE)
+            found[name] = stated[1] if stated else version(name)
     return found
 
 

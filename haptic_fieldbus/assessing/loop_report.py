@@ -157,10 +157,12 @@ class Percentiles:
     @classmethod
     def of(cls, values_ns: ArrayLike) -> "Percentiles | None":
         """Return the percentiles of durations [ns] of shape `(n,)`; None when there are none."""
-        values = np.asarray(values_ns, dtype=float)
+        values = np.sort(np.asarray(values_ns, dtype=float))
         if values.size == 0:
             return None
-        p50, p99, p999, largest = np.percentile(values, [50, 99, 99.9, 100]) / 1e3
+        # `np.percentile` imports `numpy.ma`, which nothing else of a run needs.
+        shares = np.array([0.5, 0.99, 0.999, 1.0])
+        p50, p99, p999, largest = np.interp(shares * (values.size - 1), np.arange(values.size), values) / 1e3
         return cls(float(p50), float(p99), float(p999), float(largest))
 
     def to_json(self) -> Json:

@@ -5,7 +5,6 @@ Nothing here has been written to a drive. Protocols that lack a quantity leave i
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from statistics import quantiles
 
 from haptic_fieldbus.numerals import OutputRow, rounded
 from haptic_fieldbus.signals import Signal
@@ -135,6 +134,8 @@ def timing_checks(
             Check("round_trip", False, f"{subject} does not answer", silent),
             Check("round_trip_jitter", None, "not measured"),
         )
+    from statistics import quantiles  # imported here, because a run has no use for it
+
     cuts = quantiles(times, n=100, method="inclusive")
     usual, late = cuts[49], cuts[98]
     lost = f", {asked - len(times)} of {asked} without answer" if len(times) < asked else ""

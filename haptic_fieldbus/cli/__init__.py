@@ -25,6 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     # Before numpy is imported, which reads it once: matrices are tiny, and a pool of threads only disturbs the loop.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Before pydantic is imported, which else looks for plugins in all that is installed.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     thresholds = gc.get_threshold()
     gc.set_threshold(NEW_OBJECTS)
     with ended_by_signals() as ending, free_output(lambda: ending.leaving):
