@@ -22,6 +22,7 @@ The covariance takes pieces as independent, and samples of one piece as correlat
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -150,7 +151,10 @@ def fit_run(record: RunRecord, stated: ShaftModel) -> RunFit:
     fit = _Fit(used, values, free).solved()
     reason = ONLY_A_HAND
     if record.hand is not None:
-        scaled, half_width = _with_scales(fit, values)
+        # What explains the record needs no other counts: those of a slip leave far more than rounding.
+        freed = fit.freed(TORQUE) if fit.rms < ENCODER_NOISE else _with_scales(fit, values)
+        half_width = freed.told(math.nan).values["torque_scale"].half_width
+        scaled = _rounded(freed, fit, values)
         gained = (fit.cost - scaled.cost) / max(scaled.rms**2, ROUNDING)
         fit = scaled if gained > CONTRADICTED else fit
         reason = ACT_ALIKE if fit.values[TORQUE] == 1.0 and half_width > KNOWN_SCALE else ""
@@ -159,22 +163,23 @@ def fit_run(record: RunRecord, stated: ShaftModel) -> RunFit:
     return replace(told, values={**told.values, "torque_scale": torque})
 
 
-def _with_scales(fit: "_Fit", values: Matrix) -> tuple["_Fit", float]:
-    """Return the fit with scales of torque and counts, and half of the interval of the scale of torque.
-
-    A scale within `SAME_SCALE` of a round number is that number.
-    """
+def _with_scales(fit: "_Fit", values: Matrix) -> "_Fit":
+    """Return the fit with scales of torque and counts."""
     few = fit.pieces.part(np.arange(len(fit.pieces.first)) % (1 + len(fit.pieces.first) // FEW_PIECES) == 0)
     free, starts = [*fit.free, TORQUE, COUNTS], [np.append(values[:COUNTS], scale) for scale in COUNT_SCALES]
     begun = min((_Fit(few, start, free).solved() for start in starts), key=lambda each: each.cost)
-    best = _Fit(fit.pieces, begun.values, free, values).solved()
-    half_width = best.told(math.nan).values["torque_scale"].half_width
-    start = best.values.copy()
+    return _Fit(fit.pieces, begun.values, free, values).solved()
+
+
+def _rounded(freed: "_Fit", fit: "_Fit", values: Matrix) -> "_Fit":
+    """Return the fit in which a scale within `SAME_SCALE` of a round number is that number, if it explains as much."""
+    start, free = freed.values.copy(), freed.free
     for name, rounds in ((TORQUE, COUNT_SCALES[:1]), (COUNTS, COUNT_SCALES)):
         for near in (each for each in rounds if abs(start[name] / each - 1.0) < SAME_SCALE):
             start[name], free = near, [each for each in free if each != name]
-    again = _Fit(fit.pieces, start, free, values).solved()
-    return again if again.rms < max(1.1 * best.rms, ENCODER_NOISE) else best, half_width
+    same = free == fit.free and start[COUNTS] == 1.0
+    again = fit if same else freed if free == freed.free else _Fit(fit.pieces, start, free, values).solved()
+    return again if again.rms < max(1.1 * freed.rms, ENCODER_NOISE) else freed
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,6 +386,13 @@ class _Fit:
             self.free = free
         self._descend()
         return self
+
+    def freed(self, name: int) -> "_Fit":
+        """Return the fit that goes on from this one with a further free value."""
+        more = copy(self)
+        more.free = [*self.free, name]
+        more._descend()
+        return more
 
     def _descend(self) -> None:
         self.cost, damping = self.total(self.values, self.angle, self.speed), 1e-3
