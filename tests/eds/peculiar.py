@@ -182,6 +182,10 @@ def octets(name: str) -> bytes:
     return sheet.end.join(lines).encode(sheet.encoding)
 
 
+FOLDER = TemporaryDirectory(prefix="haptic-fieldbus-eds-")
+"""Kept until the tests end, also by a run that empties all caches between tests."""
+
+
 @cache
 def sheet_eds(name: str) -> Eds:
     """Return a file as the reader takes it."""
@@ -191,14 +195,9 @@ def sheet_eds(name: str) -> Eds:
 @cache
 def sheet_path(name: str) -> Path:
     """Write a file, and return where it stands until the tests end."""
-    path = Path(_folder().name) / name
+    path = Path(FOLDER.name) / name
     path.write_bytes(octets(name))
     return path
-
-
-@cache
-def _folder() -> "TemporaryDirectory[str]":
-    return TemporaryDirectory(prefix="haptic-fieldbus-eds-")
 
 
 def _sections(text: str) -> Sections:
