@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from haptic_fieldbus.api import Trial, prepare_run
+from haptic_fieldbus.api import Trial, prepare_run, stability
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
-from haptic_fieldbus.errors import SafetyTripError, UsageError
+from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
@@ -36,6 +36,7 @@ from haptic_fieldbus.running.loop import Caller
 from haptic_fieldbus.running.session import Session
 from haptic_fieldbus.scenes.element import Law
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 
 NAME = "identify"
@@ -150,7 +151,9 @@ def identify(
     )  # fmt: skip
     if bench.without is not None:
         return replace(found, scale=bench.scale(bench.without, fit))
-    return _written(found, bench) if write and bench.own_bus else found
+    values = _values_of(found, bench)
+    found = replace(found, limit=bench.limit(values))
+    return _written(found, bench, values) if write and bench.own_bus else found
 
 
 def bounds_of(task: BenchTask) -> Announcement:
@@ -240,6 +243,20 @@ class _Bench:
         mechanism = self.rig.axis[self.name].mechanism
         gear = mechanism.gear_ratio if isinstance(mechanism, RotaryMechanism) else None
         return scale_check(without, fit.values["inertia"], self._added * self.ratio**2, gear)
+
+    def limit(self, values: Mapping[str, Value]) -> tuple[float, str, str] | None:
+        """Return the limit of a wall on the bench with these values of `[axis.NAME.identified]`; None without one."""
+        axis, task = self.rig.axis[self.name], self._task
+        known: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in values.items()}
+        wall = Wall(self.name, 1.0, self.bounds.middle)
+        scene = Scene(NAME, "A wall", (SceneAxis(self.name, axis.mechanism.workspace),), (wall,))
+        rig = replace(self.rig, axis={self.name: replace(axis, identified=Identified(**known))})
+        try:
+            judged = stability(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
+        except PlanError:
+            return None
+        found = judged.limit
+        return (found.value, judged.unit, found.basis.value) if math.isfinite(found.value) else None
 
     def stage(self, name: str) -> None:
         """Tell that a stage has begun."""
@@ -349,8 +366,8 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period
     speed = min(task.speed or TRAVELS_PER_SECOND * (high - low) + noise, highest)
     space = axis.mechanism.workspace
     return Announcement(
-        name, low, high, speed, effort, space.length_unit, space.effort_unit, effort / plan.rated_effort,
-        axis.mechanism.zero == "start",
+        name, low, high, speed, effort, effort * axis.mechanism.ratio, space.length_unit, space.effort_unit,
+        effort / plan.rated_effort, axis.mechanism.zero == "start",
     )  # fmt: skip
 
 
@@ -418,13 +435,17 @@ def kept_values(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | 
     return {key: list(value) if isinstance(value, tuple) else value for key, value in told.items() if value is not None}
 
 
-def _written(found: IdentifiedBench, bench: _Bench) -> IdentifiedBench:
-    """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
-    path, planned = ("axis", found.axis, "identified"), float(f"{bench.planned_delay:.6g}")
-    values = kept_values(
-        found.fit, bench.rig.axis[found.axis], profile=bench.profile, rate=found.rate, planned_delay=planned,
-        serial=bench.serial,
+def _values_of(found: IdentifiedBench, bench: _Bench) -> dict[str, Value]:
+    """Return the keys of `[axis.NAME.identified]`, with what the values rest on."""
+    return kept_values(
+        found.fit, bench.rig.axis[found.axis], profile=bench.profile, rate=found.rate,
+        planned_delay=float(f"{bench.planned_delay:.6g}"), serial=bench.serial,
     )  # fmt: skip
+
+
+def _written(found: IdentifiedBench, bench: _Bench, values: dict[str, Value]) -> IdentifiedBench:
+    """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
+    path = ("axis", found.axis, "identified")
     try:
         edit_file(bench.rig.source, partial(with_table, path=path, values=values))
     except (OSError, ValueError) as error:

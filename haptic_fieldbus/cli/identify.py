@@ -4,6 +4,7 @@
 well damped on it, and the onset that taps tell.
 """
 
+import json
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from haptic_fieldbus.cli.options import (
     BENCH,
     BUSES,
     OF_A_RUN,
+    OUTPUT,
     RATE,
     RENDERING,
     SIMULATION,
@@ -33,7 +35,8 @@ from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import ask, instruct, tell_question
 from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.numerals import OutputRow, in_unit, lines_of, object_of, rounded
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import OutputRow, exactly, in_unit, lines_of, object_of, rounded, rounded_limit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -149,6 +152,9 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     yield OutputRow("beside", further_texts(found.fit))
     left, unused = rounded(found.fit.residual), rounded(found.check)
     yield OutputRow("fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"])
+    if found.limit is not None:
+        limit, unit, _ = found.limit
+        yield OutputRow("limit", [f"{rounded_limit(limit)} {unit} for a wall at {exactly(found.rate)} Hz"])
     yield OutputRow("scale", [found.scale_text])
     yield OutputRow("warning", found.warnings)
     if found.written:
@@ -173,6 +179,10 @@ class CertifyOptions(SceneOptions):
     above: Annotated[
         bool, option(None, "With --yes, go above the limit without asking; nobody holds.", None, "--above")
     ] = False
+    plot: Annotated[
+        Path | None,
+        option("PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"),
+    ] = None
 
 
 @options_of(CertifyOptions, without=[*(each for each in OF_A_RUN if each not in KEPT), "verbose"])
@@ -182,8 +192,12 @@ def certify(options: CertifyOptions) -> None:
     from haptic_fieldbus.api.certification import CertifyTask
     from haptic_fieldbus.api.certification import certify as raise_stiffness
     from haptic_fieldbus.api.provenance import picture_mark
+    from haptic_fieldbus.planning.request import file_faults
 
     check_plot(options.plot)
+    values = None if options.plot is None else options.plot.with_suffix(".json")
+    if wrong := file_faults("out", values, (".json",)):
+        raise UsageError("\n".join(wrong))
     show(note_assumed_bitrate(options.bus), sys.stderr)
     talk = sys.stderr if options.as_json else sys.stdout
 
@@ -206,14 +220,19 @@ def certify(options: CertifyOptions) -> None:
         ),
     )
     rows = list(found.rows())
+    certificate = {key: plain(value) for key, value in object_of(rows, CERTIFIED).items()}
     if options.as_json:
-        print_json({key: plain(value) for key, value in object_of(rows, CERTIFIED).items()})
+        print_json(certificate)
     else:
         show(lines_of(rows))
     sys.stdout.flush()
-    if options.plot is not None:
+    if options.plot is not None and values is not None:
         from haptic_fieldbus.report.plot import draw_certificate
 
         draw(options.plot, draw_certificate(found), mark)
+        try:
+            values.write_text(json.dumps(certificate, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f'out "{values}": {error.strerror}') from error
         if not options.as_json:
-            show([("plot", str(options.plot))])
+            show([("out", f"{options.plot}, {values.name}")])

@@ -19,6 +19,8 @@ class Announcement:
     """Travel [m or rad]."""
     speed: float
     effort: float
+    torque: float
+    """The effort at the motor shaft [N·m]."""
     length_unit: str
     effort_unit: str
     share: float
@@ -57,6 +59,8 @@ class IdentifiedBench:
     warnings: tuple[str, ...] = ()
     scale: ScaleCheck | None = None
     """Check by an added mass; None without one."""
+    limit: tuple[float, str, str] | None = None
+    """Largest stable stiffness of a wall on the measured bench, its unit and its basis; None where none is known."""
     written: str = ""
     """File of the rig into which the values were written; empty if they were not."""
 
@@ -89,6 +93,8 @@ class IdentifiedBench:
             "travel": [told.low, told.high],
             "speed": told.speed,
             "effort": told.effort,
+            "torque": told.torque,
+            "limit": None if self.limit is None else dict(zip(("value", "unit", "basis"), self.limit, strict=True)),
             "residual": {"fit": self.fit.residual, "check": self.check, "unit": "counts"},
             "samples": self.fit.samples,
             "scale": None if self.scale is None else self.scale.to_json(),

@@ -23,11 +23,12 @@ def rig(tmp_path: Path) -> Path:
 
 def test_it_is_told_as_text_and_on_a_page(rig: Path, tmp_path: Path, command: Command) -> None:
     page = tmp_path / "page.pdf"
-    ended = command("certify", "wall", "--rig", rig, *SLOW, "--plot", page)
+    ended = command("certify", "wall", "--rig", rig, *SLOW, "--out", page)
     assert ended.status == 0, ended.err
     for part in ("nobody may touch the handle", "well damped", "extrapolated", "predicted  onset 903 N/m", "ended by"):
         assert part in ended.out
     assert page.read_bytes().startswith(b"%PDF")
+    assert f"out        {page}, page.json" in ended.out
 
 
 def test_it_is_told_as_json_with_the_keys_of_the_contract_first(rig: Path, tmp_path: Path, command: Command) -> None:
@@ -40,6 +41,12 @@ def test_it_is_told_as_json_with_the_keys_of_the_contract_first(rig: Path, tmp_p
     assert found["bench"]["rig"] == str(rig)
     assert "keep hands off" in ended.err
     assert list(told_by(page)["files"]) == [rig.name]
+    assert json.loads(page.with_suffix(".json").read_text(encoding="utf-8")) == found
+    page.with_suffix(".json").unlink()
+    page.with_suffix(".json").mkdir()
+    ended = command("certify", "wall", "--rig", rig, *SLOW, "--out", page)
+    assert (ended.status, ended.out) == (2, ""), "nothing moved"
+    assert "page.json" in ended.err
 
 
 @pytest.mark.parametrize(("words", "answers"), [(("--yes",), [True, None]), (("--yes", "--above"), [True, True])])

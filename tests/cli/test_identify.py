@@ -1,18 +1,21 @@
 """Command `identify`."""
 
 import json
+import math
 import signal
 from pathlib import Path
 
 import pytest
 
+import haptic_fieldbus
 from haptic_fieldbus.api import identification
+from haptic_fieldbus.numerals import rounded_limit
 from haptic_fieldbus.recordings.provenance import digest
 from tests.api.test_identification import rig_text
 from tests.cli.command import Command
 from tests.recordings.test_provenance import told_by
 
-KEYS = "axis values stribeck waves rate_hz travel speed effort residual samples scale warnings written"
+KEYS = "axis values stribeck waves rate_hz travel speed effort torque limit residual samples scale warnings written"
 
 
 @pytest.fixture
@@ -38,6 +41,9 @@ def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, comman
     assert "the rig states 0.3 mN·m·s/rad, measured" in ended.out
     assert "fix a known mass to the handle and repeat with --with-mass" in " ".join(ended.out.split())
     assert f"[axis.handle.identified] written into {rig}" in ended.out
+    limit = haptic_fieldbus.stability("wall", rig).limit
+    assert limit.basis.value == "identified"
+    assert f"limit      {rounded_limit(limit.value)} N/m for a wall at 1000 Hz" in ended.out
     assert picture.stat().st_size > 10_000
     assert told_by(picture)["files"] == {rig.name: before}, "the rig file as it was before the values were written"
 
@@ -55,6 +61,9 @@ def test_json_has_every_value_with_its_interval(rig: Path, command: Command) -> 
         assert each["low"] <= each["value"] <= each["high"]
         assert set(each) == {"value", "low", "high", "unit", "reason", "stated"}
     assert found["written"] is None
+    assert found["limit"]["basis"] == "identified"
+    assert found["limit"]["unit"] == "N/m"
+    assert found["torque"] == pytest.approx(found["effort"] * 0.05 / math.tau)
     assert "keep hands off" in ended.err
 
 
