@@ -69,6 +69,12 @@ def in_another_process(node: int, drives: Sequence[str] = DRIVES, vcan: str | No
         process.communicate()
 
 
+def hear_signals() -> None:
+    """Hear what a job in the background (Ctrl-C) or under `nohup` (SIGHUP) ignores; a run would leave it so."""
+    for each in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(each, signal.SIG_DFL)
+
+
 def start(*words: str, port: int | None, out: int = subprocess.PIPE) -> "subprocess.Popen[str]":
     """The command line in a process of its own; the bus name cannot say the port, python-can's environment can."""
     wire = {} if port is None else {"CAN_CONFIG": f'{{"port": {port}}}'}
@@ -79,8 +85,7 @@ def start(*words: str, port: int | None, out: int = subprocess.PIPE) -> "subproc
         stdout=out,
         stderr=out,
         text=True,
-        # Where Ctrl-C is ignored, as in a job in the background, a run leaves it so.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
+        preexec_fn=hear_signals,
     )
 
 

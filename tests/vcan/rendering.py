@@ -3,7 +3,6 @@
 import errno
 import json
 import math
-import signal
 import struct
 import subprocess
 import sys
@@ -19,6 +18,7 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.planning.deadlines import REMAINDER, EndCause
+from tests.peers.hosts import hear_signals
 from tests.vcan.links import Link
 
 PROJECT = Path(__file__).parents[2]
@@ -62,7 +62,7 @@ def start(*words: str) -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
+        preexec_fn=hear_signals,
     )
 
 

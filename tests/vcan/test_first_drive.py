@@ -1,7 +1,6 @@
 """`scan`, `watch`, `doctor`, `run`: the walk of docs/how-to/your_first_real_drive.md on a real SocketCAN interface."""
 
 import json
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.test_beside_guide import TOO_SLOW
+from tests.peers.hosts import hear_signals
 from tests.vcan.links import Link
 
 pytestmark = [pytest.mark.vcan, pytest.mark.thorough("processes in a guest kernel")]
@@ -31,7 +31,7 @@ def test_a_drive_on_vcan_is_found_watched_examined_and_felt(vcan: Link, tmp_path
         cwd=PROJECT,
         stdout=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
+        preexec_fn=hear_signals,
     )
     try:
         assert hosting.stdout is not None

@@ -13,6 +13,7 @@ import pytest
 
 from haptic_fieldbus.errors import VcanError
 from haptic_fieldbus.vcan import guest
+from tests.peers.hosts import hear_signals
 
 pytestmark = [
     pytest.mark.thorough("boots guest kernels"),
@@ -45,7 +46,7 @@ class Runner:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a test in the background has it ignored
+            preexec_fn=hear_signals,
         )
 
     def run(self, *words: str, options: Sequence[str] = ()) -> "subprocess.CompletedProcess[str]":

@@ -9,6 +9,7 @@ from pathlib import Path
 import can
 import pytest
 
+from tests.peers.hosts import hear_signals
 from tests.vcan.links import Link
 
 pytestmark = [pytest.mark.vcan, pytest.mark.thorough("a process in a guest kernel")]
@@ -38,7 +39,7 @@ def test_drives_go_on_when_the_interface_goes_down_and_comes_back(vcan: Link) ->
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
+        preexec_fn=hear_signals,
     )
     try:
         assert process.stdout is not None
