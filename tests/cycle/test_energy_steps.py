@@ -1,11 +1,15 @@
 """The energy of axes that are judged together, in whole runs."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from haptic_fieldbus.api import run
-from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, SentTorque
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.laws import AxisState, Sensed
 from haptic_fieldbus.cycle.safety import Permission
@@ -15,7 +19,9 @@ from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import PairLaw
 from haptic_fieldbus.scenes.spring import Spring
+from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import endless_rig, plan_of, scene_of
+from tests.cycle.test_cycle import image
 
 STIFFNESS = 400.0
 
@@ -116,3 +122,32 @@ def test_the_controller_damps_by_twice_what_takes_the_leak_and_no_more() -> None
         state.target, state.force = round(asked / axis.effort_unit), asked
     age = 0.5 * plan.period + axis.delay.total
     assert sensed.damped == pytest.approx(2.0 * STIFFNESS * age * way / plan.period, rel=1e-9)
+
+
+@pytest.mark.parametrize("missing", [1, 2])
+def test_the_work_of_a_law_through_a_missing_sample_is_that_of_its_spring(missing: int) -> None:
+    """Along a straight line, the force of each period held by the trapezoid, and the last one up to the sample."""
+    stiffness, way = 100.0, 12 * 0.05 / 4096 / (1 + missing)
+    cycle = Cycle(plan_of(scene_of(Wall("handle", stiffness))))
+    for number in range(600):
+        cycle(image(t_ns=number * 1_000_000))
+    cycle(image(12, t_ns=(600 + missing) * 1_000_000))
+    forces = [-stiffness * step * way for step in range(1 + missing)]
+    work = sum(0.5 * (one + other) * way for one, other in pairwise(forces)) + forces[-1] * way
+    assert cycle.axes["handle"].state.led_work == pytest.approx(work, rel=1e-9)
+
+
+def test_the_energy_of_sent_torque_counts_the_torque_of_each_period_on_its_way() -> None:
+    """What was held before the account began acts only in periods that were not seen."""
+    state = SimpleNamespace(position=0.0, steps=1, target=0)
+    permission = SimpleNamespace(held=1e3)
+    port: Any = SimpleNamespace(axis=SimpleNamespace(effort_unit=0.1), state=state, permission=permission)
+    sent = SentTorque(port)
+    for target, position in ((5, 0.01), (-3, 0.03), (8, 0.02)):
+        state.target, state.position = target, position
+        sent.take()
+    assert sent.given == pytest.approx(0.5 * 0.01 - 0.3 * 0.02 - 0.8 * 0.01)
+    assert sent.path == pytest.approx(0.04)
+    state.target, state.position, state.steps = 4, 0.05, 3
+    sent.take()
+    assert sent.given == pytest.approx(0.5 * 0.01 - 0.3 * 0.02 - 0.8 * 0.01 + 0.03 * (0.4 + 2 * 1e3) / 3)
