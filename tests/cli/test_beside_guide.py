@@ -22,7 +22,9 @@ TEXT = (PROJECT / "docs" / "how-to" / "run_beside_a_simulated_drive.md").read_te
 SIMULATE, PLAN, RUN, MODBUS = re.findall(r"^```console\nhaptic-fieldbus (.*?)\n```", TEXT, re.MULTILINE | re.DOTALL)
 READY, SHOWN = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 (RIG,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
-TOO_SLOW = re.compile(r"^(tripped|failed)  .*(s after enabling: .*; torque is off|uses the processor)", re.M)
+TOO_SLOW = re.compile(
+    r"^(tripped|failed)  .*((s after|Tripped before) enabling: .*; torque is off|uses the processor)", re.M
+)
 """How a run ends on a computer that has no time for it: with the drive proved and enabled, or never punctual enough."""
 
 

@@ -12,6 +12,7 @@ import pytest
 from haptic_fieldbus import Sweep, UsageError, sweep
 from haptic_fieldbus.report.analysis_plots import draw_sweep
 from tests.cli.command import Command, printed
+from tests.peers.hosts import hear_signals
 from tests.pictures import misplaced
 
 GRID = ("--grid", "wall.stiffness=10:3000:6", "--grid", "wall.damping=0,20")
@@ -96,8 +97,9 @@ def test_pictures_of_a_sweep_have_their_texts_in_place(points: object, column: s
 def test_a_sweep_that_is_stopped_goes_on(ending: int, status: int, tmp_path: Path) -> None:
     words = ["sweep", "sprung_mass", "--grid", "sprung_mass.mass=0.1:3:4000", "--out", str(tmp_path / "rows")]
     process = subprocess.Popen(
-        [sys.executable, "-m", "haptic_fieldbus", *words], stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    )
+        [sys.executable, "-m", "haptic_fieldbus", *words], stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        preexec_fn=hear_signals,
+    )  # fmt: skip
     for _ in range(600):
         if list((tmp_path / "rows").glob("*.parquet")):
             break
