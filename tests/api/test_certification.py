@@ -46,8 +46,8 @@ def test_the_onset_of_a_bench_that_its_rig_describes_badly_is_told_and_not_reach
         assert found.onset.low <= onset <= found.onset.high
     else:
         assert found.onset.value == pytest.approx(onset, rel=0.1)
-    # Friction stops this one before it swings back: it tells its onset, and no damping was seen.
-    assert [each.growth is None for each in found.contacts] == [seed == 11] * len(found.contacts)
+    # Friction stops one of them before it swings back: it tells its onset, and no damping was seen.
+    assert any(each.growth is not None for each in found.contacts) == (seed != 11)
     assert (found.seen is None) == (seed == 11)
     assert (found.seen or 0.0) <= 0.8 * min(found.predicted, 1.1 * onset)
 
