@@ -159,16 +159,20 @@ def test_a_bad_answer_makes_the_axis_stale_in_time_and_never_gives_a_wrong_posit
     before = _moved(bench, server, 1)
     assert before == 10
     server.mischief = BAD[mischief]
-    waited_ns = []
+    waited_ns, taken = [], 1
     for number in range(2, 5):
         server.drive.move_to(10 * number)
         bench.write((0x0F, 0))
         began_ns = bench.clock.now_ns()
         _, age_ns, flags, _, _, position, *_ = bench.read(DEADLINE)
         waited_ns.append(bench.clock.now_ns() - began_ns)
-        assert flags == STALE
+        if mischief == "slow" and flags == 0 and waited_ns[-1] > 1e9 * DEADLINE:
+            # This computer stood still until the answer was there: a sample of now.
+            before, taken = 10 * number, number
+        else:
+            assert flags == STALE
+            assert age_ns > 0.5e9 * DEADLINE * (number - taken)
         assert position == before
-        assert age_ns > 0.5e9 * DEADLINE * (number - 1)
     assert min(waited_ns) < 1e9 * (DEADLINE + 0.02), "a busy machine may be late, but not each time"
     server.mischief = honest
     found = [_moved(bench, server, number) for number in range(5, 9)]
