@@ -191,8 +191,13 @@ class _Bench:
         self.bounds = Bounds(
             plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin,
             0.9 * min(told.speed, TRAVELS_PER_SECOND * (told.high - told.low)), told.effort,
-            self._plan(replace(axis, limits=self._limits)).axes[0].limits.acceleration,
+            self._plan(self._bounded()).axes[0].limits.acceleration,
         )  # fmt: skip
+
+    def _bounded(self) -> RigAxis:
+        """Return the axis with the bounds of the experiments, which follow from what a person stated and knows."""
+        axis = self.rig.axis[self.name]
+        return replace(axis, limits=self._limits, i_know=(*axis.i_know, "limits.effort", "limits.speed"))
 
     def _task_with(self, axis: RigAxis, experiment: Experiment, armed: list[bool], effort: float) -> Task:
         law = MeasuringLaw(self.name, experiment, armed, effort)
@@ -212,8 +217,7 @@ class _Bench:
         it, and the errors of a run.
         """
         armed: list[bool] = []
-        axis = replace(self.rig.axis[self.name], limits=self._limits)
-        task = self._task_with(axis, experiment, armed, self.announced.effort)
+        task = self._task_with(self._bounded(), experiment, armed, self.announced.effort)
         # Without a stated bench the run is one without a limit, with the cap of such a run.
         unknown = any(each is None for each in self.stated.values())
         trial = Trial(
