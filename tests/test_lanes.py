@@ -188,7 +188,8 @@ def test_workers_know_the_groups_of_tests(request: pytest.FixtureRequest) -> Non
     ("written", "scope", "name"),
     [
         ("a.py::test[x@y]", "a.py", "a.py::test[x@y]"),
-        ("a.py::test@peers", "peers", "a.py::test"),
+        ("tests/view/a.py::test@peers", "peers", "tests/view/a.py::test"),
+        ("tests/cycle/a.py::test@source", "source, pure", "tests/cycle/a.py::test"),
         ("a.py::test[x@y]@vcan", "vcan", "a.py::test[x@y]"),
         ("a.py::test[x]@peers_vcan", "vcan", "a.py::test[x]"),
     ],
