@@ -12,7 +12,6 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadGroupScheduling
 
 from tests import telling
-from tests.coverage_gates import pure_rooms
 from tests.invariants.plugin import Invariants
 from tests.lanes import VENDOR_FILES, Lane, Part, slow_markers, vendor_files
 from tests.vcan import plugin as vcan
@@ -60,9 +59,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = few_first(taken)
 
 
-PURE = {str(room) for room in pure_rooms()}
-
-
 def few_first(items: list[pytest.Item]) -> list[pytest.Item]:
     """Files with the fewest tests first: the longest tests stand in these, and none is to begin as all others end."""
     tests = Counter(item.path for item in items)
@@ -84,9 +80,4 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadGro
 class FileScheduling(LoadGroupScheduling):  # type: ignore[misc]
     def _split_scope(self, nodeid: str) -> str:
         scope: str = super()._split_scope(nodeid)
-        # A test of several groups belongs to all of them, for xdist; one guest kernel is for all of its tests.
-        if vcan.GROUP in scope.split("_"):
-            return vcan.GROUP
-        # The tests of the pure half come first, since what runs after others is not counted as covered.
-        of_a_group = "::" not in scope and scope != nodeid
-        return f"{scope}, pure" if of_a_group and nodeid.split("/")[1] in PURE else scope.partition("::")[0]
+        return scope.partition("::")[0]
