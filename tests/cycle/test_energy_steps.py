@@ -138,7 +138,7 @@ def test_the_work_of_a_law_through_a_missing_sample_is_that_of_its_spring(missin
 
 
 def test_the_energy_of_sent_torque_counts_the_torque_of_each_period_on_its_way() -> None:
-    """What was held before the account began acts only in periods that were not seen."""
+    """Torque that was held before the account began acts only in periods that were not seen."""
     state = SimpleNamespace(position=0.0, steps=1, target=0)
     permission = SimpleNamespace(held=1e3)
     port: Any = SimpleNamespace(axis=SimpleNamespace(effort_unit=0.1), state=state, permission=permission)
