@@ -17,7 +17,8 @@ DEV_STAMP := $(VENV)/.dev
 # compiled. User-Mode Linux (41 MB to fetch) and what works with it: SocketCAN where the kernel has none. For all tests only: buildah, images without
 # a daemon; chromium and its driver, for the page of a run.
 SYSTEM_PACKAGES := mbpoll tshark gcc libc6-dev libmodbus-dev user-mode-linux kmod iproute2 can-utils
-test-all test-part: SYSTEM_PACKAGES += buildah chromium chromium-driver
+test-all test-part: SYSTEM_PACKAGES += buildah
+test-all: SYSTEM_PACKAGES += chromium chromium-driver fonts-liberation
 
 # PYTHON=/path/to/python chooses another interpreter than the first suitable one; an environment of another version is
 # made anew.
