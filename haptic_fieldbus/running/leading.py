@@ -5,7 +5,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from time import monotonic_ns
-from typing import Protocol
+from typing import Any, Protocol
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.axis import AxisCycle
@@ -20,6 +20,7 @@ POLL = 0.25
 """Longest time between two looks at the pace [s]."""
 MOST_LED = 100_000
 """Largest number of recorded commands of a hand, some minutes of dragging without a rest."""
+FORGOTTEN: Any = object()
 Led = tuple[int, str, float | str | None]
 """A command to the hand of a simulation: number of the period after which it acts; axis and place that the hand pulls
 to, none where it lets go; or no axis and the name of the hand that takes all handles."""
@@ -120,7 +121,9 @@ class Leading:
             self._obey(*self._recorded.popleft()[1:])
         if self._asked:
             for axis in [*self._asked]:
-                self._obey(axis, self._asked.pop(axis))
+                # A hand that takes all handles at this moment has forgotten what was asked for.
+                if (to := self._asked.pop(axis, FORGOTTEN)) is not FORGOTTEN:
+                    self._obey(axis, to)
         for axis, target in self._pulls.items():
             if axes[axis].state.begun:
                 self.handles[axis].pull(axes[axis].state.position, target, period)

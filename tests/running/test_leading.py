@@ -75,6 +75,23 @@ def test_a_handle_whose_place_is_not_known_is_not_pulled_yet() -> None:
     assert handle.done == [("pull", 0.5, 0.1, PERIOD)]
 
 
+def test_a_hand_that_takes_the_handles_while_the_loop_obeys_ends_no_run() -> None:
+    """As the thread of a page may at any moment."""
+
+    class Taken(Handle):
+        def let_go(self) -> None:
+            found.take("push")
+
+    other = Handle()
+    found = Leading({"a": Taken(), "b": other}, [], "none")
+    found.pull("a", None)
+    found.pull("b", 0.1)
+    found.act(axes(), PERIOD)
+    assert other.done == []
+    found.act(axes(), PERIOD)
+    assert other.done == [("take", "push")]
+
+
 @pytest.mark.parametrize(("seconds", "kept"), [(60, True), (300, False)])
 def test_a_minute_of_dragging_is_kept_and_five_are_not(seconds: int, kept: bool) -> None:
     """One place per period of 1 ms."""

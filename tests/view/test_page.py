@@ -94,6 +94,7 @@ def test_a_value_changes_the_loop_and_an_unstable_one_is_refused_with_the_limit(
 def test_the_hand_by_mouse_and_by_keys_moves_the_handle_into_the_wall(page: Page) -> None:
     browser, _, _ = page
     canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-kind=handle]")
+    until(browser, "haptic.state().steers")
     width = canvas.size["width"]
     to = int(30 + (0.035 + 0.1) / 0.2 * (width - 60) - width / 2)
     ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(to, 0).perform()
