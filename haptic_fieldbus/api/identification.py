@@ -17,7 +17,7 @@ from haptic_fieldbus.api import Trial, prepare_run, stability
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
-from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
+from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
@@ -151,9 +151,16 @@ def identify(
     )  # fmt: skip
     if bench.without is not None:
         return replace(found, scale=bench.scale(bench.without, fit))
-    values = _values_of(found, bench)
-    found = replace(found, limit=bench.limit(values))
-    return _written(found, bench, values) if write and bench.own_bus else found
+    kept = identified_of(
+        fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
+        planned_delay=float(f"{bench.planned_delay:.6g}"),
+    )  # fmt: skip
+    if write and bench.own_bus:
+        found = _written(found, bench, kept)
+    try:
+        return replace(found, limit=bench.limit(kept))
+    except HapticFieldbusError as error:  # what was measured is told all the same
+        return replace(found, warnings=(*found.warnings, f"no limit is known: {error}"))
 
 
 def bounds_of(task: BenchTask) -> Announcement:
@@ -248,17 +255,13 @@ class _Bench:
         gear = mechanism.gear_ratio if isinstance(mechanism, RotaryMechanism) else None
         return scale_check(without, fit.values["inertia"], self._added * self.ratio**2, gear)
 
-    def limit(self, values: Mapping[str, Value]) -> tuple[float, str, str] | None:
-        """Return the limit of a wall on the bench with these values of `[axis.NAME.identified]`; None without one."""
-        axis, task = self.rig.axis[self.name], self._task
-        known: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in values.items()}
+    def limit(self, kept: Identified) -> tuple[float, str, str] | None:
+        """Return the limit of a wall on the measured bench, its unit and its basis; None where it has none."""
+        axis, task = replace(self.rig.axis[self.name], identified=kept), self._task
         wall = Wall(self.name, 1.0, self.bounds.middle)
         scene = Scene(NAME, "A wall", (SceneAxis(self.name, axis.mechanism.workspace),), (wall,))
-        rig = replace(self.rig, axis={self.name: replace(axis, identified=Identified(**known))})
-        try:
-            judged = stability(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
-        except PlanError:
-            return None
+        rig = replace(self.rig, axis={self.name: axis})
+        judged = stability(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
         found = judged.limit
         return (found.value, judged.unit, found.basis.value) if math.isfinite(found.value) else None
 
@@ -423,8 +426,8 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
 # The rig file.
 
 
-def kept_values(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | None) -> dict[str, Value]:
-    """Return the keys of `[axis.NAME.identified]`; `conditions` are further keys of `Identified`."""
+def identified_of(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | None) -> Identified:
+    """Return what a rig keeps of a fit; `conditions` are further keys of `Identified`."""
     values: dict[str, Any] = {}
     for name in KEPT:
         each = fit.values[name]
@@ -434,22 +437,18 @@ def kept_values(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | 
         **values, **conditions, date=datetime.now().astimezone().isoformat(timespec="seconds"),  # type: ignore[arg-type]
         top_speed=float(f"{fit.top_speed:.4g}"), residual_counts=float(f"{fit.residual:.3g}"),
     )  # fmt: skip
-    kept = replace(kept, digest=digest_with(axis, kept))
+    return replace(kept, digest=digest_with(axis, kept))
+
+
+def kept_values(kept: Identified) -> dict[str, Value]:
+    """Return the keys of `[axis.NAME.identified]`."""
     told = {each.name: getattr(kept, each.name) for each in fields(kept)}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in told.items() if value is not None}
 
 
-def _values_of(found: IdentifiedBench, bench: _Bench) -> dict[str, Value]:
-    """Return the keys of `[axis.NAME.identified]`, with what the values rest on."""
-    return kept_values(
-        found.fit, bench.rig.axis[found.axis], profile=bench.profile, rate=found.rate,
-        planned_delay=float(f"{bench.planned_delay:.6g}"), serial=bench.serial,
-    )  # fmt: skip
-
-
-def _written(found: IdentifiedBench, bench: _Bench, values: dict[str, Value]) -> IdentifiedBench:
+def _written(found: IdentifiedBench, bench: _Bench, kept: Identified) -> IdentifiedBench:
     """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
-    path = ("axis", found.axis, "identified")
+    path, values = ("axis", found.axis, "identified"), kept_values(kept)
     try:
         edit_file(bench.rig.source, partial(with_table, path=path, values=values))
     except (OSError, ValueError) as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.api import identification
 from haptic_fieldbus.api.identification import BenchTask, bounds_of, identify
 from haptic_fieldbus.documents.edits import with_table
 from haptic_fieldbus.drive.rig import Rig
@@ -159,6 +160,18 @@ def test_a_rig_that_cannot_be_written_is_told_with_the_table(bench: Path, monkey
     assert "not saved" in found.warnings[-1]
     assert "it is read-only" in found.warnings[-1]
     assert "[axis.handle.identified]\ninertia = " in found.warnings[-1]
+
+
+@pytest.mark.thorough("measures a bench")
+def test_a_limit_that_cannot_be_computed_loses_no_value(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stability(*_: object, **more: object) -> object:
+        raise PlanError("the reason")
+
+    bench.write_text(rig_text(), encoding="utf-8")
+    monkeypatch.setattr(identification, "stability", stability)
+    found = identify(BenchTask(bench))
+    assert (found.written, found.limit, found.warnings[-1]) == (str(bench), None, "no limit is known: the reason")
+    assert "[axis.handle.identified]" in bench.read_text(encoding="utf-8")
 
 
 @pytest.mark.thorough("measures a bench")

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.api.identification import kept_values
+from haptic_fieldbus.api.identification import identified_of
 from haptic_fieldbus.drive.rig import Identified, LinearMechanism, Rig, default_axis
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.known_bench import digest_with
@@ -50,8 +50,7 @@ def test_the_limit_after_a_fit_is_below_the_true_one_at_its_rate_and_at_another(
     bench = drawn_bench(seed)
     fit, _, _ = identified_bench(bench)
     axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="p")
-    values = kept_values(fit, axis, profile=PROFILE.name, rate=bench.rate)
-    measured = Identified(**{key: tuple(each) if isinstance(each, list) else each for key, each in values.items()})  # type: ignore[arg-type]
+    measured = identified_of(fit, axis, profile=PROFILE.name, rate=bench.rate)
     true = bench.model
     damping = fit.values["viscous_damping"]
     spread = 2.0 * damping.half_width / damping.value
