@@ -1,17 +1,20 @@
 """Rules that make a lane, and that every kind of test is in the quick one."""
 
 import itertools
+import os
 import subprocess
 import sys
 from argparse import ArgumentTypeError
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.conftest import pytest_configure
+from tests.conftest import FileScheduling, pytest_configure
 from tests.coverage_gates import PROJECT
 from tests.lanes import VENDOR_FILES, Part, examples
+from tests.vcan.plugin import node_id
 
 pytest_plugins = ["pytester"]
 
@@ -172,3 +175,28 @@ def test_every_kind_of_test_is_in_the_quick_lane() -> None:
         if not any(line.startswith(f"{file}::") and name in line for line in lines)
     ]
     assert missing == []
+
+
+@pytest.mark.xdist_group("source")
+def test_workers_know_the_groups_of_tests(request: pytest.FixtureRequest) -> None:
+    """With a pytest that takes node-IDs from elsewhere, the tests of a group are given to several workers."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        assert request.node.nodeid.endswith("::test_workers_know_the_groups_of_tests@source")
+
+
+@pytest.mark.parametrize(
+    ("written", "scope", "name"),
+    [
+        ("a.py::test[x@y]", "a.py", "a.py::test[x@y]"),
+        ("a.py::test_beside_vcan_too", "a.py", "a.py::test_beside_vcan_too"),
+        ("tests/view/a.py::test@peers", "peers", "tests/view/a.py::test"),
+        ("tests/cycle/a.py::test@source", "source, pure", "tests/cycle/a.py::test"),
+        ("a.py::test[x@y]@vcan", "vcan", "a.py::test[x@y]"),
+        ("a.py::test[x]@peers_vcan", "vcan", "a.py::test[x]"),
+    ],
+)
+def test_one_worker_runs_all_tests_of_a_file_of_a_group_and_of_the_guest_kernel(
+    written: str, scope: str, name: str
+) -> None:
+    assert FileScheduling._split_scope(object.__new__(FileScheduling), written) == scope
+    assert node_id(SimpleNamespace(nodeid=written)) == name  # type: ignore[arg-type]

@@ -109,8 +109,9 @@ class Writer:
 
 
 def node_id(item: pytest.Item) -> str:
-    """Without the name of the group that xdist adds."""
-    return item.nodeid.removesuffix(f"@{GROUP}")
+    """Without the names of groups that xdist adds."""
+    name, at, groups = item.nodeid.rpartition("@")
+    return name if at and "]" not in groups else item.nodeid
 
 
 def not_run(item: pytest.Item, outcome: str, why: str) -> pytest.TestReport:
