@@ -17,6 +17,7 @@ from time import monotonic_ns, sleep
 from typing import Protocol
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from selenium import webdriver
 from selenium.common.exceptions import WebDriverException
@@ -36,7 +37,11 @@ SETTLING = 0.5
 RELOADS = 50
 """Reloads of a page in all turns together."""
 MOST_ENDS = 5
-"""Runs that may end early on a computer that is late itself."""
+"""Runs that may end early though the bare timer beside them was punctual: the drive may have been late, for example."""
+MOST_ENDED = 20
+"""Runs that may end early in all: a computer that is late itself so often cannot judge a page."""
+LATE = 5e-3
+"""Lateness of the bare timer that explains why a run ended, in the five seconds before that was noticed [s]."""
 FLOOD = """
 window.flooding = setInterval(() => {
   for (let number = 0; number < 50; number++) {
@@ -84,8 +89,8 @@ class Turns:
     """Size of the force given in each period [N]."""
     spans: list[tuple[int, int]] = field(default_factory=list)
     """Begin and end of each turn [ns]."""
-    ends: list[str] = field(default_factory=list)
-    """Last words of the runs that ended in such a turn."""
+    ends: list[tuple[int, str]] = field(default_factory=list)
+    """When a run ended in such a turn [ns], and its last words."""
 
     def late(self, share: float) -> float:
         """Return the lateness of the loop that a share of the periods does not exceed [s]."""
@@ -250,7 +255,8 @@ def running(place: Path) -> Iterator[Served]:
 def measured(browser: webdriver.Chrome, rounds: int, place: Path) -> dict[str, Turns]:
     """Return what was seen without a page and in each state, by turns, `rounds` times, and when the server is killed.
 
-    A run that ends early, as it may on a computer that is late itself, is begun anew; what it said is kept.
+    A run that ends early, as it may on a computer that is late itself, is begun anew; what it said is kept. Raises
+    AssertionError when too many runs end although the computer is punctual.
     """
     seen, slept = {name: Turns() for name in TURNS}, place / "timer"
     turns = [name for _ in range(rounds) for name in _round()] + [KILLED]
@@ -259,19 +265,31 @@ def measured(browser: webdriver.Chrome, rounds: int, place: Path) -> dict[str, T
             while turns:
                 with running(place) as served:
                     _take_all(turns, seen, served, browser, -(-RELOADS // rounds))
+                if len(_ends(seen)) > MOST_ENDED:
+                    break
         finally:
             timer.terminate()
     at, late = np.genfromtxt(slept, invalid_raise=False, usecols=(0, 1))[:-1].T
     for each in seen.values():
         for begin_ns, end_ns in each.spans:
             each.timer += (1e-9 * late[(at >= begin_ns) & (at < end_ns)]).tolist()
+    punctual = [
+        end for end in _ends(seen) if late[(at > end[0] - 5_000_000_000) & (at <= end[0])].max(initial=0) < 1e9 * LATE
+    ]
+    assert len(punctual) <= MOST_ENDS, punctual
+    if turns:
+        pytest.skip(f"this computer is late itself: {len(_ends(seen))} runs ended as the bare timer was late as well")
     return seen
+
+
+def _ends(seen: dict[str, Turns]) -> list[tuple[int, str]]:
+    return [end for each in seen.values() for end in each.ends]
 
 
 def _take_all(
     turns: list[str], seen: dict[str, Turns], served: Served, browser: webdriver.Chrome, reloads: int
 ) -> None:
-    """Take turns in one run until none is left or the run ends; raises AssertionError when too many runs have."""
+    """Take turns in one run until none is left or the run ends."""
     bench = Bench(served, browser, reloads)
     try:
         while turns:
@@ -282,8 +300,8 @@ def _take_all(
         assert status == 130, out + err
     except RunEndedError:
         status, _, err = served.ended()
-        seen[turns[0]].ends.append(f"exit status {status}: {' '.join(err.splitlines()[-1:])}")
-        assert sum(len(each.ends) for each in seen.values()) <= MOST_ENDS, {n: t.ends for n, t in seen.items()}
+        words = f"{turns[0]}, exit status {status}: {' '.join(err.splitlines()[-1:])}"
+        seen[turns[0]].ends.append((monotonic_ns(), words))
         with suppress(OSError):
             bench.leave()
     finally:
