@@ -4,7 +4,7 @@ The motor is off before, between and after the experiments. Values are at the mo
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from datetime import datetime
 from functools import partial
@@ -19,7 +19,7 @@ from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_t
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
-from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
+from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
 from haptic_fieldbus.identification.scale import ScaleCheck, scale_check
 from haptic_fieldbus.identification.shaft import ShaftModel
@@ -85,6 +85,8 @@ class BenchTask:
     """Known mass that was fixed to a linear handle after the last measurement [kg]; the rig is then only checked."""
     with_inertia: float | None = None
     """The same for a rotary handle [kg·m²]."""
+    skip: Collection[str] = ()
+    """Parts that are left out: rest, friction (the breakaway), or dynamics, without which nothing is written into the rig."""
     profiles: str | Path | None = None
     seed: int = DEFAULT_SEED
 
@@ -134,9 +136,17 @@ def identify(
     bench = _Bench(task, confirm, instruct, progress or (lambda stage: None))
     if announce is not None:
         announce(bench.announced)
-    probe, _ = bench.conducted(Probe(bench.bounds))
+    ratio, first = bench.ratio, Probe(bench.bounds, task.skip)
+    probe, _ = bench.conducted(first)
+    breakaway = {name: (ratio * low, ratio * high) for name, (low, high) in first.breakaway.items()}
+    unseen = ("rest: skipped, so a weight that falls was not looked for",) if "rest" in task.skip else ()
+    if "dynamics" in task.skip:
+        told = "dynamics: skipped, so nothing is written into the rig, and the limit is as before"
+        return IdentifiedBench(
+            bench.name, None, bench.announced, 1.0 / bench.bounds.period, None, bench.stated, (probe,),
+            (*unseen, told), breakaway,
+        )  # fmt: skip
     guess = _first_model(probe)
-    ratio = bench.ratio
     motion = GuidedMotion(
         bench.bounds, guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio, guess.delay + guess.lag
     )
@@ -147,7 +157,8 @@ def identify(
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
     found = IdentifiedBench(
         bench.name, fit, bench.announced, 1.0 / bench.bounds.period, check, bench.stated,
-        (probe, used, rest), (*fit.warnings, *(() if bench.without else _contradictions(fit, bench.stated))),
+        (probe, used, rest),
+        (*unseen, *fit.warnings, *(() if bench.without else _contradictions(fit, bench.stated))), breakaway,
     )  # fmt: skip
     if bench.without is not None:
         return replace(found, scale=bench.scale(bench.without, fit))
@@ -179,6 +190,7 @@ class _Bench:
         progress: Callable[[str], None],
     ) -> None:
         self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
+        _check_skipped(task)
         self.rig, self.name = _one_axis(task)
         self.without, self._added = _without_mass(task, self.name, self.rig.axis[self.name])
         # An earlier measurement leads nothing: the bench may be another one since.
@@ -337,6 +349,17 @@ def _one_axis(task: BenchTask) -> tuple[Rig, str]:
     return replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={name: axis}), name
 
 
+def _check_skipped(task: BenchTask) -> None:
+    """Raise UsageError when a part cannot be skipped."""
+    wrong = [f"--skip {each}: expected one of {', '.join(PARTS)}" for each in task.skip if each not in PARTS]
+    if {"friction", "dynamics"} <= set(task.skip):
+        wrong.append("--skip friction and --skip dynamics: nothing would be measured")
+    if "dynamics" in task.skip and (task.with_mass, task.with_inertia) != (None, None):
+        wrong.append("--skip dynamics: expected without an added mass, whose inertia would not be measured")
+    if wrong:
+        raise UsageError("\n".join(wrong))
+
+
 def _without_mass(task: BenchTask, name: str, axis: RigAxis) -> tuple[Estimate | None, float]:
     """Return the inertia that was measured without the added mass, and that mass; None: no mass was added.
 
@@ -374,7 +397,7 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period
     space = axis.mechanism.workspace
     return Announcement(
         name, low, high, speed, effort, effort * axis.mechanism.ratio, space.length_unit, space.effort_unit,
-        effort / plan.rated_effort, axis.mechanism.zero == "start",
+        effort / plan.rated_effort, axis.mechanism.zero == "start", task.skip,
     )  # fmt: skip
 
 

@@ -72,6 +72,9 @@ class IdentifyOptions:
     with_inertia: float | None = option_field(
         "KGM2", "The same by a known inertia on a rotary handle, in kg·m².", RENDERING, parser=number
     )
+    skip: list[str] | None = option_field(
+        "NAME", "Leave out rest, friction (slow pushes) or dynamics (all that follows); may be repeated.", RENDERING
+    )
     dry_run: bool = option_field(None, "Only say what would move.", RENDERING, "--dry-run")
     seed: int = option_field("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)
     plot: PlotOption = None
@@ -85,8 +88,8 @@ class IdentifyOptions:
 
         return BenchTask(
             self.rig, axis=self.axis, bus=self.bus, rate=self.rate, travel=self.travel, effort=self.effort,
-            speed=self.speed, with_mass=self.with_mass, with_inertia=self.with_inertia, profiles=self.profiles,
-            seed=self.seed,
+            speed=self.speed, with_mass=self.with_mass, with_inertia=self.with_inertia, skip=tuple(self.skip or ()),
+            profiles=self.profiles, seed=self.seed,
         )  # fmt: skip
 
 
@@ -98,6 +101,8 @@ def identify(options: IdentifyOptions) -> None:
     from haptic_fieldbus.api.provenance import picture_mark
 
     check_plot(options.plot)
+    if options.plot is not None and "dynamics" in (options.skip or ()):
+        raise UsageError("--skip dynamics: expected without --plot, which draws them")
     show(note_assumed_bitrate(options.bus), sys.stderr)
     talk = sys.stderr if options.as_json else sys.stdout
 
@@ -145,17 +150,26 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     """Yield the result as lines."""
     from haptic_fieldbus.identification import further_texts, interval_text
 
-    for name, label in LABELS.items():
-        each = found.fit.values[name]
-        more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
-        yield OutputRow(label, [f"{interval_text(each)}{more}", *filter(None, [each.reason])])
-    yield OutputRow("beside", further_texts(found.fit))
-    left, unused = rounded(found.fit.residual), rounded(found.check)
-    yield OutputRow("fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"])
+    if (fit := found.fit) is None:
+        told = (
+            f"{in_unit(low, 'N·m')} to {in_unit(high, 'N·m')} {way}" for way, (low, high) in found.breakaway.items()
+        )
+        yield OutputRow("breakaway", [", ".join(told)])
+    else:
+        for name, label in LABELS.items():
+            each = fit.values[name]
+            more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
+            yield OutputRow(label, [f"{interval_text(each)}{more}", *filter(None, [each.reason])])
+        yield OutputRow("beside", further_texts(fit))
+        left, unused = rounded(fit.residual), rounded(found.check or 0.0)
+        yield OutputRow(
+            "fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"]
+        )
     if found.limit is not None:
         limit, unit, _ = found.limit
         yield OutputRow("limit", [f"{rounded_limit(limit)} {unit} for a wall at {exactly(found.rate)} Hz"])
-    yield OutputRow("scale", [found.scale_text])
+    if fit is not None:
+        yield OutputRow("scale", [found.scale_text])
     yield OutputRow("warning", found.warnings)
     if found.written:
         yield OutputRow("rig", [f"[axis.{found.axis}.identified] written into {found.written}"])

@@ -1,7 +1,7 @@
 """Measurement of a bench: two experiments, and the fit of a shaft to a record."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
@@ -30,6 +30,8 @@ class Announcement:
     """Effort as a share of rated effort."""
     from_start: bool
     """True: the travel is counted from the position of the handle at enabling."""
+    skipped: Collection[str] = ()
+    """Names of `experiment.PARTS` that are left out."""
 
     def lines(self) -> Iterator[str]:
         """Yield what will move, how far, how fast and how strongly."""
@@ -40,8 +42,10 @@ class Announcement:
             f"at most {in_unit(self.effort, self.effort_unit)} ({percent(self.share)} of rated torque) and "
             f"{in_unit(self.speed, f'{self.length_unit}/s')}; beyond these the motor is switched off"
         )
-        yield "first run: rest, slow pushes until it moves, short pulses"
-        yield "second run: slow motion with small oscillations"
+        parts = {"rest": "rest", "friction": "slow pushes until it moves", "dynamics": "short pulses"}
+        yield f"first run: {', '.join(told for part, told in parts.items() if part not in self.skipped)}"
+        if "dynamics" not in self.skipped:
+            yield "second run: slow motion with small oscillations"
 
 
 @dataclass(frozen=True)
@@ -49,17 +53,20 @@ class IdentifiedBench:
     """The measured values of an axis, and what they rest on."""
 
     axis: str
-    fit: ShaftFit
+    fit: ShaftFit | None
+    """None where dynamics were skipped."""
     announced: Announcement
     rate: float
     """[Hz]"""
-    check: float
+    check: float | None
     """Prediction error of the part of the record that the fit did not use [counts, rms]."""
     stated: Mapping[str, float | None]
     """Values of the rig."""
     records: tuple[ShaftRecord, ...] = field(default=(), repr=False)
     """Records of probe and motion, and the part of the motion that was not used in the fit."""
     warnings: tuple[str, ...] = ()
+    breakaway: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Bounds of the torque at which the handle began to move, by its direction [N·m]; empty where it was skipped."""
     scale: ScaleCheck | None = None
     """Check by an added mass; None without one."""
     limit: tuple[float, str, str] | None = None
@@ -74,8 +81,11 @@ class IdentifiedBench:
 
     def to_json(self) -> dict[str, object]:
         """Return the object of `identify --json`."""
-        told = self.announced
-        values: dict[str, object] = {
+        told, fit = self.announced, self.fit
+        estimates = dict(fit.values) if fit else {}
+        for way, (low, high) in self.breakaway.items():
+            estimates[f"breakaway_{way}"] = Estimate(0.5 * (low + high), low, high, "N·m")
+        values = {
             name: {
                 "value": each.value,
                 "low": each.low,
@@ -84,22 +94,24 @@ class IdentifiedBench:
                 "reason": each.reason or None,
                 "stated": self.stated.get(name),
             }
-            for name, each in self.fit.values.items()
+            for name, each in estimates.items()
         }
-        model = self.fit.model
+        model = fit.model if fit else None
         return {
             "axis": self.axis,
             "values": values,
-            "stribeck": {"torque": model.stribeck, "speed": model.stribeck_speed} if model.stribeck else None,
-            "waves": [dict(zip(("order", "cosine", "sine"), each, strict=True)) for each in model.waves],
+            "stribeck": {"torque": model.stribeck, "speed": model.stribeck_speed} if model and model.stribeck else None,
+            "waves": [
+                dict(zip(("order", "cosine", "sine"), each, strict=True)) for each in (model.waves if model else ())
+            ],
             "rate_hz": self.rate,
             "travel": [told.low, told.high],
             "speed": told.speed,
             "effort": told.effort,
             "torque": told.torque,
             "limit": None if self.limit is None else dict(zip(("value", "unit", "basis"), self.limit, strict=True)),
-            "residual": {"fit": self.fit.residual, "check": self.check, "unit": "counts"},
-            "samples": self.fit.samples,
+            "residual": {"fit": fit.residual, "check": self.check, "unit": "counts"} if fit else None,
+            "samples": fit.samples if fit else 0,
             "scale": None if self.scale is None else self.scale.to_json(),
             "warnings": list(self.warnings),
             "written": self.written or None,

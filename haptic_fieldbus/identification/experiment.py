@@ -17,15 +17,23 @@ All quantities are in the workspace of the axis: m, N and kg, or rad, N·m and k
 """
 
 import math
-from collections.abc import Generator
+from collections.abc import Collection, Generator
 from dataclasses import dataclass
 
 REST_TIME = 0.4
 """Time without effort [s]."""
+PARTS = ("rest", "friction", "dynamics")
+"""Parts that can be left out: the stage of that name, the breakaway, and everything after it."""
+DIRECTIONS = {"forward": 1, "backward": -1}
 RAMP_TIME = 1.5
 """Time in which the effort of the breakaway rises to its bound [s]."""
 MOVED_COUNTS, FEWEST_COUNTS = 6.0, 12.0
 """Smallest way that counts as motion, and that tells an inertia [counts]."""
+STILL_COUNTS, SEEN_AFTER, SEEN_LATE = 1.5, 3.0, 8
+"""When a motion began, from when it was seen: the way that is no motion yet [counts]; how long it may have gone on by
+then, as a multiple of the time from then until `MOVED_COUNTS`; and the delay [periods]. Under an effort that rises, the
+way of an inertia grows with the cube of the time. The two ways may be as near as 2 and 5 counts, and then it took 2.8
+times as long to the first as from there to the second."""
 SETTLING = 0.15
 """Time without effort after a stop [s]."""
 LONGEST_PUSH = 0.5
@@ -160,30 +168,39 @@ class Experiment:
         if not bounds.low <= ahead <= bounds.high:
             raise ExperimentError(f"the handle would have left the announced travel in the stage {self.stage}")
 
-    def _stop(self, effort: float) -> Stage:
-        """Stop the handle by the opposite effort, and wait until it has come to rest."""
+    def _stop(self, effort: float) -> Generator[float, float, bool]:
+        """Stop the handle by the opposite effort, and wait a little; return whether it was at rest meanwhile."""
         side = math.copysign(1.0, self.speed)
         for _ in range(round(LONGEST_PUSH / self.bounds.period)):
             if side * self.speed <= self._count_speed:
                 break
             yield -side * effort
-        yield from self._wait(SETTLING)
+        yield from self._wait(0.5 * SETTLING)
+        here = self.place
+        yield from self._wait(0.5 * SETTLING)
+        return abs(self.place - here) < 0.5 * self.bounds.resolution
 
 
 class Probe(Experiment):
-    """Rest, breakaway and pulses; nothing of the bench is known before."""
+    """Rest, breakaway and pulses; nothing of the bench is known before. `skipped` names `PARTS` that are left out."""
 
-    def __init__(self, bounds: Bounds) -> None:
+    def __init__(self, bounds: Bounds, skipped: Collection[str] = ()) -> None:
         super().__init__(bounds)
-        self.friction = self.load = 0.0
-        """From the breakaway [N or N·m]."""
+        self._skipped = skipped
+        self.friction = 0.0
+        """From the breakaway [N or N·m]; 0 where that is skipped, and the pulses find an effort that moves it."""
+        self.breakaway: dict[str, tuple[float, float]] = {}
+        """Bounds of the effort at which the handle began to move from rest, by the direction [N or N·m]."""
 
     def _all(self) -> Stage:
-        yield from self._rest()
-        self.stage = "breakaway"
-        yield from self._breakaway()
-        self.stage = "pulse"
-        yield from self._pulses()
+        if "rest" not in self._skipped:
+            yield from self._rest()
+        if "friction" not in self._skipped:
+            self.stage = "breakaway"
+            yield from self._breakaway()
+        if "dynamics" not in self._skipped:
+            self.stage = "pulse"
+            yield from self._pulses()
 
     def _rest(self) -> Stage:
         here = self.place
@@ -197,10 +214,12 @@ class Probe(Experiment):
 
     def _breakaway(self) -> Stage:
         efforts: dict[int, list[float]] = {1: [], -1: []}
-        for side in (1, -1, 1, -1):
-            here, rate = self.place, self.bounds.effort / RAMP_TIME * self.bounds.period
-            effort = 0.0
-            while side * (self.place - here) < MOVED_COUNTS * self.bounds.resolution:
+        seen: dict[str, list[tuple[float, float]]] = {name: [] for name in DIRECTIONS}
+        rate, count, at_rest = self.bounds.effort / RAMP_TIME * self.bounds.period, self.bounds.resolution, True
+        for name in (*DIRECTIONS, *DIRECTIONS):
+            side, here, effort, moved = DIRECTIONS[name], self.place, 0.0, 0
+            while side * (self.place - here) < MOVED_COUNTS * count:
+                moved += side * (self.place - here) > STILL_COUNTS * count
                 effort += rate
                 if effort > self.bounds.effort:
                     raise ExperimentError(
@@ -209,15 +228,21 @@ class Probe(Experiment):
                 yield side * effort
                 self._check()
             efforts[side].append(effort)
-            yield from self._stop(effort)
-        there, back = min(efforts[1]), min(efforts[-1])
-        self.friction, self.load = 0.5 * (there + back), 0.5 * (back - there)
+            if at_rest:
+                seen[name].append((max(effort - rate * ((1.0 + SEEN_AFTER) * moved + SEEN_LATE), 0.0), effort))
+            at_rest = yield from self._stop(effort)
+        self.friction = 0.5 * (min(efforts[1]) + min(efforts[-1]))
+        for name, bounds in seen.items():
+            lows, highs = zip(*bounds, strict=True) if bounds else ((), ())
+            if bounds:  # what holds for both pushes; for all of them where friction has changed meanwhile
+                both = max(lows), min(highs)
+                self.breakaway[name] = both if both[0] <= both[1] else (min(lows), max(highs))
 
     def _pulses(self) -> Stage:
         """Push and stop the handle both ways, with an effort that gives pushes of a good length."""
         bounds, good = self.bounds, 0
         effort = min(0.5 * bounds.effort, 1.5 * self.friction + 0.05 * bounds.effort)
-        slowest = 1.05 * self.friction
+        slowest = 1.05 * self.friction or math.inf  # of an unknown friction, less effort moves nothing
         for _ in range(MOST_PULSES):
             side = 1 if self.place < bounds.middle else -1
             begin = self.place

@@ -426,8 +426,13 @@ COHERENT = 0.9
 
 
 def draw_identified(found: IdentifiedBench) -> Figure:
-    """Return a figure of motion, prediction error, Bode plot, friction over speed, and load over travel."""
-    values, (_, used, unused) = found.fit.values, found.records
+    """Return a figure of motion, prediction error, Bode plot, friction over speed, and load over travel.
+
+    Raises ValueError where dynamics were skipped.
+    """
+    if (fit := found.fit) is None:
+        raise ValueError("dynamics were skipped: there is no motion to draw")
+    values, (_, used, unused) = fit.values, found.records
     told = [
         f"damping {interval_text(values['viscous_damping'])}, friction {interval_text(values['coulomb_friction'])}, "
         f"delay and lag {interval_text(values['delay_and_lag'])}"
@@ -443,7 +448,7 @@ def draw_identified(found: IdentifiedBench) -> Figure:
         begin = float(times[-1])
         motion.plot(*thin(times, np.array(record.positions)), color=colour, linewidth=1.2, label=label)
         error.plot(
-            *thin(times[unsettled_samples(record) :], prediction_errors(found.fit.model, record)),
+            *thin(times[unsettled_samples(record) :], prediction_errors(fit.model, record)),
             color=colour,
             linewidth=0.8,
         )
@@ -452,7 +457,7 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     frequencies, response, coherence = measured_response(used)
     good = coherence > COHERENT
     grid = np.geomspace(frequencies.min(), frequencies.max(), 200) if len(frequencies) else np.array([1.0, 10.0])
-    model = modelled_response(found.fit.model, used.period, grid)
+    model = modelled_response(fit.model, used.period, grid)
     size.set_yscale("log")
     for each in (size, phase, shared):
         each.set_xscale("log")
@@ -464,7 +469,7 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     dress(size, f"from torque to angle, where the coherence is above {COHERENT}", "", "angle / torque [rad/(N·m)]")
     dress(phase, "", "", "phase [degrees]")
     dress(shared, "", "frequency [Hz]", "coherence")
-    _draw_balance(friction, travel, found.fit.model, used)
+    _draw_balance(friction, travel, fit.model, used)
     name_lines(drawn, [motion, size])
     return drawn
 

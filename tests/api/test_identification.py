@@ -13,6 +13,7 @@ from haptic_fieldbus.documents.edits import with_table
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench
+from haptic_fieldbus.identification.fit import ShaftFit
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
@@ -66,6 +67,11 @@ def measured(bench: Path, text: str, **words: object) -> IdentifiedBench:
     return identify(BenchTask(bench, **words))  # type: ignore[arg-type]
 
 
+def fit_of(found: IdentifiedBench) -> ShaftFit:
+    assert found.fit is not None
+    return found.fit
+
+
 def drawn(seed: int) -> tuple[dict[str, float], str]:
     """A true bench, and the text of a rig that states other values."""
     draw = random.Random(seed)
@@ -83,7 +89,7 @@ def drawn(seed: int) -> tuple[dict[str, float], str]:
 def test_a_bench_that_differs_from_its_rig_is_measured_over_its_bus(bench: Path, seed: int) -> None:
     true, text = drawn(seed)
     found = measured(bench, text)
-    values, announced = found.fit.values, found.announced
+    values, announced = fit_of(found).values, found.announced
     assert values["inertia"].value == pytest.approx(true["inertia"], rel=0.05)
     assert values["viscous_damping"].value == pytest.approx(true["viscous_damping"], rel=0.15)
     assert values["coulomb_friction"].value == pytest.approx(true["coulomb_friction"], rel=0.15)
@@ -132,6 +138,29 @@ def test_the_rig_keeps_its_comments_and_the_next_plan_rests_on_its_table(bench: 
     assert plan.stability is not None
     assert plan.stability.limit.basis is Basis.IDENTIFIED
     assert 0.7 * 1492.0 <= plan.stability.limit.value <= 1492.0
+
+
+def test_without_dynamics_the_breakaway_is_told_and_nothing_is_written(bench: Path) -> None:
+    text = rig_text("coulomb_friction = 5.0e-3")
+    found = measured(bench, text, skip=("rest", "dynamics"))
+    assert bench.read_text(encoding="utf-8") == text
+    assert (found.fit, found.limit, found.written) == (None, None, "")
+    assert [each.partition(":")[0] for each in found.warnings] == ["rest", "dynamics"]
+    values = found.to_json()["values"]
+    assert isinstance(values, dict)
+    assert list(values) == ["breakaway_forward", "breakaway_backward"]
+    for each in values.values():
+        assert each["low"] <= 5e-3 <= each["high"] < 8.5e-3
+
+
+@pytest.mark.thorough("measures a bench")
+def test_without_the_breakaway_the_bench_is_measured_as_well(bench: Path) -> None:
+    found = measured(bench, rig_text("coulomb_friction = 5.0e-3"), skip=("friction",))
+    values = fit_of(found).values
+    assert found.breakaway == {}
+    assert values["coulomb_friction"].value == pytest.approx(5e-3, rel=0.02)
+    assert values["inertia"].value == pytest.approx(4e-5, rel=0.02)
+    assert found.written == str(bench)
 
 
 @pytest.mark.thorough("measures a bench")
@@ -286,7 +315,7 @@ def test_a_probe_that_tells_no_inertia_leads_no_motion(bench: Path, monkeypatch:
 @pytest.mark.thorough("measures three benches of few counts")
 @pytest.mark.parametrize("counts", [24, 128, 512])
 def test_a_coarse_encoder_is_enough_for_inertia_and_friction(bench: Path, counts: int) -> None:
-    values = measured(bench, rig_text(counts=counts)).fit.values
+    values = fit_of(measured(bench, rig_text(counts=counts))).values
     assert values["inertia"].value == pytest.approx(4e-5, rel=0.1)
     assert values["coulomb_friction"].value == pytest.approx(2e-3, rel=0.15)
     assert values["viscous_damping"].value == pytest.approx(3e-4, rel=0.15)
@@ -317,8 +346,8 @@ def test_a_bench_of_unknown_inertia_is_measured(bench: Path) -> None:
     text = rig_text("coulomb_friction = 3.0e-3").replace("inertia = 4.0e-5  # with the handle\n", "")
     text = text.replace("viscous_damping = 3.0e-4  # a guess\n", "").replace("coulomb_friction = 2.0e-3\n", "")
     found = measured(bench, text)
-    assert found.fit.values["inertia"].value == pytest.approx(4e-5, rel=0.01)
-    assert found.fit.values["coulomb_friction"].value == pytest.approx(3e-3, rel=0.05)
+    assert fit_of(found).values["inertia"].value == pytest.approx(4e-5, rel=0.01)
+    assert fit_of(found).values["coulomb_friction"].value == pytest.approx(3e-3, rel=0.05)
     assert set(found.stated.values()) == {None}
 
 

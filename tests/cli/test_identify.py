@@ -48,6 +48,32 @@ def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, comman
     assert told_by(picture)["files"] == {rig.name: before}, "the rig file as it was before the values were written"
 
 
+def test_a_part_is_skipped_and_not_announced(rig: Path, command: Command) -> None:
+    before = rig.read_text(encoding="utf-8")
+    ended = command("identify", "--rig", rig, "--skip", "dynamics")
+    assert ended.status == 0, ended.err
+    assert "first run: rest, slow pushes until it moves\n" in ended.out
+    assert "second run" not in ended.out
+    assert " N·m forward, " in ended.out or "mN·m forward, " in ended.out
+    assert "nothing is written into the rig" in " ".join(ended.out.split())
+    assert rig.read_text(encoding="utf-8") == before
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("--skip", "motion"), "--skip motion: expected one of rest, friction, dynamics"),
+        (("--skip", "friction", "--skip", "dynamics"), "nothing would be measured"),
+        (("--skip", "dynamics", "--with-mass", "0.2"), "--skip dynamics: expected without an added mass"),
+        (("--skip", "dynamics", "--plot", "bench.png"), "--skip dynamics: expected without --plot"),
+    ],
+)
+def test_what_cannot_be_skipped_is_refused(rig: Path, command: Command, words: tuple[str, ...], complaint: str) -> None:
+    ended = command("identify", "--rig", rig, *words)
+    assert ended.status == 2
+    assert complaint in ended.err
+
+
 @pytest.mark.thorough("measures a bench")
 def test_json_has_every_value_with_its_interval(rig: Path, command: Command) -> None:
     ended = command("identify", "--rig", rig, "--bus", "sim", "--json")
@@ -56,6 +82,7 @@ def test_json_has_every_value_with_its_interval(rig: Path, command: Command) -> 
     assert list(found) == KEYS.split()
     assert set(found["values"]) == {
         "inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "delay_and_lag", "load",
+        "breakaway_forward", "breakaway_backward",
     }  # fmt: skip
     for each in found["values"].values():
         assert each["low"] <= each["value"] <= each["high"]

@@ -9,7 +9,7 @@ from haptic_fieldbus.identification.experiment import Bounds, Experiment, Guided
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.sim.mechanics.motion import SPEED, Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
-from tests.identification.benches import Bench, conducted, plant_of_bench
+from tests.identification.benches import Bench, conducted, drawn_bench, plant_of_bench
 
 MODEL = ShaftModel(4e-5, 1e-4, 2e-3, 0.0008, 0.0002)
 BENCH = Bench(MODEL, 4096, 1000.0, 0.1, 60.0, 8.0)
@@ -37,7 +37,48 @@ def test_the_breakaway_tells_a_constant_load() -> None:
     law = Probe(BENCH.bounds)
     conducted(law, BENCH, plant_of_bench(BENCH), load=1e-3)
     assert law.failure == ""
-    assert law.load == pytest.approx(1e-3, rel=0.3)
+    # A load of 1 mN·m helps forward, and friction of 2 mN·m is against both ways.
+    for way, torque in (("forward", 1e-3), ("backward", 3e-3)):
+        low, high = law.breakaway[way]
+        assert low <= torque <= high < torque + 3e-3
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_breakaway_covers_the_friction_of_a_drawn_bench(seed: int) -> None:
+    bench = drawn_bench(seed)
+    law = Probe(bench.bounds, ["rest", "dynamics"])
+    conducted(law, bench, plant_of_bench(bench))
+    assert law.failure == ""
+    for low, high in law.breakaway.values():
+        assert low <= bench.model.coulomb <= high
+
+
+@pytest.mark.parametrize(
+    ("skipped", "stages"),
+    [
+        (["rest"], ["breakaway", "pulse"]),
+        (["friction"], ["rest", "pulse"]),
+        (["dynamics"], ["rest", "breakaway"]),
+        (["rest", "friction"], ["pulse"]),
+    ],
+)
+def test_a_part_is_left_out(skipped: list[str], stages: list[str]) -> None:
+    law = Probe(BENCH.bounds, skipped)
+    course = conducted(law, BENCH, plant_of_bench(BENCH))
+    assert law.failure == ""
+    # The stage that a law begins with is that of the sample before its first one.
+    assert [each for each in dict.fromkeys(course.stages) if each != "rest" or "rest" not in skipped] == stages
+    assert bool(law.breakaway) == ("friction" not in skipped)
+
+
+@pytest.mark.parametrize("friction", [0.5e-3, 2e-3, 20e-3])
+def test_pulses_find_an_effort_above_a_friction_that_was_not_looked_for(friction: float) -> None:
+    bench = replace(BENCH, model=replace(MODEL, coulomb=friction))
+    law = Probe(bench.bounds, ["friction"])
+    course = conducted(law, bench, plant_of_bench(bench))
+    assert law.failure == ""
+    assert max(map(abs, course.record.torques)) > friction
+    assert max(map(abs, course.speeds)) < bench.bounds.speed
 
 
 def test_the_motion_stays_in_its_bounds_and_ends_slowly() -> None:

@@ -286,7 +286,7 @@ def wrong_with(measured: Measured) -> list[str]:
 
 def judged(measured: Measured) -> dict[str, bool]:
     """Return for each value whether its interval covers what is true; for a bench that was refused, nothing."""
-    if measured.found is None:
+    if measured.found is None or measured.found.fit is None:
         return {}
     values = measured.found.fit.values
     return {name: values[name].low <= true <= values[name].high for name, true in measured.truth.items()}
@@ -294,7 +294,7 @@ def judged(measured: Measured) -> dict[str, bool]:
 
 def accurate(measured: Measured) -> dict[str, bool]:
     """Return for inertia, delay with lag, and damping whether they are as near to the truth as they have to be."""
-    if measured.found is None:
+    if measured.found is None or measured.found.fit is None:
         return {}
     bench, truth, values = measured.bench, measured.truth, measured.found.fit.values
     off = {name: abs(values[name].value - true) for name, true in truth.items()}
