@@ -86,7 +86,7 @@ class BenchTask:
     with_inertia: float | None = None
     """The same for a rotary handle [kg·m²]."""
     skip: Collection[str] = ()
-    """Parts that are left out: rest, friction (the breakaway), or dynamics, without which nothing is written into the rig."""
+    """Parts that are left out: rest, friction (the breakaway), or dynamics, without which nothing is written."""
     profiles: str | Path | None = None
     seed: int = DEFAULT_SEED
 

@@ -45,7 +45,7 @@ BUS = f"udp_multicast:{GROUP}@1000000"
 PUSHING = 30
 """Target torque with which the master pushes [‰ of rated torque]."""
 OPERATION_ENABLED, STATE = 0x27, 0x6F
-ATTEMPTS = 3
+ATTEMPTS = 10
 """On a machine so busy that the loop trips before it is killed."""
 
 
