@@ -249,7 +249,7 @@ class _TappedBench:
         The ends of damping and delay are taken one by one, and their distances added as squares. Both estimates vary
         together, because the taps tell their difference best, so the interval is rather too wide.
         """
-        if self.fit is None:
+        if self.fit is None or self.fit.resonance:  # an elastic shaft has another onset than the model
             return None
         model, (damping, delay) = self.fit.model, map(self.fit.values.__getitem__, ("viscous_damping", "delay_and_lag"))
         value = self._onset(model)

@@ -162,6 +162,9 @@ def identify(
     )  # fmt: skip
     if bench.without is not None:
         return replace(found, scale=bench.scale(bench.without, fit))
+    if fit.resonance:
+        told = "nothing is written into the rig, because no limit of a rigid bench holds for an elastic one"
+        return replace(found, warnings=(*found.warnings, told))
     kept = identified_of(
         fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
         planned_delay=float(f"{bench.planned_delay:.6g}"),

@@ -160,7 +160,10 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
             each = fit.values[name]
             more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
             yield OutputRow(label, [f"{interval_text(each)}{more}", *filter(None, [each.reason])])
-        yield OutputRow("beside", further_texts(fit))
+        if fit.resonance:
+            yield OutputRow("resonance", [interval_text(fit.resonance)])
+        else:
+            yield OutputRow("beside", further_texts(fit))
         left, unused = rounded(fit.residual), rounded(found.check or 0.0)
         yield OutputRow(
             "fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"]

@@ -85,6 +85,8 @@ class IdentifiedBench:
         estimates = dict(fit.values) if fit else {}
         for way, (low, high) in self.breakaway.items():
             estimates[f"breakaway_{way}"] = Estimate(0.5 * (low + high), low, high, "N·m")
+        if fit and fit.resonance:
+            estimates["resonance"] = fit.resonance
         values = {
             name: {
                 "value": each.value,

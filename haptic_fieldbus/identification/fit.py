@@ -9,6 +9,8 @@ What is left is then searched for Stribeck friction and for waves of torque over
 that the model lacks changes the prediction error by a linear filter, so the share of the residual that each of many
 such torques explains is found by linear least squares, beside the sensitivities of the values that the model has. The
 best one becomes part of the model while the sum of squares falls by more than `WORTH`, and all values are fitted again.
+Before that, modes of an elastic shaft are tried. One that explains `MODE_WORTH` is told by its frequency. Nothing is
+added then: the model stays that of a rigid shaft, and what it says of friction and damping is doubtful.
 
 The covariance is (HᵀH)⁻¹·S·(HᵀH)⁻¹ with the sensitivities H and S = Σ w_l·Γ_l, the covariances Γ of the gradient over
 lags up to `MEMORY` with the weights of Bartlett (Newey and West, Econometrica 55, 1987, 703). So a residual that is no
@@ -23,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, predicted_motion
-from haptic_fieldbus.numerals import exactly, in_unit, rounded
+from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 
 FEWEST_SAMPLES, FEWEST_ROWS = 200, 30
@@ -57,6 +59,12 @@ HIGHEST_ORDER, COUNTS_OF_A_WAVE, MOST_ORDERS = 48.0, 4.0, 250
 """Most periods of a wave in a turn, fewest counts of one of its periods, and most orders that are tried."""
 STRIBECK_SHARES = (0.01, 0.03, 0.08, 0.2, 0.4)
 """Speeds of Stribeck friction that are tried, as shares of the top speed."""
+LOWEST_MODE, HIGHEST_MODE, MODE_SHARE, MODE_STEP = 8.0, 100.0, 0.4, 0.02
+"""Resonances that are looked for: lowest and highest one [Hz], highest one as a share of the rate, and their step."""
+MODE_DAMPING = (0.01, 0.03, 0.1)
+"""Damping ratios that are tried."""
+MODE_WORTH, MODE_NEAR = 0.1, 0.9
+"""Share of the sum of squares that a resonance explains at least, and the part of it that all in its interval do."""
 SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
@@ -125,6 +133,8 @@ class ShaftFit:
     top_speed: float
     """[rad/s]"""
     samples: int
+    resonance: Estimate | None = None
+    """Frequency at which the shaft swings beside its rigid motion; None where none was seen [Hz]."""
     warnings: tuple[str, ...] = field(default=())
 
 
@@ -135,9 +145,17 @@ def fit_shaft(records: Sequence[ShaftRecord], guess: ShaftModel | None = None) -
         raise ValueError(f"{samples} samples; at least {FEWEST_SAMPLES} are needed")
     if max(np.ptp(each.positions) / each.resolution for each in records) < 10.0:
         raise ValueError("the shaft moved by less than 10 counts; more torque is needed")
-    problem = _Problem(records, guess or first_guess(records))
+    begin = guess or first_guess(records)
+    problem = _Problem(records, begin)
     cost, vector = problem.solved(problem.start)
-    for _ in range(MOST_WAVES + 1):
+    resonance = None
+    if cost > ENCODER_NOISE**2 * problem.rows:
+        # Beside an elastic shaft, further torques would only imitate its swing.
+        plain = _Problem(records, replace(begin, stribeck=0.0, waves=())) if problem.is_wider else problem
+        rough, alone = plain.solved(plain.start) if problem.is_wider else (cost, vector)
+        if resonance := plain.resonance(alone, rough):
+            problem, cost, vector = plain, rough, alone
+    for _ in range(0 if resonance else MOST_WAVES + 1):
         tries = [_Problem(records, each) for each in problem.further(vector, cost)]
         ends = [(*each.descended(each.start), each) for each in tries]
         after, found, wider = min(ends, key=lambda each: each[0], default=(cost, vector, problem))
@@ -145,7 +163,7 @@ def fit_shaft(records: Sequence[ShaftRecord], guess: ShaftModel | None = None) -
             break
         problem, cost, vector = wider, after, found
     _, vector = problem.solved(vector, enough=1e-6)
-    return problem.told(vector)
+    return problem.told(vector, resonance)
 
 
 # A first guess, by linear least squares of second differences.
@@ -275,6 +293,11 @@ class _Problem:
         self.is_time = np.isin(np.arange(len(scales)), (DELAY, LAG))
         self.start, self.low, self.high = (np.array(each) / self.scales for each in (values, low, high))
 
+    @property
+    def is_wider(self) -> bool:
+        """Return whether the model has torques beyond those of `NAMES`."""
+        return len(self.scales) > len(NAMES)
+
     def model(self, vector: Matrix) -> ShaftModel:
         values = (vector * self.scales).tolist()
         base, further = values[: len(NAMES)], values[len(NAMES) :]
@@ -314,6 +337,30 @@ class _Problem:
             falling = replace(model, coulomb=0.6 * model.coulomb, stribeck=0.4 * model.coulomb, stribeck_speed=share)
             tries.append(replace(falling, inertia=1.6 * model.inertia))
         return tries
+
+    def resonance(self, vector: Matrix, cost: float) -> Estimate | None:
+        """Return the frequency of a mode that explains a good part of the residual, as of an elastic shaft, or None.
+
+        Beyond its rigid motion a shaft with a spring swings, by the ratio of both inertias times torque over inertia.
+        """
+        residuals = self.residuals(vector)
+        known, _ = np.linalg.qr(self.sensitivities(vector, residuals))
+        model, highest = self.model(vector), min(HIGHEST_MODE, MODE_SHARE / self.period)
+        steps = math.ceil(math.log(highest / LOWEST_MODE) / MODE_STEP)
+        frequencies = LOWEST_MODE * np.exp(MODE_STEP * np.arange(steps + 1))
+        modes = np.array([(math.tau * each, ratio) for each in frequencies for ratio in MODE_DAMPING])
+        columns = np.vstack([_mode_responses(model, each, modes) for each in self.records])
+        columns -= known @ (known.T @ columns)
+        found = [_explained(residuals, columns[:, number : number + 1]) for number in range(len(modes))]
+        shares = np.array([gained / cost if size > 0.0 else 0.0 for gained, (size,) in found])
+        by_frequency = shares.reshape(len(frequencies), len(MODE_DAMPING)).max(axis=1)
+        best = int(by_frequency.argmax())
+        near = np.flatnonzero(by_frequency > MODE_NEAR * by_frequency[best])
+        if by_frequency[best] < MODE_WORTH or best in (0, len(frequencies) - 1):  # the curve has no top
+            return None
+        step = math.exp(MODE_STEP)
+        low, top, high = (float(frequencies[each]) for each in (near[0], best, near[-1]))
+        return Estimate(top, low / step, high * step, "Hz")
 
     def residuals(self, vector: Matrix) -> Matrix:
         """Return the prediction errors of all records [counts], shape (n,)."""
@@ -392,7 +439,7 @@ class _Problem:
 
     # What the solution says.
 
-    def told(self, vector: Matrix) -> ShaftFit:
+    def told(self, vector: Matrix, resonance: Estimate | None) -> ShaftFit:
         """Return the fit with its intervals and reasons."""
         residuals = self.residuals(vector)
         spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
@@ -402,7 +449,7 @@ class _Problem:
         rms = float(np.sqrt(np.mean(residuals**2)))
         # Above the noise of an encoder, a residual is a torque that the model lacks, and it may take sides.
         unexplained = 1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0))
-        least = LEAST_SHARE_OF_PARTS if len(vector) > len(NAMES) else LEAST_SHARE
+        least = LEAST_SHARE_OF_PARTS if self.is_wider else LEAST_SHARE
         estimates = {}
         for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True):
             value, lowest = found[name], -math.inf if name == "load" else 0.0
@@ -410,7 +457,7 @@ class _Problem:
             estimates[name] = Estimate(value, max(value - half, lowest), value + half, UNITS[name])
         estimates["torque_lag"] = self._lag_interval(vector, WIDTH * unexplained)
         told = {name: replace(each, reason=reason_of(name, estimates, top)) for name, each in estimates.items()}
-        return ShaftFit(model, told, rms, top, len(residuals), tuple(self._warnings(rms)))
+        return ShaftFit(model, told, rms, top, len(residuals), resonance, tuple(self._warnings(rms, resonance)))
 
     def _lag_interval(self, vector: Matrix, width: float) -> Estimate:
         """Return the lag with its interval, which is symmetric in its square.
@@ -446,9 +493,14 @@ class _Problem:
         spreads: list[float] = (REPEATED * np.sqrt(np.maximum(np.maximum(white, wide), 0.0))).tolist()
         return spreads
 
-    def _warnings(self, rms: float) -> Iterator[str]:
+    def _warnings(self, rms: float, resonance: Estimate | None) -> Iterator[str]:
         """Yield what the fit cannot explain."""
-        if rms > 3.0:
+        if resonance:
+            yield (
+                f"the shaft swings at about {rounded_limit(resonance.value)} Hz, as with an elastic coupling, "
+                "which the model does not have: damping and friction may be wrong by a factor of two"
+            )
+        elif rms > 3.0:
             yield (
                 f"the model leaves {rounded(rms)} counts unexplained: play and an elastic coupling are not in it; the "
                 "intervals are wider by this"
@@ -471,6 +523,30 @@ def _further_responses(model: ShaftModel, record: ShaftRecord, orders: Matrix, s
         angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
         speed = span.speed_left * speed + span.speed_of_force * torque
     responses: Matrix = out[unsettled_samples(record) :] / record.resolution
+    return responses
+
+
+def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Matrix:
+    """Return the swing of each sample [counts] by modes of an elastic shaft, each with the torque over inertia of all.
+
+    `modes` are angular frequencies and damping ratios, shape (m, 2). A mode is moved exactly under the torque that a
+    set-point makes after delay and lag.
+    """
+    eigen = modes[:, 0] * (-modes[:, 1] + 1j * np.sqrt(1.0 - modes[:, 1] ** 2))
+    period, (whole, part) = record.period, divmod(model.delay, record.period)
+    acting = [*[0.0] * (int(whole) + 1), *record.torques]
+    pieces = []
+    for seconds, ahead in [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]:
+        left, after = np.exp(eigen * seconds), math.exp(-seconds / model.lag)
+        pieces.append((left, (left - 1.0) / eigen, (left - after) / (eigen + 1.0 / model.lag), after, ahead))
+    state, torque, out = np.zeros(len(modes), complex), 0.0, np.empty((len(record.positions), len(modes)))
+    for k in range(len(out)):
+        out[k] = state.imag
+        for left, held, fading, after, ahead in pieces:
+            behind = torque - acting[k + ahead]
+            state = left * state + held * acting[k + ahead] + fading * behind
+            torque = acting[k + ahead] + behind * after
+    responses: Matrix = (out / eigen.imag / model.inertia)[unsettled_samples(record) :] / record.resolution
     return responses
 
 

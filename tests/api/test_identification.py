@@ -1,5 +1,6 @@
 """`identify` on simulated benches that differ from their rigs, over CANopen and Modbus."""
 
+import math
 import random
 import re
 import tomllib
@@ -151,6 +152,21 @@ def test_without_dynamics_the_breakaway_is_told_and_nothing_is_written(bench: Pa
     assert list(values) == ["breakaway_forward", "breakaway_backward"]
     for each in values.values():
         assert each["low"] <= 5e-3 <= each["high"] < 8.5e-3
+
+
+@pytest.mark.thorough("measures a bench")
+def test_an_elastic_bench_is_told_by_its_resonance_and_gets_no_limit(bench: Path) -> None:
+    """Of the inertia of 40 mg·m², 14 are behind the spring: ω² = k·J/(J₁·J₂)."""
+    motor, load, frequency = 2.6e-5, 1.4e-5, 25.0
+    stiffness = (math.tau * frequency) ** 2 * motor * load / (motor + load)
+    text = rig_text(f"coupling = {{ stiffness = {stiffness!r}, load_inertia = {load!r}, damping = 2.0e-4 }}")
+    found = measured(bench, text)
+    assert bench.read_text(encoding="utf-8") == text
+    assert (found.limit, found.written) == (None, "")
+    values = found.to_json()["values"]
+    assert isinstance(values, dict)
+    assert values["resonance"]["low"] <= frequency <= values["resonance"]["high"]
+    assert any("nothing is written into the rig" in each for each in found.warnings)
 
 
 @pytest.mark.thorough("measures a bench")
