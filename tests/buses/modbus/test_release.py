@@ -1,5 +1,6 @@
 """The way to zero torque on real lines, whatever the drive, the line or somebody's program does meanwhile."""
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -359,6 +360,28 @@ BREAKS: dict[str, tuple[Break, type[HapticFieldbusError], str]] = {
 }
 
 
+ATTEMPTS = 10
+"""On a computer so busy that a run ends before anything breaks."""
+
+
+def broken(opened: ExitStack, line: str, break_it: Break) -> tuple[Server, Bench, Machine, HapticFieldbusError]:
+    """A run that breaks in its first period: how long it went on then, and how it ended."""
+    server = opened.enter_context(LINES[line](Drive()))
+    plan = plan_of(server.name, scene=scene_of(Wall("handle", stiffness=20.0, position=-0.05)), rate=80.0)
+    plan = replace(plan, axes=tuple(replace(axis, sign_known=True) for axis in plan.axes))
+    bench, machine = opened.enter_context(Bench(plan)), Machine()
+    bench.bus.open(plan)
+
+    def progress(done: int) -> None:
+        if not machine.watches:
+            machine.__enter__()
+            break_it(server)
+
+    with pytest.raises(HapticFieldbusError) as raised:
+        run_loop(plan, Cycle(plan), bench.bus, bench.clock, cycles=400, progress=progress)
+    return server, bench, machine, raised.value
+
+
 @pytest.mark.thorough("runs each until it ends", quick=("tcp-reset",))
 @pytest.mark.parametrize("what", BREAKS)
 @pytest.mark.parametrize("line", LINES)
@@ -366,25 +389,19 @@ def test_a_run_that_breaks_ends_torque_free_in_time_with_a_sentence_and_does_not
     opened: ExitStack, line: str, what: str
 ) -> None:
     break_it, error, words = BREAKS[what]
-    server = opened.enter_context(LINES[line](Drive()))
-    plan = plan_of(server.name, scene=scene_of(Wall("handle", stiffness=20.0, position=-0.05)), rate=80.0)
-    axes = tuple(replace(axis, sign_known=True) for axis in plan.axes)
-    plan = replace(plan, axes=axes)
-    bench = opened.enter_context(Bench(plan))
-    bench.bus.open(plan)
-    machine = Machine()
-
-    def progress(done: int) -> None:
-        if not machine.watches:
-            machine.__enter__()
-            break_it(server)
-
-    with pytest.raises(error, match=words) as raised:
-        run_loop(plan, Cycle(plan), bench.bus, bench.clock, cycles=400, progress=progress)
+    for _ in range(ATTEMPTS):
+        server, bench, machine, raised = broken(opened, line, break_it)
+        if machine.watches:
+            break
+        assert server.drive.value(DEMAND) == 0  # it ended before, on a busy computer
+    assert machine.watches, raised
     machine.__exit__()
+    assert isinstance(raised, error), raised
+    assert re.search(words, str(raised))
+    plan = bench.plan
     longest = max(deadline.seconds for deadline in plan.deadlines)
     assert machine.seconds < longest + plan.guards[0].seconds + 0.3 + machine.withheld
-    confirmed = UNCONFIRMED not in getattr(raised.value, "__notes__", ())
+    confirmed = UNCONFIRMED not in getattr(raised, "__notes__", ())
     if confirmed:
         assert server.drive.value(DEMAND) == 0
     # The drive's own watch ends it where nobody reached the drive.
