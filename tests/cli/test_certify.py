@@ -31,6 +31,7 @@ def test_it_is_told_as_text_and_on_a_page(rig: Path, tmp_path: Path, command: Co
     assert f"out        {page}, page.json" in ended.out
 
 
+@pytest.mark.thorough("certifies a bench")
 def test_it_is_told_as_json_with_the_keys_of_the_contract_first(rig: Path, tmp_path: Path, command: Command) -> None:
     page = tmp_path / "page.png"
     ended = command("certify", "wall", "--rig", rig, *SLOW, "--json", "--plot", page)

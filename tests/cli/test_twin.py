@@ -36,6 +36,7 @@ def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, co
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 2
 
 
+@pytest.mark.thorough("fits a bench")
 def test_a_change_is_told_by_text_and_status(folder: Path, tmp_path: Path, command: Command) -> None:
     twin, lighter = tmp_path / "twin.toml", tmp_path / "lighter.toml"
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 0

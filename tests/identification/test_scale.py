@@ -99,7 +99,7 @@ def _in_millinewton(text: str) -> str:
     )
 
 
-@pytest.mark.thorough("measures 20 benches twice for each slip", quick=1)
+@pytest.mark.thorough("measures 20 benches twice for each slip")
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("slip", ["lines", "gear", "mN·m", "none"])
 def test_a_slip_of_a_bench_is_named(tmp_path: Path, slip: str, seed: int) -> None:
