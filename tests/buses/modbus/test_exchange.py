@@ -176,8 +176,10 @@ def test_a_bad_answer_makes_the_axis_stale_in_time_and_never_gives_a_wrong_posit
     assert min(waited_ns) < 1e9 * (DEADLINE + 0.02), "a busy machine may be late, but not each time"
     server.mischief = honest
     found = [_moved(bench, server, number) for number in range(5, 9)]
-    # What is late may cost another sample, but none is taken for one of now.
-    assert found[-1] == 80
+    # What is late may cost another sample, on a busy machine more of them, but none is taken for one of now.
+    while found[-1] is None and len(found) < 50:
+        found.append(_moved(bench, server, 5 + len(found)))
+    assert found[-1] == 10 * (4 + len(found))
     assert all(each in (None, 10 * number) for number, each in enumerate(found, 5))
 
 
