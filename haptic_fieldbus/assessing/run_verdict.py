@@ -126,7 +126,8 @@ def _felt(effort: str, felt: FeltError, contact: float) -> tuple[str, str]:
     if felt.by_event and felt.late <= EVENT_DELAY:
         noticed = f" (people notice from {rounded(1e3 * EVENT_DELAY)} ms and {percent(FELT_SHARE)})"
         return f"Feels right, {late} late: {effort} error {percent(felt.shape)} without the delay", noticed
-    added = f", which added {rounded(1e3 * felt.energy)} mJ" if felt.energy > 0.0 else ""
+    millijoules = round(1e3 * felt.energy, 6)
+    added = f", which added {rounded(millijoules)} mJ" if millijoules > 0.0 else ""
     return f"Feels different: {share}, {percent(felt.shape)} without the delay of {late}{added}", noticed
 
 

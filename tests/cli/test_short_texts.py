@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.api import run
@@ -96,6 +96,10 @@ FELT = st.builds(
     felt=st.none() | FELT,
     ripple=st.none() | st.floats(0.0, 9.0),
 )
+@example(
+    scene="wall", effort="force", hand="", stable=True, inside=False,
+    felt=FeltError(1.0, 0.0, 0.0, 0.0, 7.57771023177948e-97, by_event=False), ripple=1.0,
+)  # fmt: skip
 def test_a_verdict_is_one_line_and_never_loses_a_chatter(
     *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None
 ) -> None:
