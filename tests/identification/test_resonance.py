@@ -57,7 +57,7 @@ def test_the_frequency_of_an_elastic_shaft_is_told(frequency: float, share: floa
     assert fit.model.waves == ()
 
 
-@pytest.mark.thorough("fits six benches", quick=1)
+@pytest.mark.thorough("fits six benches", quick=("rigid",))
 @pytest.mark.parametrize(
     "mechanics",
     [
