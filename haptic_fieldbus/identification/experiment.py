@@ -232,11 +232,11 @@ class Probe(Experiment):
                 seen[name].append((max(effort - rate * ((1.0 + SEEN_AFTER) * moved + SEEN_LATE), 0.0), effort))
             at_rest = yield from self._stop(effort)
         self.friction = 0.5 * (min(efforts[1]) + min(efforts[-1]))
-        for name, bounds in seen.items():
-            lows, highs = zip(*bounds, strict=True) if bounds else ((), ())
-            if bounds:  # what holds for both pushes; for all of them where friction has changed meanwhile
-                both = max(lows), min(highs)
-                self.breakaway[name] = both if both[0] <= both[1] else (min(lows), max(highs))
+        for name in (each for each in DIRECTIONS if seen[each]):
+            lows, highs = zip(*seen[name], strict=True)
+            # What holds for both pushes, or for one of them where friction has changed meanwhile.
+            agreed = max(lows) <= min(highs)
+            self.breakaway[name] = (max(lows), min(highs)) if agreed else (min(lows), max(highs))
 
     def _pulses(self) -> Stage:
         """Push and stop the handle both ways, with an effort that gives pushes of a good length."""

@@ -90,9 +90,9 @@ def conducted(law: Experiment, bench: Bench, plant: Body, longest: float = 60.0,
     return Course(record, course.stages, course.angles, course.speeds)
 
 
-def identified_bench(bench: Bench) -> tuple[ShaftFit, Course, Course]:
-    """Measure a bench by both experiments; return the fit and both courses."""
-    plant = plant_of_bench(bench)
+def identified_bench(bench: Bench, plant: Body | None = None) -> tuple[ShaftFit, Course, Course]:
+    """Measure a bench by both experiments, or another plant in its place; return the fit and both courses."""
+    plant = plant or plant_of_bench(bench)
     probe = Probe(bench.bounds)
     first = conducted(probe, bench, plant)
     assert probe.failure == "", probe.failure
