@@ -11,7 +11,7 @@ import can
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus import DriveFaultError, LiveSession, Result, SafetyTripError
+from haptic_fieldbus import BusTimeoutError, DriveFaultError, LiveSession, Result, SafetyTripError
 from haptic_fieldbus.planning.deadlines import EndCause
 from tests.peers.hosts import GROUP, free_port, line_of, require_multicast, start
 from tests.peers.test_master_dies import (
@@ -156,14 +156,17 @@ def once_for_long(live: LiveSession) -> None:
 def test_a_slow_caller_is_told_and_trips_as_a_late_host(
     render: Callable[[LiveSession], None], longest: float, rig: Path, port: int
 ) -> None:
-    with can.Bus(interface="udp_multicast", channel=GROUP, port=port) as bus:
-        with (
-            pytest.raises((SafetyTripError, DriveFaultError)) as raised,
-            haptic_fieldbus.session("wall", rig, rate=RATE, settings=dict([SETTING]), yes=True) as live,
-        ):
-            render(live)
-        assert Drive(bus).read(0x6041) & STATE != OPERATION_ENABLED
-        assert Drive(bus).read(0x6077) == 0
+    for _ in range(ATTEMPTS):
+        with can.Bus(interface="udp_multicast", channel=GROUP, port=port) as bus:
+            with (
+                pytest.raises((SafetyTripError, DriveFaultError, BusTimeoutError)) as raised,
+                haptic_fieldbus.session("wall", rig, rate=RATE, settings=dict([SETTING]), yes=True) as live,
+            ):
+                render(live)
+            assert Drive(bus).read(0x6041) & STATE != OPERATION_ENABLED
+            assert Drive(bus).read(0x6077) == 0
+        if not isinstance(raised.value, BusTimeoutError):  # which it is where the drive had no turn on a busy machine
+            break
     (note,) = raised.value.__notes__
     found = re.fullmatch(r"the block of the session took up to ([\d.]+) ms between two periods of 20 ms", note)
     assert found

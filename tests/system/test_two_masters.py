@@ -240,7 +240,7 @@ class Hosted:
         """The first frame that is wanted."""
         clock = _Stopwatch()
         while clock.elapsed < seconds:
-            message = self.bus.recv(seconds - clock.elapsed)
+            message = self.bus.recv(max(0.0, seconds - clock.elapsed))
             if message is not None and wanted(message):
                 return message
         return None
