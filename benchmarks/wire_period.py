@@ -101,8 +101,9 @@ def open_wire(kind: str) -> can.BusABC:
         bus.socket.__class__ = Answered  # type: ignore[attr-defined]
     else:
         bus = can.Bus(interface="udp_multicast", channel=GROUP, port=PORT, fd=False)
-        bus._multicast._socket.__class__ = Answered  # type: ignore[attr-defined]
-        loop_back(bus._multicast._socket)
+        opened = bus._multicast._socket  # type: ignore[attr-defined]
+        opened.__class__ = Answered
+        loop_back(opened)
     return bus
 
 

@@ -162,15 +162,15 @@ def identify(
     )  # fmt: skip
     if bench.without is not None:
         return replace(found, scale=bench.scale(bench.without, fit))
-    if fit.resonance:
-        told = "nothing is written into the rig, because no limit of a rigid bench holds for an elastic one"
-        return replace(found, warnings=(*found.warnings, told))
     kept = identified_of(
         fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
         planned_delay=float(f"{bench.planned_delay:.6g}"),
     )  # fmt: skip
     if write and bench.own_bus:
         found = _written(found, bench, kept)
+    if fit.resonance:
+        told = "no limit of a rigid shaft holds for an elastic one: without simulation.coupling a run needs --force"
+        return replace(found, warnings=(*found.warnings, told))
     try:
         return replace(found, limit=bench.limit(kept))
     except HapticFieldbusError as error:  # what was measured is told all the same
@@ -453,9 +453,9 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
 
 
 def identified_of(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | None) -> Identified:
-    """Return what a rig keeps of a fit; `conditions` are further keys of `Identified`."""
-    values: dict[str, Any] = {}
-    for name in KEPT:
+    """Return what a rig keeps of a fit: its values, or its resonance; `conditions` are more keys of `Identified`."""
+    values: dict[str, Any] = {"resonance": float(f"{fit.resonance.value:.4g}")} if fit.resonance else {}
+    for name in () if fit.resonance else KEPT:
         each = fit.values[name]
         low, value, high = (float(f"{number:.6g}") for number in (each.low, each.value, each.high))
         values |= {name: value, f"{name}_interval": (low, high)}

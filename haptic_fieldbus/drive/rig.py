@@ -79,7 +79,7 @@ class Stribeck(Table):
 @dataclass(frozen=True)
 class Mechanics(Table):
     """Simulated bench where it differs from the axis. An omitted part is not simulated, an omitted value is the axis'.
-    Plans and limits follow from the values of the axis alone.
+    Plans and limits follow from the values of the axis and from `coupling`.
     """
 
     coupling: CompliantCoupling | None = None
@@ -388,6 +388,9 @@ class Identified(Table):
     """Largest speed of the motor in the measurement [rad/s]."""
     residual_counts: fields.NonNegativeFloat | None = None
     """Motion that the fit leaves unexplained, root mean square [counts]."""
+    resonance: fields.Frequency | None = field(default=None, repr=False)
+    """Resonance of an elastic shaft [Hz]. With it there is no measured value, and no limit is known unless
+    `simulation.coupling` states the shaft."""
     digest: Annotated[str, Len(1)] | None = None
     """Digest of the values above and of the values of the axis on which they rest; with another digest none of them
     counts. None: the values are judged like stated ones."""

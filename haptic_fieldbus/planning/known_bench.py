@@ -75,7 +75,8 @@ class KnownBench:
 def known_bench(axis: RigAxis, profile: DriveProfile) -> KnownBench:
     """Return the bench of an axis; a measured value takes the place of a stated one."""
     measured = axis.identified
-    if measured == Identified():
+    described = measured.resonance is not None and axis.simulation.coupling is not None
+    if measured == Identified() or described:
         values = (axis.inertia, axis.viscous_damping, axis.coulomb_friction)
         return KnownBench(*values, (INERTIA_SHARES, DAMPING_SHARES, COULOMB_SHARES), Basis.STATED)
     fault = _fault(axis, profile)
@@ -107,6 +108,9 @@ def widened(value: float, interval: Range) -> Range:
 def _fault(axis: RigAxis, profile: DriveProfile) -> str:
     """Return why the measured values of an axis do not count; empty if they do."""
     measured = axis.identified
+    if measured.resonance is not None:
+        found = f"identify found a resonance of {rounded(measured.resonance)} Hz"
+        return f"{found}, and simulation.coupling states no elastic shaft"
     if measured.profile is not None and measured.profile != profile.name:
         return f"the values of [identified] were measured with the profile {measured.profile}"
     if measured.digest is not None and measured.digest != digest_with(axis, measured):
@@ -128,7 +132,7 @@ def digest_with(axis: RigAxis, measured: Identified | Contradicted) -> str:
     """Return the digest of measured values and of the values of the axis on which they rest."""
     mechanism = axis.mechanism
     ratio = mechanism.metres_per_revolution if isinstance(mechanism, LinearMechanism) else mechanism.gear_ratio
-    own = [getattr(measured, each.name) for each in fields(measured) if each.name != "digest"]
+    own = [getattr(measured, each.name) for each in fields(measured) if each.name not in ("digest", "resonance")]
     scales = [mechanism.kind, ratio, *(getattr(axis, key) for key in SCALES)]
     return digest_of(_text(each) for each in (*own, *scales))
 

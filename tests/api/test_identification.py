@@ -4,20 +4,21 @@ import math
 import random
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from haptic_fieldbus.api import identification
 from haptic_fieldbus.api.identification import BenchTask, bounds_of, identify
-from haptic_fieldbus.documents.edits import with_table
-from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.documents.edits import Value, with_table
+from haptic_fieldbus.drive.rig import MECHANICAL, Rig
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench
 from haptic_fieldbus.identification.fit import ShaftFit
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.protocols.catalogue import load_rig
 
 BUSES = {
@@ -160,13 +161,21 @@ def test_an_elastic_bench_is_told_by_its_resonance_and_gets_no_limit(bench: Path
     motor, load, frequency = 2.6e-5, 1.4e-5, 25.0
     stiffness = (math.tau * frequency) ** 2 * motor * load / (motor + load)
     text = rig_text(f"coupling = {{ stiffness = {stiffness!r}, load_inertia = {load!r}, damping = 2.0e-4 }}")
-    found = measured(bench, text)
-    assert bench.read_text(encoding="utf-8") == text
-    assert (found.limit, found.written) == (None, "")
+    earlier: dict[str, Value] = {"inertia": 4e-5, "inertia_interval": [3.9e-5, 4.1e-5], "date": "long ago"}
+    found = measured(bench, with_table(text, ("axis", "handle", "identified"), earlier))
+    assert (found.limit, found.written) == (None, str(bench))
     values = found.to_json()["values"]
     assert isinstance(values, dict)
     assert values["resonance"]["low"] <= frequency <= values["resonance"]["high"]
-    assert any("nothing is written into the rig" in each for each in found.warnings)
+    assert any("no limit of a rigid shaft holds" in each for each in found.warnings)
+    rig = load_rig(bench)
+    axis = rig.axis["handle"]
+    assert axis.identified.resonance == pytest.approx(values["resonance"]["value"], rel=1e-3)
+    assert [key for key in MECHANICAL if getattr(axis.identified, key) is not None] == []
+    assert select(Task("wall", rig)).plan.stability is not None
+    unstated = replace(rig, axis={"handle": replace(axis, simulation=replace(axis.simulation, coupling=None))})
+    with pytest.raises(PlanError, match=r"identify found a resonance of 2\d\.?\d* Hz"):
+        select(Task("wall", unstated))
 
 
 @pytest.mark.thorough("measures a bench")

@@ -311,6 +311,7 @@ def test_a_measured_inertia_below_that_of_the_load_leaves_the_bench_unknown() ->
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "another profile": ({"profile": "another"}, "were measured with the profile another"),
+    "an elastic shaft": ({"resonance": 25.0}, "identify found a resonance of 25 Hz, and simulation.coupling states no"),
     "edited by hand": ({"digest": "0123"}, "was changed after the measurement"),
     "no interval": ({"inertia_interval": None}, "inertia of [identified] has no interval around it"),
     "interval swapped": ({"viscous_damping_interval": (2e-4, 5e-5)}, "viscous_damping of [identified] has no interval"),
@@ -369,7 +370,19 @@ def test_a_whole_number_in_the_file_is_the_same_value() -> None:
     assert known_bench(replace(AXIS, identified=replace(sealed, rate=1000)), PROFILE).fault == ""
 
 
-@pytest.mark.parametrize("attack", ["another profile", "edited by hand", "a rough inertia"])
+def test_a_stated_coupling_brings_back_the_stated_values_of_an_elastic_bench() -> None:
+    elastic = Identified(resonance=25.0, date="today", digest="any")
+    bench = known_bench(replace(AXIS, identified=elastic, simulation=Mechanics(CompliantCoupling(1.0, 1e-5))), PROFILE)
+    assert bench == known_bench(AXIS, PROFILE)
+    assert known_bench(replace(AXIS, identified=elastic), PROFILE).inertia is None
+
+
+def test_tables_that_were_sealed_before_there_was_a_resonance_still_count() -> None:
+    assert digest_with(AXIS, told()) == digest_with(AXIS, replace(told(), resonance=25.0))
+    assert "resonance" not in str(Identified())  # from which the digest of a note about a run is made
+
+
+@pytest.mark.parametrize("attack", ["another profile", "an elastic shaft", "edited by hand", "a rough inertia"])
 def test_a_run_names_what_does_not_count_and_the_way_out(attack: str) -> None:
     changes, why = BAD[attack]
     axis = replace(AXIS, bus="b", profile="maxon_epos4", identified=replace(told(), **changes))
