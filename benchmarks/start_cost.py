@@ -30,12 +30,12 @@ def pair(command: str, reference: str, _: ExitStack) -> Pair:
 
 
 FIGURES = (
-    Figure("`--help`", "importing typer", 3.0, partial(pair, "--help", TYPER)),
-    Figure("`plan wall`", "importing numpy, typer, pydantic, can and canopen", 1.8, partial(pair, "plan wall", ALL)),
+    Figure("`--help`", "importing typer", 2.5, partial(pair, "--help", TYPER)),
+    Figure("`plan wall`", "importing numpy, typer, pydantic, can and canopen", 1.5, partial(pair, "plan wall", ALL)),
     Figure(
         "`run wall` of two periods, with its result",
         "importing numpy, typer, pydantic, can and canopen",
-        3.0,
+        2.0,
         partial(pair, "run wall --duration 0.002", ALL),
     ),
 )

@@ -13,9 +13,9 @@ from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 
 SIGNALLED, INTERRUPTED = 128, 130
 """Exit statuses: base to which the number of a signal is added, and the status after Ctrl-C."""
-NEW_OBJECTS = 100_000
-"""New objects that wait for a garbage collection: what a start imports stays, and looking for garbage in it takes a
-tenth of the start."""
+NEW_OBJECTS = 250_000
+"""New objects that wait for a garbage collection: what a start imports stays. Looking for garbage in it would take a
+third of a short command, most of it at the end of the process."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -32,7 +32,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with ended_by_signals() as ending, free_output(lambda: ending.leaving):
         ending.last = arguments is None
         status = _status(arguments, ending)
-    gc.set_threshold(*thresholds)
+    if arguments is None:
+        gc.freeze()  # the process ends, so nothing needs to be looked through
+    else:
+        gc.set_threshold(*thresholds)
     # CPython remembers a KeyboardInterrupt that left any `exec` of a text, such as that of a dataclass in an import. It
     # would end by SIGINT although the interrupt was caught; the next text makes it forget.
     exec("")
