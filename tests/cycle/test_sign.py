@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sign import SignProof, thue_morse
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.sign_probe import ATTEMPTS, SignProbe, sign_probe
+from haptic_fieldbus.planning.sign_probe import ATTEMPTS, PAUSE, SignProbe, sign_probe
 from tests.builders import plan_of
 
 PERIOD = 1e-3
@@ -131,7 +131,10 @@ def test_while_nothing_is_seen_the_scene_goes_on_within_what_a_hand_may_hold() -
     watched = Watched()
     given = [watched.give(0.0, force=20.0) for _ in range(5000)]
     assert max(map(abs, given)) == watched.probe.largest
-    assert given.count(watched.probe.holding) > 1900, "of each second of a pause"
+    held = [sum(1 for _ in run) for force, run in groupby(given) if force == watched.probe.holding]
+    pauses = [periods for periods in held if periods > 5]  # and no pulses
+    assert len(pauses) >= 3
+    assert all(abs(pause - PAUSE / PERIOD) <= 1.0 for pause in pauses)
     assert watched.proof.failures >= 3
 
 

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.energy import LIPSCHITZ
 from haptic_fieldbus.drive.rig import Limits
-from haptic_fieldbus.planning.energy import TWIST, axis_terms
+from haptic_fieldbus.planning.energy import TWIST, axis_terms, bind_stored
 from haptic_fieldbus.planning.explain import limit_rows
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -37,6 +37,17 @@ def test_stiffness_of_walls_and_of_the_axis_own_couplings_is_granted_and_no_othe
     )
     assert tied == pytest.approx(alone * (1.0 + TWIST * 50.0 / 100.0))
     assert beside == tied
+
+
+def test_the_stored_energy_of_tied_axes_is_that_of_their_walls_and_of_the_spring_between_them() -> None:
+    """½·K·x² of each wall that is pressed, and ½·K·(x₁ - x₂)² of the spring, at the places of the laws."""
+    tied = Coupling(("left", "right"), 400.0)
+    plan = plan_of(scene_of(Wall("left", 100.0), Wall("right", 300.0, name="other"), tied))
+    stored = bind_stored(plan.axes, [axis.elements for axis in plan.axes], [tied])
+    places = (0.03, 0.01)
+    assert stored((0.0, 0.0), places) == pytest.approx(
+        0.5 * (100.0 * 0.03**2 + 300.0 * 0.01**2 + 400.0 * (0.03 - 0.01) ** 2)
+    )
 
 
 SHAFT = Coupling(("left", "right"), 400.0)

@@ -1,5 +1,6 @@
 """Delays of rig and profile in a plan, and their ranges; a bench with a compliant coupling."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,7 @@ from haptic_fieldbus.margins.bodies import HungBody, limit_with
 from haptic_fieldbus.margins.plant import COUPLING_SHARES
 from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.compile import compile_plan, ranges_of
-from haptic_fieldbus.planning.explain import nominal_texts, verdict_texts
+from haptic_fieldbus.planning.explain import nominal_texts, passive_to, up_to, verdict_texts
 from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
@@ -199,3 +200,10 @@ def test_no_part_of_a_limit_of_0_can_be_asked_for() -> None:
     task = Task("virtual_shaft", settings={"wall.stiffness": 3000.0, "shaft.stiffness": "max/2"})
     with pytest.raises(UsageError, match=r"^shaft\.stiffness=max/2: the limit is 0, because no stiffness is stable"):
         _ = select(task).plan
+
+
+def test_a_nominal_limit_below_one_is_told_as_the_number_that_it_is() -> None:
+    assert [up_to(limit, "N/m") for limit in (-1.0, 0.0, 0.5, math.inf)] == [
+        "at no stiffness", "at no stiffness", "to 0.5 N/m", "with no limit",
+    ]  # fmt: skip
+    assert [passive_to(limit, "N/m") for limit in (0.0, 0.5)] == ["not passive", "passive to 0.5 N/m"]
