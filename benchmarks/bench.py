@@ -8,7 +8,6 @@ import argparse
 import json
 import sys
 from contextlib import ExitStack
-from pathlib import Path
 from statistics import median
 
 import bus_limit
@@ -25,7 +24,7 @@ import wire_period
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from rows import Figure, NotHereError, Pair, machine
+from rows import PAGE, Figure, NotHereError, Pair, machine, put_on_page
 
 from haptic_fieldbus.numerals import rounded
 
@@ -45,8 +44,6 @@ FIGURES: tuple[Figure, ...] = (
 ROUNDS, SHORT_ROUNDS = 15, 3
 PATIENCE = 1.25
 """Factor on the bounds of the short form; what is above that after few rounds is measured again in many."""
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "performance.md"
-BEGIN, END = "<!-- written by python benchmarks/bench.py --write -->\n", "<!-- end of the figures -->\n"
 HEAD = ("figure", "ours", "reference", "ratio", "spread", "at most")
 Measured = tuple[Figure, list[tuple[float, float]]]
 
@@ -108,10 +105,8 @@ def as_object(found: list[Measured]) -> dict[str, object]:
 def write(found: list[Measured]) -> None:
     """Put the table into its page."""
     lines = ["| " + " | ".join(each) + " |" for each in (HEAD, ["---"] * len(HEAD), *map(cells, found))]
-    page = PAGE.read_text(encoding="utf-8")
-    before, rest = page.split(BEGIN)
     text = f"Measured on {machine()}, in {len(found[0][1])} rounds.\n\n" + "\n".join(lines)
-    PAGE.write_text(f"{before}{BEGIN}\n{text}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    put_on_page("bench.py --write", f"{text}\n")
 
 
 def main() -> int:

@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
-from rows import Figure, Pair
+from rows import Figure, Pair, put_on_page
 
 import haptic_fieldbus as h
 from haptic_fieldbus.assessing.loop_report import LoopReport
@@ -37,8 +37,6 @@ DURATION = 0.5
 """[s] of operation enabled."""
 STEP = 1e-6
 """To which a period is searched [s]."""
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "performance.md"
-BEGIN, END = "<!-- written by python benchmarks/bus_limit.py --write -->\n", "<!-- end of the limits -->\n"
 
 
 def scene(axes: int) -> str:
@@ -151,9 +149,7 @@ def main() -> None:
     text = "\n".join(rows()) + "\n"
     print(text)
     if "--write" in sys.argv:
-        page = PAGE.read_text(encoding="utf-8")
-        before, rest = page.split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+        put_on_page("bus_limit.py --write", text)
 
 
 if __name__ == "__main__":

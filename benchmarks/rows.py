@@ -45,6 +45,18 @@ class Figure:
     pair: Callable[[ExitStack], Pair]
 
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "performance.md"
+"""Page of a checkout; `haptic-fieldbus bench` has none."""
+
+
+def put_on_page(command: str, text: str) -> None:
+    """Put a table into the page, between the line that names its command and the next end."""
+    begin, end = f"<!-- written by python benchmarks/{command} -->\n", "<!-- end -->\n"
+    before, rest = PAGE.read_text(encoding="utf-8").split(begin)
+    _, after = rest.split(end, 1)
+    PAGE.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
 def cost(call: Callable[[], object], number: int, repeat: int = 30) -> float:
     """Shortest time of one call [s]."""
     return min(timeit.repeat(call, number=number, repeat=repeat)) / number

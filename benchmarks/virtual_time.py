@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from unittest.mock import patch
 
-from rows import Figure, Pair, machine
+from rows import Figure, Pair, machine, put_on_page
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.loop_report import LoopReport
@@ -33,8 +33,6 @@ SIX = 'description = "Six walls"\n' + "".join(
     "position = 0.02\nstiffness = 300.0\n"
     for name in "abcdef"
 )
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "performance.md"
-BEGIN, END = "<!-- written by python benchmarks/virtual_time.py --write -->\n", "<!-- end -->\n"
 
 
 @dataclass(frozen=True)
@@ -158,9 +156,7 @@ def main() -> int:
     text = f"Measured on {machine()}.\n\n{table(found)}"
     print(text)
     if "--write" in sys.argv:
-        page = PAGE.read_text(encoding="utf-8")
-        before, rest = page.split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+        put_on_page("virtual_time.py --write", text)
     return 1 if any(period > kind.bound * bare for kind, period, _, bare in found) else 0
 
 

@@ -35,7 +35,7 @@ import can
 import canopen
 from can.interfaces.udp_multicast.utils import pack_message
 from canopen.objectdictionary import datatypes
-from rows import Figure, NotHereError, Pair, machine
+from rows import Figure, NotHereError, Pair, machine, put_on_page
 
 import haptic_fieldbus as h
 from haptic_fieldbus.buses.bus import traffic_of
@@ -458,13 +458,22 @@ def missed_at(kind: str) -> Iterator[tuple[str, list[int]]]:
             yield name, [misses(call, rate) for rate in RATES]
 
 
+def rates_text(kind: str) -> str:
+    """Return the missed periods as a table."""
+    heads = ["periods missed at", *(f"{rate} Hz" for rate in RATES)]
+    found = [[name, *map(str, each)] for name, each in missed_at(kind)]
+    lines = ("| " + " | ".join(each) + " |\n" for each in (heads, ["---"] * len(heads), *found))
+    return f"Measured on {machine()}.\n\n" + "".join(lines)
+
+
 def main() -> None:
     """Measure a kind of bus some times and print each round, as a line or as a JSON object; `rates`: missed periods."""
     kind, rounds, *words = sys.argv[1:]
     if rounds == "rates":
-        print(f"{machine()}\nperiods missed in half a second at {', '.join(map(str, RATES))} Hz")
-        for name, each in missed_at(kind):
-            print(f"{name}: {', '.join(map(str, each))}", flush=True)
+        text = rates_text(kind)
+        print(text)
+        if "--write" in words:
+            put_on_page(f"wire_period.py {kind} rates --write", text)
         return
     if not words:
         print(machine())
