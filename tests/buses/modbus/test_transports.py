@@ -2,6 +2,7 @@
 
 import os
 import pty
+import select
 import socket
 import struct
 import time
@@ -9,6 +10,7 @@ import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -92,6 +94,21 @@ def test_a_deadline_ends_the_wait_and_one_that_is_over_does_not_wait(ends: Ends)
         began_ns = CLOCK.now_ns()
         assert ends.ours.receive(began_ns + wait_ns) == b""
         assert wait_ns <= CLOCK.now_ns() - began_ns
+
+
+def test_no_wait_is_asked_for_that_goes_beyond_the_deadline(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits, select_ = list[float](), select.select
+
+    def noted(*asked: Any) -> Any:
+        waits.append(asked[3])
+        return select_(*asked)
+
+    monkeypatch.setattr(select, "select", noted)
+    for wait_ns in (200_000, 900_000, 3_400_000):
+        waits.clear()
+        assert ends.ours.receive(CLOCK.now_ns() + wait_ns) == b""
+        assert waits
+        assert sum(waits) <= 1e-9 * wait_ns
 
 
 def test_what_came_is_taken_after_the_deadline_too(ends: Ends) -> None:
