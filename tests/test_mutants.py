@@ -4,10 +4,11 @@ import ast
 from collections import Counter
 
 import pytest
+from coverage import CoverageData
 
 from tests.mutation.__main__ import ROOMS, ROOMS_OF_CONSTANTS, diff
 from tests.mutation.mutants import STATED, chosen, chosen_constants, mutants, scaled
-from tests.mutation.reach import PROJECT, uses
+from tests.mutation.reach import PROJECT, Reach, uses
 
 CHANGES = {
     "x = a < b": {"x = (a <= b)"},
@@ -95,6 +96,16 @@ def test_a_constant_is_reached_where_a_function_reads_it_also_in_another_module(
         source = (PROJECT / file).read_text().splitlines()
         assert all("LARGEST_MISSING_SHARE" in source[line - 1] for line in lines)
         assert not any(source[line - 1].startswith("LARGEST_MISSING_SHARE") for line in lines)
+
+
+@pytest.mark.thorough("reads the whole package")
+def test_a_constant_that_an_untraced_room_reads_is_reached_by_all_tests_of_that_room() -> None:
+    """The largest torque above the limit stands in `planning`, and `api` alone reads it."""
+    made = chosen_constants(PROJECT, ROOMS_OF_CONSTANTS, 10_000, 1)
+    (share,) = [each for each in made if each.constant == "BEYOND_SHARE" and each.kind == "constant × 4"]
+    names = ("tests/api/test_certification.py::test_a", "tests/planning/test_limits.py::test_b")
+    reach = Reach("quick", CoverageData(no_disk=True), {name: (1.0, True, []) for name in names})
+    assert reach.of(share) == {names[0]}
 
 
 @pytest.mark.thorough("finds all mutants of three rooms")

@@ -51,12 +51,15 @@ class Reach:
         """Tests that passed and reach a mutant.
 
         A line that is run at import counts as reached by each test that reaches the module or one that imports it,
-        and by the tests of their rooms. A constant that functions read is reached by the tests that run these lines.
+        and by the tests of their rooms. A constant that functions read is reached by the tests that run these lines,
+        and by all tests of a room that reads it and was not traced.
         """
         read = uses(mutant) if mutant.constant else {}
         if read:
-            lines = ((file, line) for file, places in read.items() for line in places)
-            return self._named({name for file, line in lines for name in self._contexts(file, line, line)})
+            lines = [(file, line) for file, places in read.items() for line in places]
+            untraced = tuple(f"tests/{file.split('/')[1]}/" for file in read if not self._paths(file))
+            found = self._named({name for file, line in lines for name in self._contexts(file, line, line)})
+            return found | {test for test in self._passed() if test.startswith(untraced)}
         if not mutant.at_import:
             return self._named(self._contexts(mutant.file, mutant.first, mutant.last))
         name = mutant.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
@@ -71,11 +74,16 @@ class Reach:
     def _contexts(self, file: str, first: int, last: int) -> set[str]:
         """Names beside lines of one file, wherever it was installed."""
         found: set[str] = set()
-        for path in self.lines.measured_files():
-            if path.removesuffix(".py").removesuffix("/__init__").endswith("/" + file.removesuffix(".py")):
-                for line, contexts in self.lines.contexts_by_lineno(path).items():
-                    found.update(contexts if first <= line <= last else ())
+        for path in self._paths(file):
+            for line, contexts in self.lines.contexts_by_lineno(path).items():
+                found.update(contexts if first <= line <= last else ())
         return found
+
+    def _paths(self, file: str) -> list[str]:
+        """Where a file was traced; nowhere in a room that was not looked at."""
+        named = file.removesuffix(".py").removesuffix("/__init__")
+        bare = {path: path.removesuffix(".py").removesuffix("/__init__") for path in self.lines.measured_files()}
+        return [path for path, name in bare.items() if name.endswith("/" + named)]
 
     def _named(self, contexts: set[str]) -> set[str]:
         shared = [context.split("\t") for context in contexts if "\t" in context]
