@@ -1,4 +1,4 @@
-"""What every protocol's looks at drives have in common: what it lacks is told, and how old values are."""
+"""Looks at drives on any bus: a protocol tells what it lacks, and values tell how old they are."""
 
 import pytest
 

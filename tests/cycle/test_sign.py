@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,10 +37,12 @@ class Watched:
     def __init__(self, *, again: bool = False, **changes: object) -> None:
         axis, self.probe = unseen(plan_of(), **changes)
         self.state, self.trips, self.seen = AxisState(), list[TripKind](), 0
+        self.told = list[tuple[float, float]]()
         self.proof = SignProof(axis, self.probe, self.state, self._trip, self._noted, again=again)
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         self.trips.append(kind)
+        self.told.append((value, limit or 0.0))
 
     def _noted(self) -> None:
         self.seen += 1
@@ -72,14 +75,18 @@ def held(mass: float, damping: float, hand: float, stiffness: float, grip: float
 
 
 def decided_on(motion: NDArray[np.float64], sign: float, seconds: float = 3.0) -> int:
-    watched, state, late = Watched(), np.zeros(5), 0.0
+    return watched_on(motion, sign, seconds).decided
+
+
+def watched_on(motion: NDArray[np.float64], sign: float, seconds: float, **changes: Any) -> Watched:
+    watched, state, late = Watched(**changes), np.zeros(5), 0.0
     for _ in range(round(seconds / PERIOD)):
         force = watched.give(float(state[0]))
         if watched.decided:
             break
         state[4], late = sign * late, force  # what is sent now acts in the next period, at the latest
         state = motion @ state
-    return watched.decided
+    return watched
 
 
 @pytest.mark.thorough("draws 300 benches and hands", quick=5)
@@ -91,6 +98,15 @@ def test_whatever_is_passive_never_shows_the_wrong_sign(seed: int) -> None:
     right, wrong = decided_on(motion, 1.0), decided_on(motion, -1.0)
     assert right >= 0
     assert wrong <= 0
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.63])
+def test_a_trip_tells_how_far_its_pulses_moved_a_free_mass(mass: float) -> None:
+    """½·a·t², against the torque; the second difference takes away what the handle did before."""
+    watched = watched_on(held(mass, 0.0, 1e3, 0.0, 0.0), -1.0, 3.0, step=1e-10)
+    ((moved, force),) = watched.told
+    (stage,) = [stage for stage in watched.probe.stages if stage.effort == force]
+    assert moved == pytest.approx(-0.5 * force / mass * (stage.periods * PERIOD) ** 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -82,6 +82,7 @@ def told(plan: Plan) -> dict[str, Any]:
         (sealed(replace(UNSEALED, serial=0xFFFF_FFFF)), "rig.toml", replace(DRIVE, serial=None), "no serial number"),
         (replace(GOOD, profile="another"), "rig.toml", DRIVE, "for the profile another"),
         (replace(GOOD, asked_ms=100.0), "rig.toml", DRIVE, "for 100 ms"),
+        (replace(GOOD, asked_ms=50.6), "rig.toml", DRIVE, "for 50.6 ms"),
         (UNSEALED, "rig.toml", DRIVE, "by an earlier version and has no digest; run --prove makes a new one"),
     ],
 )
@@ -118,7 +119,7 @@ def test_a_proof_does_not_outlive_what_was_written_for_it_nor_its_place(changes:
 
 
 @pytest.mark.parametrize(
-    "edit", [{"guard_ms": 50.1}, {"serial": 7}, {"vendor": 7}, {"revision": None}, {"asked_ms": 50.1}, {"digest": "0"}]
+    "edit", [{"guard_ms": 50.1}, {"serial": 7}, {"vendor": 7}, {"revision": None}, {"asked_ms": 50.4}, {"digest": "0"}]
 )
 def test_a_proof_that_was_edited_by_hand_does_not_count(edit: dict[str, Any]) -> None:
     proved = replace(GOOD, **edit)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import can
 import pytest
@@ -45,6 +46,17 @@ def test_both_drives_are_found_with_identity_state_and_profile(two: TwoPrograms)
     assert (epos.sure or "").startswith("likely")
     assert (generic.sure or "").startswith("possible match")
     assert None not in (epos.product_code, epos.revision, epos.serial)
+
+
+@pytest.mark.parametrize(("bitrate", "room"), [(1_000_000, 1e-3), (50_000, 6e-3)])
+def test_nodes_are_asked_no_faster_than_the_bus_carries_their_answers(
+    two: TwoPrograms, bitrate: int, room: float
+) -> None:
+    """A request and its answer are 300 bits, and at least a millisecond."""
+    scan_bus(two.wire, 0.1, bitrate, PROFILES, range(20, 26))
+    asked = [frame.timestamp for frame in two.sent() if 0x600 + 20 <= frame.arbitration_id < 0x600 + 26]
+    assert len(asked) == 6
+    assert min(later - earlier for earlier, later in pairwise(asked)) == pytest.approx(room, rel=0.01)
 
 
 @pytest.mark.thorough("eleven drives, each asked for the objects of all that may fit")

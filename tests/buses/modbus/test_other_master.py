@@ -2,10 +2,13 @@
 
 import logging
 import random
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from haptic_fieldbus.buses.modbus.exchange import foreign_write
+from haptic_fieldbus.buses.modbus.exchange import foreign_write, listen
+from haptic_fieldbus.clock import VirtualClock
 from tests.buses.modbus.servers import crc
 
 OURS = {1, 2}
@@ -37,6 +40,19 @@ def frame(octets: str) -> bytes:
 )  # fmt: skip
 def test_a_write_to_one_of_our_units_is_told_by_its_address(octets: bytes, address: int | None) -> None:
     assert foreign_write(octets, OURS) == address
+
+
+def test_a_serial_line_is_listened_to_for_as_long_as_is_told() -> None:
+    deadlines, clock = list[int](), VirtualClock()
+
+    def nothing(deadline_ns: int) -> bytes:
+        deadlines.append(deadline_ns - clock.now_ns())
+        return b""
+
+    transport = SimpleNamespace(serial=True)
+    line: Any = SimpleNamespace(transport=transport, name="the line", clock=clock, listen=nothing)
+    assert listen(line) == "the line: listened for 0.5 s without sending; received nothing"
+    assert deadlines == [500_000_000]
 
 
 def test_noise_of_any_function_never_raises() -> None:
