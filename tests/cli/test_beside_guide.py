@@ -23,9 +23,11 @@ SIMULATE, PLAN, RUN, MODBUS = re.findall(r"^```console\nhaptic-fieldbus (.*?)\n`
 READY, SHOWN = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 (RIG,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 TOO_SLOW = re.compile(
-    r"^(tripped|failed)  .*((s after|Tripped before) enabling: .*; torque is off|uses the processor)", re.M
+    r"^(tripped|failed)  .*((s after|Tripped before) enabling: .*; torque is off|uses the processor|"
+    r"missed the master's heartbeat\), before enabling. No torque was applied)",
+    re.M,
 )
-"""How a run ends on a computer that has no time for it: with the drive proved and enabled, or never punctual enough."""
+"""How a run ends on a computer that has no time for it: the drive is proved or enabled, or no period is punctual."""
 
 
 def started(command: str, folder: Path, port: int) -> "subprocess.Popen[str]":

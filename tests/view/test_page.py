@@ -142,7 +142,7 @@ def test_a_second_page_looks_and_a_lost_connection_is_seen(page: Page) -> None:
     opened(browser, served)
     assert browser.execute_script("return haptic.state().steers") is False
     assert "Another page steers" in browser.find_element(By.ID, "role").text
-    assert browser.execute_script("return document.querySelector(\"input[aria-label='wall.stiffness']\").disabled")
+    until(browser, "document.querySelector(\"input[aria-label='wall.stiffness']\").disabled")
     browser.execute_script("haptic.change('wall.stiffness', 123)")
     browser.close()
     browser.switch_to.window(first)
