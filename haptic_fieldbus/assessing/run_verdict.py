@@ -68,6 +68,10 @@ class FeltError:
     """Whether all of the force comes from events (`scenes.element.Abilities.by_event`)."""
 
 
+ADDED = ", which added"
+"""Begin of the clause about the energy of a delay, which gives way where all of it is too long."""
+
+
 def run_verdict(
     *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None
 ) -> str:
@@ -97,7 +101,7 @@ def run_verdict(
         f"{head}{chatter}{above}",
         f"{head}{chatter}",
     )
-    return next((text for text in told if len(text) <= LONGEST), f"{head}; chatters")
+    return next((text for text in told if len(text) <= LONGEST), f"{head.partition(ADDED)[0]}; chatters")
 
 
 def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bool = False) -> str:
@@ -127,7 +131,7 @@ def _felt(effort: str, felt: FeltError, contact: float) -> tuple[str, str]:
         noticed = f" (people notice from {rounded(1e3 * EVENT_DELAY)} ms and {percent(FELT_SHARE)})"
         return f"Feels right, {late} late: {effort} error {percent(felt.shape)} without the delay", noticed
     millijoules = round(1e3 * felt.energy, 6)
-    added = f", which added {rounded(millijoules)} mJ" if millijoules > 0.0 else ""
+    added = f"{ADDED} {rounded(millijoules)} mJ" if millijoules > 0.0 else ""
     return f"Feels different: {share}, {percent(felt.shape)} without the delay of {late}{added}", noticed
 
 

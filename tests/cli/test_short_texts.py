@@ -100,6 +100,10 @@ FELT = st.builds(
     scene="wall", effort="force", hand="", stable=True, inside=False,
     felt=FeltError(1.0, 0.0, 0.0, 0.0, 7.57771023177948e-97, by_event=False), ripple=1.0,
 )  # fmt: skip
+@example(
+    scene="wall", effort="force", hand="", stable=True, inside=False,
+    felt=FeltError(1.0, 0.0, 2.8034482001673695e-274, 0.0, 1.0, by_event=False), ripple=1.0,
+)  # fmt: skip
 def test_a_verdict_is_one_line_and_never_loses_a_chatter(
     *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None
 ) -> None:
