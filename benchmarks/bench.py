@@ -5,6 +5,7 @@ one right after the other, so that other programs disturb both. What is judged i
 """
 
 import argparse
+import gc
 import json
 import sys
 from contextlib import ExitStack
@@ -57,6 +58,9 @@ def measured(figures: list[Figure], rounds: int) -> list[Measured]:
                 pairs.append((figure, figure.pair(stack)))
             except NotHereError as error:
                 print(f"not measured: {figure.name}: {error}", file=sys.stderr)
+        gc.collect()
+        gc.freeze()  # what the other figures have set up, so that no search for garbage in it is measured
+        stack.callback(gc.unfreeze)
         found: list[Measured] = [(figure, []) for figure, _ in pairs]
         console = Console(stderr=True)
         for _ in track(range(rounds), "Measuring", console=console, transient=True, disable=not console.is_terminal):
@@ -82,7 +86,7 @@ def cells(found: Measured) -> list[str]:
     ours, reference = (median(each) for each in zip(*times, strict=True))
     spread = f"{min(ratios):.2f} to {max(ratios):.2f}"
     what = f"{figure.name}, beside {figure.reference}"
-    return [what, of(ours), of(reference), f"{ratio(times):.2f}", spread, f"{figure.bound:g}"]
+    return [what, of(ours), of(reference), f"{ratio(times):.2f}", spread, f"{figure.bound:.3g}"]
 
 
 def of(seconds: float) -> str:

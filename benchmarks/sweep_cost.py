@@ -56,7 +56,7 @@ def pair(_: ExitStack) -> Pair:
     return lambda: (step_of_loops(), numpy_alone())
 
 
-FIGURES = (Figure(f"step of {SIDE_BY_SIDE} loops of a sweep", f"{ARRAYS} products and sums of arrays", 3.5, pair),)
+FIGURES = (Figure(f"step of {SIDE_BY_SIDE} loops of a sweep", f"{ARRAYS} products and sums of arrays", 4.5, pair),)
 
 
 def swept(engine: str, count: int, workers: int) -> float:

@@ -47,8 +47,8 @@ class Kind:
 
 
 KINDS = (
-    Kind("CANopen", 26.0),
-    Kind("Modbus TCP", 32.0, "sim-modbus-tcp"),
+    Kind("CANopen", 32.0),
+    Kind("Modbus TCP", 44.0, "sim-modbus-tcp"),
     Kind("CANopen, six axes at 500 Hz", 230.0, six=True),
 )
 
