@@ -5,7 +5,6 @@ one right after the other, so that other programs disturb both. What is judged i
 """
 
 import argparse
-import gc
 import json
 import sys
 from contextlib import ExitStack
@@ -58,9 +57,6 @@ def measured(figures: list[Figure], rounds: int) -> list[Measured]:
                 pairs.append((figure, figure.pair(stack)))
             except NotHereError as error:
                 print(f"not measured: {figure.name}: {error}", file=sys.stderr)
-        gc.collect()
-        gc.freeze()  # what the other figures have set up, so that no search for garbage in it is measured
-        stack.callback(gc.unfreeze)
         found: list[Measured] = [(figure, []) for figure, _ in pairs]
         console = Console(stderr=True)
         for _ in track(range(rounds), "Measuring", console=console, transient=True, disable=not console.is_terminal):
