@@ -287,6 +287,7 @@ def test_a_hand_chosen_on_the_page_takes_the_handle_and_the_pointer_takes_it_fro
     until(browser, "haptic.drawn.handle.asked < -4")  # a push of 6 N
     browser.refresh()
     until(browser, "/Hand\\s+push/.test(document.querySelector('.simulation').innerText)")
+    until(browser, "haptic.state().steers")  # the page before the refresh may leave late
     browser.execute_script("haptic.pull('handle', -0.03)")
     until(browser, "haptic.drawn.handle.position < -0.025")
 
