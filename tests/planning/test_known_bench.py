@@ -265,6 +265,17 @@ def test_a_longer_delay_than_the_profile_permits_counts_without_a_planned_one_to
     assert times.totals[0] == 0.0
 
 
+@pytest.mark.parametrize("delay", [0.1234565, 0.7654325, 5.4321e-4])
+def test_a_planned_delay_that_a_rig_keeps_in_six_digits_is_still_that_of_its_plan(delay: float) -> None:
+    measured = told(delay_and_lag=0.9 * delay)
+    (axis,) = planned(replace(measured, planned_delay=float(f"{delay:.6g}"))).axes
+    planned_now = replace(axis.delay, drive=axis.delay.drive + delay - axis.delay.transport - axis.delay.torque_loop)
+    assert planned_now.transport + planned_now.torque_loop == pytest.approx(delay, rel=1e-12)
+    times = measured_times(axis.bench, PROFILE, planned_now, (1e-4, 3e-4))
+    assert times is not None
+    assert times.total == 0.9 * delay
+
+
 @pytest.mark.parametrize("surplus", [-2e-4, 3e-4])
 def test_at_another_rate_the_share_of_drive_and_computer_is_kept_and_never_negative(surplus: float) -> None:
     """At 50 kbit/s the frames take longer, so that the plan expects more."""

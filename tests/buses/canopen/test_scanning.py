@@ -131,6 +131,17 @@ def test_a_heartbeat_tells_the_state_without_a_question(two: TwoPrograms) -> Non
     assert [node.nmt_state for node in nodes] == ["pre-operational", "pre-operational"]
 
 
+def test_a_heartbeat_that_comes_once_a_minute_is_waited_for_two_seconds_at_most(two: TwoPrograms) -> None:
+    began_ns = two.clock.now_ns()
+    scanned(two)
+    usual_ns = two.clock.now_ns() - began_ns
+    two.put(99, 0x1017, 0, 60_000, 2)
+    two.forget()
+    began_ns = two.clock.now_ns()
+    assert [node.nmt_state for node in scanned(two).nodes] == ["pre-operational", None]
+    assert two.clock.now_ns() - began_ns == pytest.approx(usual_ns + 2e9, abs=2e7)
+
+
 def test_a_drive_without_the_objects_of_any_profile_has_none() -> None:
     two = TwoPrograms()
     target = MappedObject(0x2FF1, DataType.INT16, unit="permille_of_rated_torque")

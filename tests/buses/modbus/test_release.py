@@ -159,7 +159,8 @@ def test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets
     with Machine() as machine:
         assert bench.bus.stop() is False
     guard = bench.plan.guards[0].seconds
-    assert guard < machine.seconds < guard + 0.5 + machine.withheld
+    # 50 ms of grace, six answers of 15 ms, and one that a server with Nagle's algorithm holds back for 40 ms.
+    assert guard < machine.seconds < guard + 0.3 + machine.withheld
     assert off(server.drive)
     assert server.drive.written.count((TARGET, 0)) - before == 2  # each feeds the watchdog
     assert "unit 1 (axis handle) did not confirm that its motor is off" in bench.bus.warnings
