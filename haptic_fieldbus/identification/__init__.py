@@ -8,8 +8,9 @@ from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
 from haptic_fieldbus.identification.scale import NOT_CHECKED, ScaleCheck
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 
-NOTICED = 0.005
-"""Torques that repeat with the angle are told from this share of the Coulomb friction on: rounding looks like less."""
+NOTICED = 0.01
+"""Stribeck friction, and torques that repeat with the angle, are told from this share of the Coulomb friction on:
+rounding to counts looks like less."""
 
 
 @dataclass(frozen=True)
@@ -123,13 +124,14 @@ class IdentifiedBench:
 def further_texts(fit: ShaftFit) -> Iterator[str]:
     """Yield what acts on the shaft beside Coulomb friction and damping, in words."""
     model, left = fit.model, rounded(fit.residual)
-    waves = [each for each in model.waves if math.hypot(*each[1:]) > NOTICED * model.coulomb]
-    if model.stribeck:
+    least = NOTICED * model.coulomb
+    waves = [each for each in model.waves if math.hypot(*each[1:]) > least]
+    if model.stribeck > least:
         speed = in_unit(model.stribeck_speed, "rad/s")
         yield f"{in_unit(model.stribeck, 'N·m')} more friction at rest (Stribeck), which fades at {speed}"
     for order, cosine, sine in waves:
         yield f"{in_unit(math.hypot(cosine, sine), 'N·m')} of cogging or weight, {rounded(order)} times a turn"
-    if not model.stribeck and not waves:
+    if model.stribeck <= least and not waves:
         yield f"nothing else seen above the {left} counts that the fit leaves"
 
 

@@ -41,6 +41,9 @@ FINGER = 2
 """Swings in a row that a tap by hand lets grow."""
 WELL_DAMPED = 0.9
 """Largest growth per period of a contact that is called well damped."""
+AGREES = 0.05
+"""Largest distance of the predicted onset from the interval of the onset, as a share, that is no contradiction: the
+values of a rig have intervals too."""
 
 
 class Swings:
@@ -244,9 +247,9 @@ class Certificate:
 
     @property
     def contradiction(self) -> str:
-        """Sentence about a predicted onset outside of the interval; empty without one."""
-        found = self.onset
-        if found is None or found.low <= self.predicted <= found.high:
+        """Sentence about a predicted onset outside of the interval by more than `AGREES`; empty without one."""
+        found, share = self.onset, AGREES * self.predicted
+        if found is None or found.low - share <= self.predicted <= found.high + share:
             return ""
         side = "below" if found.high < self.predicted else "above"
         bench = "the bench is not the one that the rig describes; measure it with haptic-fieldbus identify"

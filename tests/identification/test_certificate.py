@@ -141,6 +141,12 @@ def test_rows_are_a_text_and_a_json_object_of_the_same() -> None:
     told = object_of(found.rows())
     assert told["onset"] == {"value": 500.0, "low": 450.0, "high": 550.0}
     assert (told["seen"], told["predicted"], told["bench"]) == (300.0, 1000.0, BENCH)
-    assert "above the predicted" in certificate(predicted=400.0, onset=onset).contradiction
-    assert certificate(predicted=520.0, onset=onset).contradiction == ""
     assert certificate().contradiction == ""
+
+
+def test_a_predicted_onset_five_per_cent_beside_the_interval_is_a_contradiction() -> None:
+    onset = Estimate(500.0, 450.0, 550.0, "N/m", "")
+    for predicted, told in ((425.0, "above"), (430.0, ""), (520.0, ""), (575.0, ""), (583.0, "below")):
+        sentence = certificate(predicted=predicted, onset=onset).contradiction
+        assert sentence.startswith(f"the onset is {told} the predicted" if told else "")
+        assert bool(sentence) == bool(told)

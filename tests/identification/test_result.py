@@ -36,7 +36,7 @@ def test_an_announcement_says_how_far_how_fast_and_how_strongly() -> None:
 
 def test_stribeck_friction_and_waves_are_told() -> None:
     model = ShaftModel(1.0, 1.0, 1.0, 1.0, 1.0, stribeck=2e-3, stribeck_speed=3.0, waves=((12.0, 3e-3, -4e-3),))
-    model = replace(model, coulomb=0.9)
+    model = replace(model, coulomb=0.19)
     fit = ShaftFit(model, {}, 0.3, 20.0, 8000)
     assert list(further_texts(fit)) == [
         "2 mN·m more friction at rest (Stribeck), which fades at 3 rad/s",
@@ -45,7 +45,7 @@ def test_stribeck_friction_and_waves_are_told() -> None:
     found = IdentifiedBench("handle", fit, TOLD, 1000.0, 0.31, {}).to_json()
     assert found["stribeck"] == {"torque": 2e-3, "speed": 3.0}
     assert found["waves"] == [{"order": 12.0, "cosine": 3e-3, "sine": -4e-3}]
-    little = replace(model, stribeck=0.0, coulomb=1.1)
+    little = replace(model, coulomb=0.51)
     for other in (ShaftModel(1, 1, 1, 1, 1), little):
         assert "nothing else seen above the 0.3 counts" in next(further_texts(replace(fit, model=other)))
 
