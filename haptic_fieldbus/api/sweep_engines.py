@@ -49,6 +49,10 @@ from haptic_fieldbus.signals import Workspace
 Array = NDArray[np.float64]
 Measure = Callable[[Result], Mapping[str, Any]]
 """Function from the result of a run to figures by their name: numbers, texts, True and False."""
+Point = Mapping[str, Value]
+"""Values of the parameters at a point."""
+Row = dict[str, Any]
+"""Figures of a point by their name."""
 
 OF_TASK = ("rate", "method", "estimator")
 OF_TRIAL = ("hand", "seed", "duration", "fade_in")
@@ -132,7 +136,7 @@ def units_of_parameters(names: Sequence[str], job: SweepJob) -> dict[str, str]:
     return {name: found[name] for name in names if found.get(name)}
 
 
-def task_at(job: SweepJob, point: Mapping[str, Value]) -> Task:
+def task_at(job: SweepJob, point: Point) -> Task:
     """Return the task of a point."""
     rig = cast(Rig, job.task.rig)
     for name in point:
@@ -145,42 +149,47 @@ def task_at(job: SweepJob, point: Mapping[str, Value]) -> Task:
 
 def evaluate(job: SweepJob, columns: Columns) -> Rows:
     """Return the rows of some points."""
-    return ENGINES[job.engine](job, columns)
+    engine, figures = ENGINES[job.engine]
+    points = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+    rows = engine(job, points)
+    names = dict.fromkeys(["outcome", "message", *figures, *(name for row in rows for name in row)])
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
+def _refused(error: Exception) -> Row:
+    return {"outcome": REFUSED, "message": str(error)}
+
+
+def _done(places: Sequence[int], **figures: NDArray[Any]) -> dict[int, Row]:
+    """Return the rows of points with these figures, each (n,)."""
+    rows = zip(*(values.tolist() for values in figures.values()), strict=True)
+    return {at: {"outcome": DONE, **dict(zip(figures, row, strict=True))} for at, row in zip(places, rows, strict=True)}
 
 
 # Engine `verdict`.
 
 
-def verdict_rows(job: SweepJob, columns: Columns) -> Rows:
+def verdict_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
     """Return verdict, growth a period, and the share of the damping of the device that passive hands need."""
-    rows, shared, alone = _begun(job, columns, "verdict", "growth", "damping_share")
+    rows, shared, alone = _begun(job, points)
     for loop, stiffness, damping, places in shared:
         grown, share = loop.growth(stiffness, damping), loop.damping_share(stiffness, damping)
-        found: Rows = {"verdict": loop.verdicts(stiffness, damping, grown, share), "outcome": [DONE] * len(places)}
-        _fill(rows, places, found | {"growth": grown.tolist(), "damping_share": share.tolist()})
-    for at in alone:
-        row = _judged(task_at(job, _point(columns, at)))
-        _fill(rows, [at], {name: [value] for name, value in row.items()})
-    return rows
+        verdicts = loop.verdicts(stiffness, damping, grown, share)
+        rows |= _done(places, verdict=verdicts, growth=grown, damping_share=share)
+    rows |= {at: _judged(task_at(job, points[at])) for at in alone}
+    return [rows[at] for at in range(len(points))]
 
 
-def _fill(rows: Rows, places: Sequence[int], found: Rows) -> None:
-    """Write figures into the rows at these places."""
-    for name, values in found.items():
-        for at, value in zip(places, values, strict=True):
-            rows[name][at] = value
-
-
-def _judged(task: Task) -> dict[str, Any]:
+def _judged(task: Task) -> Row:
     """Return the row of a point that has a plan of its own."""
     try:
         judgement = judge_scene(task)
         loop, environment = judgement.group.loop, judgement.group.environment()
         grown, share = loop.growth(environment), loop.damping_share(environment)
+        verdict = judgement.stability.nominal.value
     except (HapticFieldbusError, TypeError) as error:
-        return {"outcome": REFUSED, "message": str(error)}
-    found = {"growth": grown, "damping_share": share}
-    return {"outcome": DONE, "verdict": judgement.stability.nominal.value, **found}
+        return _refused(error)
+    return {"outcome": DONE, "verdict": verdict, "growth": grown, "damping_share": share}
 
 
 # Points of a scene that has a wall and nothing else: one plan for all with the same rate, bench and rendering.
@@ -218,11 +227,6 @@ class WallLoop:
         moduli = np.abs(np.linalg.eigvals(self.free + stiffness[:, None, None] * self.spring + moving))
         return np.asarray(np.maximum(moduli.max(axis=1), self.least), dtype=np.float64)
 
-    def spaces(self, stiffness: Array, damping: Array) -> list[StateSpace]:
-        """Return the walls as systems x_k → F_k."""
-        pairs = zip(stiffness.tolist(), damping.tolist(), strict=True)
-        return [self.states.at(*pair) for pair in pairs]
-
     def damping_share(self, stiffness: Array, damping: Array) -> Array:
         """Return the damping that passive hands need, as a share of that of the device (`margins.passivity`), (n,)."""
         lag = self.member.plant.torque_lag
@@ -231,41 +235,38 @@ class WallLoop:
         needed = 0.5 * (along + np.hypot(along, stiffness * spread))
         return needed / self.member.plant.damping if self.member.plant.damping else np.full_like(needed, math.inf)
 
-    def verdicts(self, stiffness: Array, damping: Array, grown: Array, share: Array) -> list[str]:
+    def verdicts(self, stiffness: Array, damping: Array, grown: Array, share: Array) -> NDArray[np.str_]:
         """Return the verdict of each wall by the table of `margins.verdict`."""
         held = quantisation_limit(self.member.plant)
         rounding = (0.5 * stiffness + damping * self.weight / self.period) * self.member.plant.resolution
         passive = (share <= 1.0 + ROUNDING) & (self.member.plant.coulomb >= rounding)
         kinds = (Verdict.UNSTABLE, Verdict.LIMIT_CYCLE, Verdict.PASSIVE)
         cases = [grown > 1.0 + AT_LIMIT, stiffness > (math.inf if held is None else held), passive]
-        return list(np.select(cases, [kind.value for kind in kinds], Verdict.STABLE.value).tolist())
+        return np.select(cases, [kind.value for kind in kinds], Verdict.STABLE.value)
 
 
 Shared = tuple[WallLoop, Array, Array, list[int]]
 """Common part of some walls, their stiffness and damping, and their places among the points."""
 
 
-def _begun(job: SweepJob, columns: Columns, *figures: str) -> tuple[Rows, list[Shared], list[int]]:
-    """Return rows with refusals alone, the walls that share a plan, and the places of points that need their own."""
-    count, wall = len(next(iter(columns.values()))), _lone_wall(job)
-    rows: Rows = {name: [None] * count for name in ("outcome", "message", *figures)}
+def _begun(job: SweepJob, points: Sequence[Point]) -> tuple[dict[int, Row], list[Shared], list[int]]:
+    """Return the rows of refusals, the walls that share a plan, and the places of points that need their own."""
+    wall = _lone_wall(job)
     if wall is None:
-        return rows, [], [*range(count)]
-    own = {f"{wall.name}.{name}": [getattr(wall, name)] * count for name in ("stiffness", "damping")}
-    stiffness, damping = (_numbers(columns.get(name, values)) for name, values in own.items())
+        return {}, [], [*range(len(points))]
+    own = {f"{wall.name}.{name}": getattr(wall, name) for name in ("stiffness", "damping")}
+    stiffness, damping = (_numbers([point.get(name, usual) for point in points]) for name, usual in own.items())
     possible = _usual(Quantity.STIFFNESS, stiffness) & ((damping == 0.0) | _usual(Quantity.DAMPING, damping))
-    others = {name: values for name, values in columns.items() if name not in own}
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for at, key in enumerate(zip(*others.values(), (damping > 0.0).tolist(), strict=True)):
-        if possible[at]:
-            groups.setdefault(key, []).append(at)
-    found, alone = list[Shared](), np.flatnonzero(~possible).tolist()
-    for (*values, damped), places in groups.items():
-        point = dict(zip(others, values, strict=True))
+    groups: dict[_WallBench, list[int]] = {}
+    for at in np.flatnonzero(possible).tolist():
+        others = {name: value for name, value in points[at].items() if name not in own}
+        groups.setdefault(_WallBench(job.digest, repr(others), bool(damping[at]), job, others), []).append(at)
+    rows, found, alone = dict[int, Row](), list[Shared](), np.flatnonzero(~possible).tolist()
+    for bench, places in groups.items():
         try:
-            loop = _wall_loop(_WallBench(job.digest, repr(point), damped, job, point))
+            loop = _wall_loop(bench)
         except PlanError as error:  # of rate, bus or drive, whatever the wall is
-            _fill(rows, places, {"outcome": [REFUSED] * len(places), "message": [str(error)] * len(places)})
+            rows |= dict.fromkeys(places, _refused(error))
             continue
         except (HapticFieldbusError, TypeError):
             loop = None
@@ -274,10 +275,6 @@ def _begun(job: SweepJob, columns: Columns, *figures: str) -> tuple[Rows, list[S
         else:
             found.append((loop, stiffness[places], damping[places], places))
     return rows, found, alone
-
-
-def _point(columns: Columns, at: int) -> dict[str, Value]:
-    return {name: values[at] for name, values in columns.items()}
 
 
 def _usual(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
@@ -300,7 +297,7 @@ class _WallBench:
     """Parameters of the points beside the wall, as a text, in which 1, 1.0 and True differ."""
     damped: bool
     job: SweepJob = field(compare=False)
-    point: Mapping[str, Value] = field(compare=False)
+    point: Point = field(compare=False)
 
 
 @lru_cache(maxsize=256)
@@ -345,37 +342,38 @@ FLICK = {Workspace.LINEAR: 1.0, Workspace.ROTARY: 20.0}
 """Velocity at the start [m/s or rad/s], far above an encoder count a period."""
 
 
-def loop_rows(job: SweepJob, columns: Columns) -> Rows:
+def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
     """Return whether each loop grew, its growth a period, and its farthest excursions, of all and at the end."""
-    rows, shared, alone = _begun(job, columns, "grew", "growth", "peak", "last")
-    parts = [
-        SimulatedPart(loop.member, loop.period, loop.spaces(stiffness, damping), places)
+    rows, shared, alone = _begun(job, points)
+    loops = [
+        SimulatedLoop(at, loop.member, loop.period, loop.states.at(spring, damper))
         for loop, stiffness, damping, places in shared
+        for at, spring, damper in zip(places, stiffness.tolist(), damping.tolist(), strict=True)
     ]
     for at in alone:
         try:
-            parts.append(_single_loop(task_at(job, _point(columns, at)), at))
+            loops.append(_single_loop(task_at(job, points[at]), at))
         except (HapticFieldbusError, TypeError) as error:
-            _fill(rows, [at], {"outcome": [REFUSED], "message": [str(error)]})
-    alike: dict[tuple[int, bool], list[SimulatedPart]] = {}
-    for part in parts:
-        alike.setdefault((part.spaces[0].order, part.member.plant.torque_lag > 0.0), []).append(part)
+            rows[at] = _refused(error)
+    alike: dict[tuple[int, bool], list[SimulatedLoop]] = {}
+    for each in loops:
+        alike.setdefault((each.environment.order, each.member.plant.torque_lag > 0.0), []).append(each)
     for group in alike.values():
-        _fill(rows, [at for part in group for at in part.places], _simulated(group, job.steps))
-    return rows
+        rows |= _simulated(group, job.steps)
+    return [rows[at] for at in range(len(points))]
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedPart:
-    """Loops on one bench: their axis, period [s], environments x_k → F_k, and places among the points."""
+class SimulatedLoop:
+    """The loop of the point `at`: its axis, its period [s], and its environment x_k → F_k."""
 
+    at: int
     member: Member
     period: float
-    spaces: list[StateSpace]
-    places: list[int]
+    environment: StateSpace
 
 
-def _single_loop(task: Task, at: int) -> SimulatedPart:
+def _single_loop(task: Task, at: int) -> SimulatedLoop:
     """Return the loop of a point that has a plan of its own."""
     group = _rigid(select(task).plan)
     if group is None:
@@ -386,46 +384,41 @@ def _single_loop(task: Task, at: int) -> SimulatedPart:
     space = environment_of(member.elements, group.period, member.method, member.estimator)
     if shift_mode(space) is not None:
         raise UsageError("nothing holds the handle at a place, so its excursions say nothing; expected another engine")
-    return SimulatedPart(member, group.period, [space], [at])
+    return SimulatedLoop(at, member, group.period, space)
 
 
-def _simulated(parts: Sequence[SimulatedPart], steps: int) -> Rows:
-    """Run loops whose environments have the same order, and return their figures."""
-    many: dict[str, list[float]] = {}
-    for part in parts:
-        plant = part.member.plant
-        space = Workspace.ROTARY if part.member.unit.startswith("N·m") else Workspace.LINEAR
-        values = {
-            "mass": plant.mass, "damping": plant.damping, "lag": plant.torque_lag, "resolution": plant.resolution,
-            "coulomb": 0.0 if plant.torque_lag else plant.coulomb, "period": part.period, "delay": part.member.delay,
-            "velocity": FLICK[space],
-        }  # fmt: skip
-        for name, value in values.items():
-            many.setdefault(name, []).extend([value] * len(part.spaces))
-    spaces = [space for part in parts for space in part.spaces]
-    ended = batch.run(batch.loops(environments=spaces, **many), steps, parts=4)
+def _simulated(loops: Sequence[SimulatedLoop], steps: int) -> dict[int, Row]:
+    """Run loops whose environments have the same order, and return their rows by their places."""
+    plants = [each.member.plant for each in loops]
+    spaces = [Workspace.ROTARY if each.member.unit.startswith("N·m") else Workspace.LINEAR for each in loops]
+    many = batch.loops(
+        mass=[plant.mass for plant in plants],
+        damping=[plant.damping for plant in plants],
+        period=[each.period for each in loops],
+        delay=[each.member.delay for each in loops],
+        lag=[plant.torque_lag for plant in plants],
+        coulomb=[0.0 if plant.torque_lag else plant.coulomb for plant in plants],
+        resolution=[plant.resolution for plant in plants],
+        velocity=[FLICK[space] for space in spaces],
+        environments=[each.environment for each in loops],
+    )
+    ended = batch.run(many, steps, parts=4)
+    _, second, _, last = ended.peaks
     with np.errstate(divide="ignore", invalid="ignore"):
-        growth = np.nan_to_num((ended.peaks[3] / ended.peaks[1]) ** (2.0 / steps))
-    return {
-        "grew": (ended.diverged | (ended.peaks[3] > ended.peaks[1])).tolist(),
-        "growth": np.where(ended.diverged, math.inf, growth).tolist(),
-        "peak": ended.peaks.max(axis=0).tolist(),
-        "last": ended.peaks[3].tolist(),
-        "outcome": [DONE] * len(spaces),
-    }
+        growth = np.where(ended.diverged, math.inf, np.nan_to_num((last / second) ** (2.0 / steps)))
+    grew, peak = ended.diverged | (last > second), ended.peaks.max(axis=0)
+    return _done([each.at for each in loops], grew=grew, growth=growth, peak=peak, last=last)
 
 
 # Engine `full`.
 
 
-def full_rows(job: SweepJob, columns: Columns) -> Rows:
+def full_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
     """Return outcome and figures of a simulated run at each point."""
-    found = [_ran(job, _point(columns, at)) for at in range(len(next(iter(columns.values()))))]
-    names = dict.fromkeys(["outcome", "message", *(name for row in found for name in row)])
-    return {name: [row.get(name) for row in found] for name in names}
+    return [_ran(job, point) for point in points]
 
 
-def _ran(job: SweepJob, point: Mapping[str, Value]) -> dict[str, Any]:
+def _ran(job: SweepJob, point: Point) -> Row:
     asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TRIAL}
     try:
         result = run_task(task_at(job, point), replace(job.trial, **asked))
@@ -433,13 +426,13 @@ def _ran(job: SweepJob, point: Mapping[str, Value]) -> dict[str, Any]:
         known = error.result if isinstance(error.result, Result) else None
         return {"outcome": TRIPPED, "message": str(error), **({} if known is None else _figures(job, known))}
     except HapticFieldbusError as error:
-        return {"outcome": REFUSED, "message": str(error)}
+        return _refused(error)
     if result.stopped is not None:  # a run takes a signal as its end, and the sweep must not take it as its figures
         raise KeyboardInterrupt(result.stopped.message)
     return {"outcome": DONE, **_figures(job, result)}
 
 
-def _figures(job: SweepJob, result: Result) -> dict[str, Any]:
+def _figures(job: SweepJob, result: Result) -> Row:
     return dict((job.measure or run_figures)(result))
 
 
@@ -457,9 +450,9 @@ def run_figures(result: Result) -> dict[str, Any]:
     }
 
 
-ENGINES: Mapping[str, Callable[[SweepJob, Columns], Rows]] = {
-    "verdict": verdict_rows,
-    "loop": loop_rows,
-    "full": full_rows,
+ENGINES: Mapping[str, tuple[Callable[[SweepJob, Sequence[Point]], list[Row]], tuple[str, ...]]] = {
+    "verdict": (verdict_rows, ("verdict", "growth", "damping_share")),
+    "loop": (loop_rows, ("grew", "growth", "peak", "last")),
+    "full": (full_rows, ()),
 }
-"""Engines by their names."""
+"""Engines by their names, and the figures that each gives even where no point has them."""
