@@ -13,7 +13,7 @@ friction, up to the rounding of numpy's logarithm and exponential.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -90,19 +90,17 @@ def loops(
     `environments`, discrete systems of equal order, replace the spring and its damper. The damper acts on the backward
     difference. Raises UsageError for impossible numbers, naming the first loop that has them.
     """
-    given = (mass, damping, period, delay, stiffness, virtual_damping, lag, coulomb, resolution, phase, saturation,
-             push, position, velocity, unilateral)  # fmt: skip
-    arrays = [np.asarray(each) for each in given] + ([] if environments is None else [np.zeros(len(environments))])
-    rows = [np.ravel(row) for row in np.broadcast_arrays(*arrays)]
-    m, b, span, late, k, virtual, slow, fc, step, shift, most, hand, x, v = (
-        row.astype(np.float64) for row in rows[:14]
-    )
+    given = {name: value for name, value in locals().items() if name != "environments"}
+    count = 1 if environments is None else len(environments)
+    _, *arrays = np.broadcast_arrays(np.zeros(count), *given.values())
+    rows = {name: np.ravel(row).astype(np.float64) for name, row in zip(given, arrays, strict=True)}
+    unilateral, spring, damper = (rows.pop(name) for name in ("unilateral", "stiffness", "virtual_damping"))
     if environments is None:
         # A period that is not above 0 is refused below; until then it must not divide.
-        a, by, c, d = _spring_damper(k, virtual, np.where(span > 0.0, span, 1.0))
+        a, b, c, d = _spring_damper(spring, damper, np.where(rows["period"] > 0.0, rows["period"], 1.0))
     else:
-        a, by, c, d = _stack(environments)
-    made = Loops(m, b, span, late, a, by, c, d, slow, fc, step, shift, rows[14].astype(np.bool_), most, hand, x, v)
+        a, b, c, d = _stack(environments)
+    made = Loops(**rows, unilateral=unilateral != 0.0, a=a, b=b, c=c, d=d)
     _check(made)
     return made
 
@@ -203,12 +201,11 @@ def _slip(device: SampledMass, x: Array, v: Array, net: Array, span: Array) -> t
     return x + span * (first * v + second * rate), v + first * (rate - w * v)
 
 
-def _series(x: Array, factors: Array) -> Array:
-    """Return the polynomial with these factors, the constant first."""
-    total = np.full_like(x, factors[-1])
-    for factor in factors[-2::-1]:
-        total = total * x + factor
-    return total
+def _quotient(x: Array, factors: Array, exact: Callable[[Array], Array]) -> Array:
+    """Return `exact` of x; for small arguments the series with these factors, the constant first."""
+    small = np.abs(x) < SMALL
+    # Small arguments are replaced before the division, as `np.where` evaluates both branches.
+    return np.where(small, np.polyval(factors[::-1], x), exact(np.where(small, 1.0, x)))
 
 
 _N = np.arange(TERMS)
@@ -216,33 +213,24 @@ _SIGNS = np.where(_N % 2, -1.0, 1.0)
 _FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, TERMS + 2)]))
 
 
-def _choose(x: Array, small: Array, large: Array) -> Array:
-    return np.where(np.abs(x) < SMALL, small, large)
-
-
 def _logarithm(u: Array) -> Array:
     """Return ln(1 + u)/u."""
-    # Here and below, small arguments are replaced before the division, as `np.where` evaluates both branches.
-    safe = np.where(np.abs(u) < SMALL, 1.0, u)
-    return _choose(u, _series(u, _SIGNS / (_N + 1)), np.log1p(safe) / safe)
+    return _quotient(u, _SIGNS / (_N + 1), lambda u: np.log1p(u) / u)
 
 
 def _logarithm_rest(u: Array) -> Array:
     """Return (ln(1 + u) − u)/u²."""
-    safe = np.where(np.abs(u) < SMALL, 1.0, u)
-    return _choose(u, _series(u, -_SIGNS / (_N + 2)), (np.log1p(safe) - safe) / safe**2)
+    return _quotient(u, -_SIGNS / (_N + 2), lambda u: (np.log1p(u) - u) / u**2)
 
 
 def _mean_decay(w: Array) -> Array:
     """Return (1 − e⁻ʷ)/w."""
-    safe = np.where(w < SMALL, 1.0, w)
-    return _choose(w, _series(w, _SIGNS / _FACTORIALS[1 : TERMS + 1]), -np.expm1(-safe) / safe)
+    return _quotient(w, _SIGNS / _FACTORIALS[1 : TERMS + 1], lambda w: -np.expm1(-w) / w)
 
 
 def _mean_decay_rest(w: Array) -> Array:
     """Return (w − 1 + e⁻ʷ)/w²."""
-    safe = np.where(w < SMALL, 1.0, w)
-    return _choose(w, _series(w, _SIGNS / _FACTORIALS[2 : TERMS + 2]), (safe + np.expm1(-safe)) / safe**2)
+    return _quotient(w, _SIGNS / _FACTORIALS[2 : TERMS + 2], lambda w: (w + np.expm1(-w)) / w**2)
 
 
 BLOCK = 2048
@@ -306,7 +294,7 @@ class Running:
         self._inner, self._next_inner = np.zeros((order, count)), np.zeros((order, count))
         # Newest first. With n whole periods of delay F_{k−n} and F_{k−n−1} act, hence n + 2.
         self._forces = [np.zeros(count) for _ in range(self._whole + 2)]
-        self._terms = None if loops.coulomb.any() else _terms(_maps(loops, self._rest))
+        self._terms = None if loops.coulomb.any() else _terms(loops, self._rest)
         self._step = _common(np.where(loops.resolution > 0.0, loops.resolution, 1.0))
         self._offset = _common(loops.phase + 0.5)
         self._ideal = loops.resolution == 0.0
@@ -384,33 +372,21 @@ def _common(factors: Array) -> Array:
     return factors[..., :1].copy() if (factors == factors[..., :1]).all() else np.ascontiguousarray(factors)
 
 
-def _terms(rows: list[list[Array]]) -> Terms:
-    """Return the map of a period by columns, each without the rows at its end that it does not act on."""
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    ends = [max(np.flatnonzero(column.any(axis=1)).tolist(), default=-1) + 1 for column in columns]
-    return [(_common(column[:end]), slice(end)) for column, end in zip(columns, ends, strict=True)]
+def _terms(loops: Loops, rest: Array) -> Terms:
+    """Return the map of a period by columns, each without the rows at its end that it does not act on.
 
-
-def _maps(loops: Loops, rest: Array) -> list[list[Array]]:
-    """Return the rows of the map of a period: factors of the states, the force before and after its change, the push.
-
-    `rest` is the part δ of each period [s] in which the earlier force still acts.
+    The columns are the factors of the states, the force before and after its change, and the push. `rest` is the part δ
+    of each period [s] in which the earlier force still acts.
     """
     first_transition, first = _held(loops, rest)
     rest_transition, after = _held(loops, loops.period - rest)
-    before = rest_transition @ first
-    known = [rest_transition @ first_transition, before, after]
-    if loops.push.any():
-        known.append(_pushed(loops))
-    whole = np.concatenate(known, axis=2)
-    order = whole.shape[1]
-    return [[np.ascontiguousarray(whole[:, row, at]) for at in range(whole.shape[2])] for row in range(order)]
-
-
-def _pushed(loops: Loops) -> Array:
-    """Return the effect of a unit push in a period, (N, n, 1); a push of the hand does not pass the torque loop."""
-    pushed = _held(replace(loops, lag=np.zeros(len(loops))), loops.period)[1]
-    return pushed if not loops.lag.any() else np.concatenate([pushed, np.zeros_like(pushed[:, :1])], axis=1)
+    known = [rest_transition @ first_transition, rest_transition @ first, after]
+    if loops.push.any():  # which does not pass the torque loop
+        pushed = _held(replace(loops, lag=np.zeros(len(loops))), loops.period)[1]
+        known.append(np.pad(pushed, ((0, 0), (0, after.shape[1] - 2), (0, 0))))
+    columns = np.ascontiguousarray(np.concatenate(known, axis=2).T)
+    ends = [max(np.flatnonzero(column.any(axis=1)).tolist(), default=-1) + 1 for column in columns]
+    return [(_common(column[:end]), slice(end)) for column, end in zip(columns, ends, strict=True)]
 
 
 def _held(loops: Loops, span: Array) -> tuple[Array, Array]:
