@@ -9,7 +9,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -169,11 +168,10 @@ METADATA = b"haptic_fieldbus.sweep"
 
 def _is_alive(process: str) -> bool:
     """Return whether a process with this number is there."""
-    with suppress(PermissionError):  # it is another user's
-        try:
-            os.kill(int(process), 0)
-        except (ValueError, ProcessLookupError):
-            return False
+    try:
+        os.kill(int(process), 0)
+    except (ValueError, OSError) as error:
+        return isinstance(error, PermissionError)  # it is another user's
     return True
 
 
@@ -256,13 +254,13 @@ class SweepFolder:
             return False
         return bool(found.num_rows == last - first and (found.metadata or {}).get(METADATA) == self.digest.encode())
 
-    def write(self, chunk: int, columns: Columns, rows: Rows) -> None:
+    def write(self, chunk: int, rows: Rows) -> None:
         """Write the rows of a chunk."""
         import pyarrow
         from pyarrow import parquet
 
         arrays, types = {}, {**self.points.types, **TYPES}
-        for name, values in {**columns, **rows}.items():
+        for name, values in {**self.points.columns(*self.bounds(chunk)), **rows}.items():
             plain = [each.item() if hasattr(each, "item") else each for each in values]
             wanted = types.get(name) or _type_of(plain)
             texts = plain if wanted != "string" else [each if each is None else str(each) for each in plain]

@@ -26,7 +26,7 @@ from haptic_fieldbus.api import Trial, progress_line
 from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
 from haptic_fieldbus.api.sweep_engines import ENGINES, Measure, SweepJob, check_names, evaluate, units_of_parameters
-from haptic_fieldbus.api.sweep_folder import Columns, Given, Rows, Sweep, SweepFolder, SweepPoints
+from haptic_fieldbus.api.sweep_folder import Given, Rows, Sweep, SweepFolder, SweepPoints
 from haptic_fieldbus.defaults import (
     DEFAULT_DURATION,
     DEFAULT_ENGINE,
@@ -115,26 +115,25 @@ def _workers(count: int) -> Iterator[Executor]:
 def _computed(
     executor: Executor, job: SweepJob, folder: SweepFolder, chunks: Iterable[int], ahead: int, ending: EndSignals, *,
     lent: bool,
-) -> Iterator[tuple[int, Columns, Rows]]:  # fmt: skip
+) -> Iterator[tuple[int, Rows]]:  # fmt: skip
     """Yield the rows of chunks as they are done, with at most `ahead` of them under way.
 
     Raises KeyboardInterrupt after a signal. It is looked for here, because an exception that a signal raises is lost
     where Python takes none: in a `__del__`, a callback of a weak reference, or a hook of `fork`.
     """
-    under_way: dict[Future[Rows], tuple[int, Columns]] = {}
+    under_way: dict[Future[Rows], int] = {}
     rest = iter(chunks)
     try:
         while True:
             for chunk in rest:
                 points = folder.points.columns(*folder.bounds(chunk))
-                under_way[executor.submit(evaluate, job, points)] = chunk, points
+                under_way[executor.submit(evaluate, job, points)] = chunk
                 if len(under_way) >= ahead:
                     break
             if not under_way:
                 return
             for done in wait(under_way, LOOK_EVERY, FIRST_COMPLETED).done:
-                chunk, columns = under_way.pop(done)
-                yield chunk, columns, done.result()
+                yield under_way.pop(done), done.result()
             if ending.signal is not None:
                 raise KeyboardInterrupt
     except BrokenProcessPool as error:
@@ -275,9 +274,9 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
         ending.hold()
         ahead = AHEAD if lent else 2 * count if count > 1 else 1
         with _executor(asked, count, ending) as executor:
-            for each, columns, rows in _computed(executor, job, folder, missing, ahead, ending, lent=lent):
-                folder.write(each, columns, rows)
-                done += len(next(iter(columns.values())))
+            for each, rows in _computed(executor, job, folder, missing, ahead, ending, lent=lent):
+                folder.write(each, rows)
+                done += len(rows["outcome"])
                 tell(done, points.count)
         ending.resume()
     return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, steps, units)
