@@ -104,25 +104,18 @@ def _entry_points_on(group: str, path: tuple[str, ...]) -> "dict[str, tuple[Entr
 
 def own_part(group: str, sort: str, name: str, faults: Faults) -> Any:
     """Import the part of this name; KeyError for an unknown one, UsageError that names package, entry point, fault."""
-    entries, cause = own_entry_points(group)[name], None
-    found: Any = None
+    entries = own_entry_points(group)[name]
+    part = f'{sort} "{name}" of {places_of(entries)}'
     if len(entries) > 1:
-        told = ["several packages provide it; uninstall all but one"]
-    else:
-        found, told, cause = _loaded(entries[0], faults)
-    if told:
-        raise UsageError(f'{sort} "{name}" of {places_of(entries)}: {"; ".join(told)}') from cause
-    return found
-
-
-def _loaded(entry: "EntryPoint", faults: Faults) -> tuple[object, list[str], BaseException | None]:
-    """Import the object of an entry point, list what is wrong with it, and return the error of the import if any."""
+        raise UsageError(f"{part}: several packages provide it; uninstall all but one")
     try:
         with redirect_stdout(sys.stderr):  # standard output may be one JSON object and nothing else
-            found = entry.load()
+            found = entries[0].load()
     except (Exception, SystemExit) as error:  # a foreign module may do anything
-        return None, [f"it cannot be imported: {told_at(error)}"], error
-    return found, list(faults(found)), None
+        raise UsageError(f"{part}: it cannot be imported: {told_at(error)}") from error
+    if wrong := list(faults(found)):
+        raise UsageError(f"{part}: {'; '.join(wrong)}")
+    return found
 
 
 def told(error: BaseException) -> str:
