@@ -22,6 +22,8 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import percent, rounded
 
 POINTS = "Points"
+TOLD = ("points", "computed", "wall_s", "loop_steps_per_s", "stable_fraction", "outcomes")
+"""Figures of a sweep that are keys of `--json` too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,11 +80,7 @@ def sweep(options: SweepOptions) -> None:
     if options.plot is not None:
         draw(options.plot, found.plot(), picture_mark(task))
     if options.as_json:
-        told = {
-            "points": found.points, "computed": found.computed, "wall_s": found.wall_s,
-            "loop_steps_per_s": found.loop_steps_per_s, "stable_fraction": found.stable_fraction,
-            "outcomes": found.outcomes, "out": str(found.path),
-        }  # fmt: skip
+        told: dict[str, Any] = {name: getattr(found, name) for name in TOLD} | {"out": str(found.path)}
         print_json({key: plain(value) for key, value in told.items()})
         return
     there = found.points - found.computed
