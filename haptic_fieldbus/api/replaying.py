@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from haptic_fieldbus.api.provenance import repeated
 from haptic_fieldbus.assessing.result import Result, Trace
@@ -99,6 +99,5 @@ def shown(found: RecordedRun) -> Result:
             Trace(name, workspace, times, position, found[f"{name}.command"], sample_times=times, samples=position)
         )
     rate = provenance.conditions.rate if provenance else (len(table) - 1) / max(float(times[-1]), 1e-9)
-    facts: dict[str, Any] = {} if provenance is None else {"provenance": provenance}
     scene = provenance.scene_name if provenance else found.path.name
-    return Result(scene, "", provenance.bus if provenance else "", rate, traces=tuple(traces), **facts)
+    return Result(scene, "", provenance.bus if provenance else "", rate, traces=tuple(traces), provenance=provenance)

@@ -50,10 +50,9 @@ class RunText:
     @classmethod
     def of(cls, name: str, text: str, source: str | Path | None = None) -> "RunText":
         """Return the text with its digest, and with path and digest of the file that it comes from, if there is one."""
-        path = Path(source) if source else None
-        octets = path.read_bytes() if path is not None and path.is_file() else None
-        found = None if octets is None else str(path)
-        return cls(name, text, digest(text), found, None if octets is None else digest(octets))
+        if not source or not (path := Path(source)).is_file():
+            return cls(name, text, digest(text))
+        return cls(name, text, digest(text), str(path), digest(path.read_bytes()))
 
 
 @dataclass(frozen=True)

@@ -40,14 +40,14 @@ UNITS = {
 def column_units(columns: Iterable[str], provenance: Provenance | None) -> dict[str, str]:
     """Return the unit of each column that has one; those of positions and forces follow from the rig."""
     axes = {} if provenance is None else tomllib.loads(provenance.rig.text)["axis"]
-    found = {"t_ns": "ns", "time": "s"}
+    found = {}
     for column in columns:
         axis, _, name = column.rpartition(".")
         kind = axes.get(axis, {}).get("mechanism", {}).get("kind", "")
-        unit = "ns" if name == "age_ns" else UNITS.get(kind, {}).get(name, "")
-        if unit:
-            found[column] = unit
-    return {column: found[column] for column in columns if column in found}
+        units = {"age_ns": "ns", **UNITS.get(kind, {})} if axis else {"t_ns": "ns", "time": "s"}
+        if name in units:
+            found[column] = units[name]
+    return found
 
 
 def heading(columns: Sequence[str]) -> bytes:
