@@ -261,10 +261,20 @@ _LONGEST = 100_000
 """Least number of latest frames and motion segments that are kept."""
 _NUMBERS = count(1)
 """Numbers of the channels of this process, of which no two have the same name."""
-_POLL = 0.001
+POLL = 0.001
 """Time between two looks of `wait_until` [s]."""
 _NOTIFIER_CYCLE = 0.01
 """Longest time that canopen's receiving thread needs to end [s]; its own 1 s would be added to every test."""
+
+
+def waited_for(condition: Callable[[], bool], longest: float, clock: Clock, wait: Callable[[float], None]) -> bool:
+    """Wait until the condition holds; False when it does not within `longest` s of the clock."""
+    end_ns = clock.now_ns() + round(longest * 1e9)
+    while not condition():
+        if clock.now_ns() >= end_ns:
+            return False
+        wait(POLL)
+    return True
 
 
 class Time(Enum):
@@ -375,9 +385,4 @@ class VirtualCanBus:
 
     def wait_until(self, condition: Callable[[], bool], longest: float = 1.0) -> bool:
         """Let time pass until the condition holds; False when it does not within `longest` s."""
-        end_ns = self.clock.now_ns() + round(longest * 1e9)
-        while not condition():
-            if self.clock.now_ns() >= end_ns:
-                return False
-            self.wait(_POLL)
-        return True
+        return waited_for(condition, longest, self.clock, self.wait)

@@ -25,15 +25,13 @@ from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.hosting import Server, device, listen
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
-from haptic_fieldbus.testing.bench import Answer, DriveInside, DriveRequest, FaultPlan
+from haptic_fieldbus.testing.bench import POLL, Answer, DriveInside, DriveRequest, FaultPlan, waited_for
 
 FREE_PORT = "modbus-tcp:127.0.0.1:0"
 _LONGEST = 100_000
 """Least number of latest motion segments that are kept."""
 _PATIENCE = 30.0
 """Time within which a thread that works must answer, on a busy machine [s]."""
-_POLL = 0.001
-"""Time between two looks at the timers, and of `wait_until` [s]."""
 
 
 class VirtualModbusLine:
@@ -92,12 +90,7 @@ class VirtualModbusLine:
 
     def wait_until(self, condition: Callable[[], bool], longest: float = 1.0) -> bool:
         """Wait until the condition holds; False when it does not within `longest` s."""
-        end = time.monotonic() + longest
-        while not condition():
-            if time.monotonic() >= end:
-                return False
-            time.sleep(_POLL)
-        return True
+        return waited_for(condition, longest, MonotonicClock(), time.sleep)
 
     def between_requests(self, action: Callable[[], Answer]) -> Answer:
         """Do something in the thread of the drives, and return what came of it."""
@@ -126,7 +119,7 @@ class VirtualModbusLine:
             try:
                 self._opened.set_result(PROTOCOL.bus_name(await listen(server, own, theirs, self._slots)))
                 while not self._stopped.is_set():
-                    await asyncio.sleep(_POLL)
+                    await asyncio.sleep(POLL)  # until the next look at the timers
                     server.requests.drives.run(clock.now_ns())
             finally:
                 await server.close()
