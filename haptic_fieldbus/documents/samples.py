@@ -7,7 +7,7 @@ them are found in one reading.
 import csv
 import math
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -108,7 +108,10 @@ class _Table:
         if self.faults:
             return
         latest = -math.inf
-        for row in self._data():
+        for row in filter(any, self._rows):  # without empty ones
+            if len(self.times) == MOST_ROWS:
+                self.fault("", f"too many rows; expected at most {MOST_ROWS}")
+                return
             time, value = self._number(row, TIME), self._number(row, quantity)
             if time <= latest:
                 self.fault(TIME, f"{exactly(time)} after {exactly(latest)}; expected a later time")
@@ -118,17 +121,6 @@ class _Table:
             self.lines.append(self._rows.line_num)
         if not self.faults and len(self.times) < 2:
             self.fault("", f"{len(self.times)} rows of numbers; expected two or more")
-
-    def _data(self) -> Iterator[list[str]]:
-        """Yield the rows that are not empty, up to `MOST_ROWS`."""
-        count = 0
-        for row in self._rows:
-            if any(row):
-                count += 1
-                if count > MOST_ROWS:
-                    self.fault("", f"too many rows; expected at most {MOST_ROWS}")
-                    return
-                yield row
 
     def _number(self, row: list[str], column: str) -> float:
         """Return the number of a row in a column; without a number, note a fault and return not-a-number."""
