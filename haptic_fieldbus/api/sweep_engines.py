@@ -85,14 +85,14 @@ def check_names(names: Sequence[str], job: SweepJob) -> None:
     """Raise one UsageError for all parameters that neither scene, rig nor engine has."""
     scene, rig = cast(Any, job.task.scene), cast(Rig, job.task.rig)
     kinds, faults = {element.name: type(element) for element in scene.elements}, []
+    known = OF_TASK + OF_TRIAL if job.engine == "full" else OF_TASK
     for name in names:
         try:
             if name.startswith(RIG):
                 with_rig_value(rig, name, None)
             elif "." in name:
                 named(name, kinds, scene.name)
-            elif name not in OF_TASK and not (name in OF_TRIAL and job.engine == "full"):
-                known = (*OF_TASK, *(OF_TRIAL if job.engine == "full" else ()))
+            elif name not in known:
                 raise UsageError(
                     f"{name}: the engine {job.engine} has no such parameter; expected {', '.join(known)}, "
                     "element.parameter or rig.axis.key"

@@ -344,11 +344,9 @@ class Sweep:
         """Number of points by outcome, and the number of those that are neither refused, tripped nor unstable."""
         outcomes, stable = dict.fromkeys(("done", "refused", "tripped"), 0), 0
         for table in self.tables(["outcome", *(name for name in ("verdict", "grew") if self.engine != "full")]):
-            found = table.to_pydict()
-            rows = zip(*(found.get(name, [None] * len(table)) for name in ("outcome", "verdict", "grew")), strict=True)
-            for outcome, verdict, grew in rows:
-                outcomes[outcome] += 1
-                stable += outcome == "done" and verdict != "unstable" and not grew
+            for row in table.to_pylist():
+                outcomes[row["outcome"]] += 1
+                stable += row["outcome"] == "done" and row.get("verdict") != "unstable" and not row.get("grew")
         return outcomes, stable
 
     @property

@@ -73,8 +73,7 @@ def checked(found: object, path: Path) -> Provenance:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "its provenance"
         raise UsageError(f"{path}: {place}: {first['msg']}") from error
-    texts = [text for text in (provenance.scene, provenance.rig, *provenance.profiles, provenance.faults) if text]
-    for text in texts:
+    for text in filter(None, (provenance.scene, provenance.rig, *provenance.profiles, provenance.faults)):
         if not _FILE_NAME.fullmatch(text.name):
             raise UsageError(f"{path}: {text.name!r}: expected the name of a file, without a folder")
         if digest(text.text) != text.sha256:
