@@ -7,17 +7,18 @@ what does not use it. An object of Python travels as `OwnName`, wherever the nam
 
 import pickle
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from contextlib import redirect_stdout
 from functools import cache
 from traceback import walk_tb
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from haptic_fieldbus.errors import UsageError, wrong_kind
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+Part = TypeVar("Part")
 Faults = Callable[[Any], Iterable[str]]
 """Function that returns each reason why an object cannot be used."""
 
@@ -58,18 +59,15 @@ def name_of(part: Any) -> Any:
     return OwnName(name, part) if isinstance(name, str) and not isinstance(part, str) else part
 
 
-def object_of_python(name: str, sort: str, expected: type, taken: Iterable[str]) -> Any:
-    """Return the object that a name has with it; raises TypeError for another class, UsageError for a taken name."""
-    part = name.part if isinstance(name, OwnName) else name
-    if not isinstance(part, expected):
-        raise wrong_kind(sort, f"an object of {expected.__name__}", part)
-    if str(name) in [str(each) for each in taken]:
-        raise UsageError(f'{sort} "{name}": a shipped one has this name; give yours another')
-    return part
+def foreign_part(
+    group: str, sort: str, name: str, expected: type[Part], shipped: Container[str],
+    further: Faults = lambda found: (),
+) -> Part | None:  # fmt: skip
+    """Return the object that a name has with it, or that a package adds by this name; None for any other name.
 
-
-def instance_faults(name: str, expected: type, further: Faults = lambda found: ()) -> Faults:
-    """Return the function that says why an object is not the `expected` part of this name; `further` looks into it."""
+    `further` looks into an object of the `expected` class. Raises TypeError for another class, and UsageError for a
+    fault and for an object with the name of a shipped part.
+    """
 
     def faults(found: Any) -> Iterable[str]:
         if not isinstance(found, expected):
@@ -79,7 +77,15 @@ def instance_faults(name: str, expected: type, further: Faults = lambda found: (
         else:
             yield from further(found)
 
-    return faults
+    if not isinstance(name, OwnName):
+        return own_part(group, sort, name, faults) if name in own_entry_points(group) else None
+    if not isinstance(name.part, expected):
+        raise wrong_kind(sort, f"an object of {expected.__name__}", name.part)
+    if str(name) in shipped:
+        raise UsageError(f'{sort} "{name}": a shipped one has this name; give yours another')
+    if wrong := "; ".join(further(name.part)):
+        raise UsageError(f'{sort} "{name}": {wrong}')
+    return name.part
 
 
 def entry_point_names(group: str) -> list[str]:

@@ -12,9 +12,8 @@ On a linear mechanism, hand and handle move in metres. On a rotary one the hand 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
 
-from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, instance_faults, object_of_python, own_part
+from haptic_fieldbus.documents.own_parts import entry_point_names, foreign_part
 from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
 from haptic_fieldbus.errors import UsageError
 
@@ -159,18 +158,12 @@ def hand_faults(hand: Hand) -> Iterator[str]:
 
 def hand_named(name: str) -> Hand | None:
     """Return the hand of this name, None for `none`; raises UsageError for an unknown name."""
-    if isinstance(name, OwnName):
-        own = cast(Hand, object_of_python(name, "hand", Hand, HANDS))
-        faults = "; ".join(hand_faults(own))
-        if faults:
-            raise UsageError(f'hand "{name}": {faults}')
-        return own
     if name in HANDS:
         return HANDS[name]
-    added = entry_point_names(GROUP)
-    if name in added:
-        return cast(Hand, own_part(GROUP, "hand", name, instance_faults(name, Hand, hand_faults)))
-    raise UsageError(f'no hand "{name}"; hands are: {", ".join([*HANDS, *added])}')
+    own = foreign_part(GROUP, "hand", name, Hand, HANDS, hand_faults)
+    if own is None:
+        raise UsageError(f'no hand "{name}"; hands are: {", ".join([*HANDS, *entry_point_names(GROUP)])}')
+    return own
 
 
 def grip(hand: Hand, mechanism: LinearMechanism | RotaryMechanism) -> Grip:

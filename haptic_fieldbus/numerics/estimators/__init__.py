@@ -13,10 +13,9 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from typing import cast
 
 from haptic_fieldbus.documents import nearest
-from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, instance_faults, object_of_python, own_part
+from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, foreign_part
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
@@ -72,13 +71,11 @@ class ChosenEstimator:
 
 def estimator_named(name: str) -> Estimator:
     """Return the estimator of this name, without parameters; raises UsageError for an unknown name."""
-    if isinstance(name, OwnName):
-        return cast(Estimator, object_of_python(name, "estimator", Estimator, ESTIMATORS))
     if name not in ESTIMATORS:
-        added = entry_point_names(GROUP)
-        if name in added:
-            return cast(Estimator, own_part(GROUP, "estimator", name, instance_faults(name, Estimator)))
-        raise UsageError(_unknown(f'no estimator "{name}"', name, [*ESTIMATORS, *added]))
+        own = foreign_part(GROUP, "estimator", name, Estimator, ESTIMATORS)
+        if own is None:
+            raise UsageError(_unknown(f'no estimator "{name}"', name, [*ESTIMATORS, *entry_point_names(GROUP)]))
+        return own
     module = import_module(f"{__name__}.{ESTIMATORS[name]}")
     found: Estimator = next(estimator for estimator in module.ESTIMATORS if estimator.name == name)
     return found

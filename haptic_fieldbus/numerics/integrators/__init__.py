@@ -8,13 +8,11 @@ There are two kinds of stability: that of a method on an oscillator of its own (
 the sampled loop with a hand (`margins`). A method that preserves energy does not make the loop stable.
 """
 
-from typing import cast
-
 import numpy as np
 
 from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.documents import nearest
-from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, instance_faults, object_of_python, own_part
+from haptic_fieldbus.documents.own_parts import entry_point_names, foreign_part
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
@@ -46,14 +44,12 @@ GROUP = "haptic_fieldbus.methods"
 
 def method_named(name: str) -> Integrator:
     """Return the method of this name; raises UsageError for an unknown name."""
-    if isinstance(name, OwnName):
-        return cast(Integrator, object_of_python(name, "method", Integrator, METHODS))
     if name in METHODS:
         return METHODS[name]
-    added = entry_point_names(GROUP)
-    if name in added:
-        return cast(Integrator, own_part(GROUP, "method", name, instance_faults(name, Integrator)))
-    raise UsageError(_unknown(name, [*METHODS, *added]))
+    own = foreign_part(GROUP, "method", name, Integrator, METHODS)
+    if own is None:
+        raise UsageError(_unknown(name, [*METHODS, *entry_point_names(GROUP)]))
+    return own
 
 
 def _unknown(name: str, known: list[str]) -> str:
