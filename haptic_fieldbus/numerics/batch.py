@@ -15,6 +15,7 @@ friction, up to the rounding of numpy's logarithm and exponential.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +202,7 @@ def _slip(device: SampledMass, x: Array, v: Array, net: Array, span: Array) -> t
     return x + span * (first * v + second * rate), v + first * (rate - w * v)
 
 
-def _quotient(x: Array, factors: Array, exact: Callable[[Array], Array]) -> Array:
+def _quotient(factors: Array, exact: Callable[[Array], Array], x: Array) -> Array:
     """Return `exact` of x; for small arguments the series with these factors, the constant first."""
     small = np.abs(x) < SMALL
     # Small arguments are replaced before the division, as `np.where` evaluates both branches.
@@ -211,27 +212,14 @@ def _quotient(x: Array, factors: Array, exact: Callable[[Array], Array]) -> Arra
 _N = np.arange(TERMS)
 _SIGNS = np.where(_N % 2, -1.0, 1.0)
 _FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, TERMS + 2)]))
-
-
-def _logarithm(u: Array) -> Array:
-    """Return ln(1 + u)/u."""
-    return _quotient(u, _SIGNS / (_N + 1), lambda u: np.log1p(u) / u)
-
-
-def _logarithm_rest(u: Array) -> Array:
-    """Return (ln(1 + u) − u)/u²."""
-    return _quotient(u, -_SIGNS / (_N + 2), lambda u: (np.log1p(u) - u) / u**2)
-
-
-def _mean_decay(w: Array) -> Array:
-    """Return (1 − e⁻ʷ)/w."""
-    return _quotient(w, _SIGNS / _FACTORIALS[1 : TERMS + 1], lambda w: -np.expm1(-w) / w)
-
-
-def _mean_decay_rest(w: Array) -> Array:
-    """Return (w − 1 + e⁻ʷ)/w²."""
-    return _quotient(w, _SIGNS / _FACTORIALS[2 : TERMS + 2], lambda w: (w + np.expm1(-w)) / w**2)
-
+_logarithm = partial(_quotient, _SIGNS / (_N + 1), lambda u: np.log1p(u) / u)
+"""Function u → ln(1 + u)/u."""
+_logarithm_rest = partial(_quotient, -_SIGNS / (_N + 2), lambda u: (np.log1p(u) - u) / u**2)
+"""Function u → (ln(1 + u) − u)/u²."""
+_mean_decay = partial(_quotient, _SIGNS / _FACTORIALS[1 : TERMS + 1], lambda w: -np.expm1(-w) / w)
+"""Function w → (1 − e⁻ʷ)/w."""
+_mean_decay_rest = partial(_quotient, _SIGNS / _FACTORIALS[2 : TERMS + 2], lambda w: (w + np.expm1(-w)) / w**2)
+"""Function w → (w − 1 + e⁻ʷ)/w²."""
 
 BLOCK = 2048
 """Number of loops whose rows fit into the second-level cache together."""
