@@ -124,18 +124,18 @@ def _stack(environments: list[StateSpace]) -> tuple[Array, Array, Array, Array]:
 
 
 def _check(made: Loops) -> None:
-    expected = {
-        "mass": ("a number above 0", (made.mass > 0.0) & np.isfinite(made.mass)),
-        "period": ("a time above 0 s", (made.period > 0.0) & np.isfinite(made.period)),
-        "d": ("a number as stiffness", np.isfinite(made.d)),
-        **{
-            name: ("a number from 0 up", (getattr(made, name) >= 0.0) & np.isfinite(getattr(made, name)))
+    expected = [
+        ("mass", "a number above 0", (made.mass > 0.0) & np.isfinite(made.mass)),
+        ("period", "a time above 0 s", (made.period > 0.0) & np.isfinite(made.period)),
+        ("d", "a number as stiffness", np.isfinite(made.d)),
+        *(
+            (name, "a number from 0 up", (getattr(made, name) >= 0.0) & np.isfinite(getattr(made, name)))
             for name in ("damping", "delay", "lag", "coulomb", "resolution")
-        },
-        "saturation": ("a force above 0", made.saturation > 0.0),
-        "coulomb": ("torque loop lag 0 with friction", (made.coulomb == 0.0) | (made.lag == 0.0)),
-    }
-    for name, (text, good) in expected.items():
+        ),
+        ("saturation", "a force above 0", made.saturation > 0.0),
+        ("coulomb", "torque loop lag 0 with friction", (made.coulomb == 0.0) | (made.lag == 0.0)),
+    ]
+    for name, text, good in expected:
         if not good.all():
             at = int(np.argmin(good))
             raise UsageError(f"loop {at}: {name} {exactly(getattr(made, name)[at])}: expected {text}")

@@ -176,6 +176,8 @@ def test_more_loops_than_a_block_are_the_same_loops() -> None:
         ({"period": 0.0}, "period 0: expected a time above 0 s"),
         ({"stiffness": math.nan}, "nan: expected a number as stiffness"),
         ({"delay": -1e-3}, "delay -0.001: expected a number from 0 up"),
+        ({"coulomb": -0.1}, "coulomb -0.1: expected a number from 0 up"),
+        ({"coulomb": math.inf}, "coulomb inf: expected a number from 0 up"),
         ({"saturation": 0.0}, "saturation 0: expected a force above 0"),
         ({"coulomb": 0.1, "lag": 1e-4}, "coulomb 0.1: expected torque loop lag 0 with friction"),
     ],
