@@ -1,7 +1,7 @@
 """Stability case of the report: a function that measures, and its result."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus import SceneError, UsageError
@@ -34,6 +34,33 @@ def share_used(*deviations: tuple[float, float]) -> float:
     """
     shares = (float(abs(found) / permitted) for found, permitted in deviations)
     return max(share if share == share else math.inf for share in shares)  # NaN differs from itself
+
+
+def result_of(
+    expected: str,
+    measured: str,
+    oracle: str,
+    *,
+    tolerance: str,
+    within: Sequence[tuple[float, float]] = (),
+    holds: bool = True,
+) -> CaseResult:
+    """Return the result of a case: it passes when all deviations are permitted, and everything else `holds`.
+
+    The deviations `within` the tolerance are pairs as for `share_used`.
+    """
+    passed = bool(holds and all(abs(found) <= permitted for found, permitted in within))
+    return CaseResult(expected, measured, passed, oracle, tolerance, share_used(*within) if within else None)
+
+
+def relative_error(found: Iterable[float], expected: Iterable[float]) -> float:
+    """Return the largest relative difference of numbers from those expected."""
+    return max(abs(one / other - 1.0) for one, other in zip(found, expected, strict=True))
+
+
+def largest_error(found: Iterable[float], expected: Iterable[float]) -> float:
+    """Return the largest difference of numbers from those expected."""
+    return max(abs(one - other) for one, other in zip(found, expected, strict=True))
 
 
 def refused(ask: Callable[[], object]) -> str:

@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.cases.drive import PERIOD_NS, Feeder, feed
 from haptic_fieldbus.study.measure.loops import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
@@ -59,16 +59,14 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
     # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
     measured = growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), steps))
-    return CaseResult(
+    return result_of(
         f"limit {exact:.6f} N/m; at {exactly(factor)} of it ln of growth {expected:+.4f} in {exactly(0.9 * steps)} "
         "periods",
         f"limit {limit:.6f} N/m (1e-8 allowed); ln of growth {measured:+.4f} (1 % and 0.005 allowed)",
-        abs(limit / exact - 1.0) <= 1e-8
-        and abs(measured - expected) <= 0.01 * abs(expected) + 0.005
-        and measured * (factor - 1.0) > 0.0,
         "Jury's conditions by hand, and a loop of plain floats run at that share of the package's limit",
         tolerance="1e-8 of the limit; 1 % and 0.005 of ln of growth",
-        used=share_used((limit / exact - 1.0, 1e-8), (measured - expected, 0.01 * abs(expected) + 0.005)),
+        within=[(limit / exact - 1.0, 1e-8), (measured - expected, 0.01 * abs(expected) + 0.005)],
+        holds=measured * (factor - 1.0) > 0.0,
     )
 
 
@@ -93,17 +91,14 @@ def wall_over(quick: bool) -> CaseResult:
         loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3), 1000
     )
     grown = float(both_sides.growth[0]) ** (1.0 / 900.0)
-    return CaseResult(
+    return result_of(
         f"in contact growth {expected:.4f} a period; leaning with 5 N, overshoot {brute * 1e6:.3f} µm for ever",
         f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1e-6), at half the limit "
         f"{rounded(calm * 1e6, 1)} µm",
-        abs(grown / expected - 1.0) <= 1e-3
-        and abs(chatter / brute - 1.0) <= 1e-6
-        and brute > 0.1 * push / limit
-        and abs(calm) <= 1e-9 * push / limit,
         "ρ² = e + K·c0 by hand; a one-sided loop of plain floats",
         tolerance="0.1 % of the growth, 1e-6 of the overshoot",
-        used=share_used((grown / expected - 1.0, 1e-3), (chatter / brute - 1.0, 1e-6), (calm, 1e-9 * push / limit)),
+        within=[(grown / expected - 1.0, 1e-3), (chatter / brute - 1.0, 1e-6), (calm, 1e-9 * push / limit)],
+        holds=brute > 0.1 * push / limit,
     )
 
 
@@ -117,14 +112,14 @@ def delayed(delay: float, quick: bool) -> CaseResult:
         growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
         for factor in (0.99, 1.01)
     )
-    return CaseResult(
+    return result_of(
         f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
         f"{limit:.5f} N/m; {len(devices)} other devices off by {rounded(worst, 1)} at most (1e-6 allowed); ln of "
         f"growth {below:+.2f}, {above:+.2f}",
-        max(worst, abs(limit / exact - 1.0)) <= 1e-6 and below < -0.5 and above > 0.5,
         "characteristic polynomial by hand, Schur–Cohn in 60 digits; a loop of plain floats",
         tolerance="1e-6 of the limit; ln of growth beyond ±0.5",
-        used=share_used((worst, 1e-6), (limit / exact - 1.0, 1e-6)),
+        within=[(worst, 1e-6), (limit / exact - 1.0, 1e-6)],
+        holds=below < -0.5 and above > 0.5,
     )
 
 
@@ -137,14 +132,14 @@ def slow_loop(quick: bool) -> CaseResult:
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
     grown = growth_of(sampled_positions(device, periods[0], _law(stiffness), 50))
-    return CaseResult(
+    return result_of(
         f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",
         f"limit {slowest:.8f} N/m, off Jury's by {rounded(worst, 1)} (1e-8 allowed); 600 N/m {verdict.value}, ln of "
         f"growth {grown:+.0f} in 50 periods",
-        max(worst, abs(slowest / expected - 1.0)) <= 1e-8 and verdict is Verdict.UNSTABLE and grown > 1.0,
         "Jury's conditions by hand and their limit for bT ≫ m; a loop of plain floats",
         tolerance="1e-8 of the limit",
-        used=share_used((worst, 1e-8), (slowest / expected - 1.0, 1e-8)),
+        within=[(worst, 1e-8), (slowest / expected - 1.0, 1e-8)],
+        holds=verdict is Verdict.UNSTABLE and grown > 1.0,
     )
 
 
@@ -157,14 +152,14 @@ def undamped_wall(quick: bool) -> CaseResult:
     device = Plant(0.1, 0.0)
     measured = growth_of(sampled_positions(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
     expected = 0.9 * steps * 0.5 * math.log1p(0.5 * share)
-    return CaseResult(
+    return result_of(
         f"limit exactly 0 N/m; at K = {exactly(share)}·m/T² ln of growth {expected:.4f} in {exactly(0.9 * steps)} "
         "periods",
         f"largest limit {exactly(max(limits))} N/m of {len(limits)}; ln of growth {measured:.4f} (1 % allowed)",
-        not np.any(limits) and abs(measured / expected - 1.0) <= 0.01,
         "product of the roots 1 + K·T²/2m > 1, by hand; a loop of plain floats",
         tolerance="limit exactly 0; 1 % of ln of growth",
-        used=share_used((measured / expected - 1.0, 0.01)),
+        within=[(measured / expected - 1.0, 0.01)],
+        holds=not np.any(limits),
     )
 
 
@@ -221,7 +216,7 @@ def _torn(damping: float, ratio: float) -> float:
     for first, speed, second, turning in places:
         force = -400.0 * (first - ratio * second) - damping * (speed - ratio * turning)
         found = law(first, speed, second, turning) if damping else law(first, second)
-        apart = max(abs(one - other) for one, other in zip(found, (force, -ratio * force), strict=True))
+        apart = largest_error(found, (force, -ratio * force))
         worst = max(worst, apart / (40.0 * max(1.0, ratio**2)))
     return worst
 
@@ -235,21 +230,20 @@ def coupled_axes(quick: bool) -> CaseResult:
     cells = 20 if quick else 60
     shares = [_share_by_hand(limit, *shaft, cells) for limit, shaft in zip(passive, SHAFTS, strict=True)]
     held = [2.0 * min(0.02 / 1e-5, 0.001 / 2e-6 / ratio**2) for _, ratio in SHAFTS]
-    apart = max(abs(one / other - 1.0) for one, other in zip(stable, by_hand, strict=True))
+    apart = relative_error(stable, by_hand)
     worst = max(abs(share - 1.0) for share in shares)
-    friction = max(abs((limit.quantisation or 0.0) / one - 1.0) for limit, one in zip(judged, held, strict=True))
+    friction = relative_error([limit.quantisation or 0.0 for limit in judged], held)
     torn = max(_torn(part * damping, ratio) for damping, ratio in SHAFTS for part in (0.0, 1.0))
-    return CaseResult(
+    return result_of(
         f"ratios of -2.5 and 0.4: stable to {values_text(by_hand, 6)} N/m; where passivity ends, the worst motion of "
         f"both handles needs all of both dampings; friction bridges counts to {values_text(held, 4)} N/m",
         f"stable to {values_text(stable, 6)} N/m, apart by {rounded(apart, 1)}; passive to {values_text(passive, 4)} "
         f"N/m, needed share of the dampings off by {rounded(worst, 1)}; counts off by {rounded(friction, 1)}, forces "
         f"by {rounded(torn, 1)}",
-        apart <= AGREEMENT and worst <= CUT and friction <= EXACT and torn <= EXACT,
         "both devices from event to event; the worst of all motions in cells of constant speed; F₂ = -n·F₁ and "
         "2·fc/(n²·D) by hand",
         tolerance=f"{exactly(AGREEMENT)} of the limits, {exactly(CUT)} of the energies, {exactly(EXACT)} of the rest",
-        used=share_used((apart, AGREEMENT), (worst, CUT), (friction, EXACT), (torn, EXACT)),
+        within=[(apart, AGREEMENT), (worst, CUT), (friction, EXACT), (torn, EXACT)],
     )
 
 
@@ -281,17 +275,16 @@ def compliant_transmission(quick: bool) -> CaseResult:
     by_hand = [_loaded_by_hand(loss) for loss in LOSSES]
     whole = _judged(plant=Plant(MOTOR.mass + LOAD, MOTOR.damping, torque_lag=MOTOR.torque_lag))
     rigid = _judged(HungBody(LOAD, RIGID, math.sqrt(RIGID * LOAD)))
-    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
+    apart = relative_error(found, by_hand)
     off = abs(rigid / whole - 1.0)
-    return CaseResult(
+    return result_of(
         f"transmissions of {exactly(STIFF)} N/m with 0, 1, 20 N·s/m: stable to {values_text(by_hand, 6)} N/m; one of "
         f"{exactly(RIGID)} N/m as a motor that has the load's mass",
         f"stable to {values_text(found, 6)} N/m, apart by {rounded(apart, 1)}; rigid {rounded(rigid, 6)} of "
         f"{rounded(whole, 6)} N/m, off by {rounded(off, 1)}",
-        apart <= AGREEMENT and off <= AGREEMENT,
         "motor, torque loop and load from event to event; a sum of two masses",
         tolerance=f"{exactly(AGREEMENT)} of each limit",
-        used=share_used((apart, AGREEMENT), (off, AGREEMENT)),
+        within=[(apart, AGREEMENT), (off, AGREEMENT)],
     )
 
 
@@ -311,13 +304,13 @@ def stiff_held_puck(quick: bool) -> CaseResult:
     worst = max(float(np.abs(runs[name].outputs[:, 0] - exact).max()) / k for name in ("exact-zoh", "exact-foh"))
     allowed = 2e-14 * h * steps
     expected = ["backward-euler", "trapezoidal", "exact-zoh", "exact-foh"]
-    return CaseResult(
+    return result_of(
         f"bounded only: {', '.join(expected)}; exact ones on −k·cos(ωt) for {steps} steps",
         f"bounded: {', '.join(bounded)}; exact ones off by {rounded(worst, 2)} of k ({rounded(allowed, 1)} allowed)",
-        sorted(bounded) == sorted(expected) and worst <= allowed,
         "closed form −k·cos(ωt); stability at h = 1000 by hand",
         tolerance=f"{rounded(allowed, 1)} of k",
-        used=share_used((worst, allowed)),
+        within=[(worst, allowed)],
+        holds=sorted(bounded) == sorted(expected),
     )
 
 
@@ -340,13 +333,12 @@ def free_puck(quick: bool) -> CaseResult:
     errors = {name: _two_masses(0.2, steps * PERIOD, steps, name) for name in ("exact-zoh", "exact-foh")}
     worst = max(errors.values())
     coarse, fine = (_two_masses(0.2, 1.0, count, "rk4") for count in (100, 200))
-    return CaseResult(
+    return result_of(
         f"exact steps on the closed form for {exactly(steps * PERIOD)} s; rk4's error 16 times less at half the step",
         f"off by {rounded(worst, 2)} of the way (1e-9 allowed); rk4 {coarse / fine:.2f} times less (14 to 18 allowed)",
-        worst <= 1e-9 and 14.0 <= coarse / fine <= 18.0,
         "closed form: uniform acceleration of both masses, and their oscillation",
         tolerance="1e-9 of the way; the ratio of 16 within 14 to 18",
-        used=share_used((worst, 1e-9), (coarse / fine - 16.0, 2.0)),
+        within=[(worst, 1e-9), (coarse / fine - 16.0, 2.0)],
     )
 
 
@@ -358,16 +350,16 @@ def light_puck(quick: bool) -> CaseResult:
     damping, masses = 0.5, (1e-4, 1e-5, 1e-6, 1e-9)
     *limits, massless = (stiffness_limit(Plant(mass, damping), PERIOD, 0.0, spring) for mass in (*masses, 0.0))
     exact = [jury_limit(Plant(mass, damping), PERIOD) for mass in masses]
-    worst = max(abs(limit / by_hand - 1.0) for limit, by_hand in zip(limits, exact, strict=True))
-    return CaseResult(
+    worst = relative_error(limits, exact)
+    return result_of(
         "exact step on the closed form, forward Euler diverges; massless handle: limit "
         f"{exactly(2 * damping / PERIOD)} N/m",
         f"off by {rounded(error, 2)} (1e-8 allowed), Euler {rounded(euler, 1)}; limit {massless:.6f} N/m, masses from "
         f"1e-4 to 1e-9 kg off Jury's by {rounded(worst, 1)} (1e-8 allowed)",
-        max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)) <= 1e-8 and euler > 1e6,
         "closed form of two masses; Jury's conditions by hand, 2b/T without mass",
         tolerance="1e-8 of the way and of the limit",
-        used=share_used((max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)), 1e-8)),
+        within=[(max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)), 1e-8)],
+        holds=euler > 1e6,
     )
 
 
@@ -395,20 +387,20 @@ def sampled_free_puck(quick: bool) -> CaseResult:
         forces, radius = flicked(plant, virtual, steps).tolist(), sampled.growth(plant, virtual)
         brute = _textbook_forces(device, method, steps)
         tenth, peak = steps // 10, max(map(abs, brute))
-        worst = max(worst, max(abs(x - y) for x, y in zip(forces, brute, strict=True)) / peak)
+        worst = max(worst, largest_error(forces, brute) / peak)
         grew = max(map(abs, brute[-tenth:])) > max(map(abs, brute[:tenth]))
         if grew:
             growing.append(method)
         if grew != (radius > 1.0):
             wrong.append(method)
-    return CaseResult(
+    return result_of(
         f"forces of textbook loops for {steps} periods; in them grow: {', '.join(growing) or 'none'}",
         f"off by {rounded(worst, 2)} of the peak (1e-9 allowed); spectral radius disagrees for: "
         f"{', '.join(wrong) or 'none'}",
-        worst <= 1e-9 and not wrong,
         "every method as textbooks write it, around a device in closed form, in plain floats",
         tolerance="1e-9 of the largest force; the set of methods exact",
-        used=share_used((worst, 1e-9)),
+        within=[(worst, 1e-9)],
+        holds=not wrong,
     )
 
 
@@ -425,16 +417,16 @@ def start_inside_the_wall(quick: bool) -> CaseResult:
         feed(cycle, t_ns=number * PERIOD_NS)
         forces.append(cycle.value("command"))
     ramp = [-min(6.0, 1000 * unit * (number + 1) / 500.0) for number in range(len(forces))]
-    worst = max(abs(force - ideal) for force, ideal in zip(forces, ramp, strict=True))
+    worst = largest_error(forces, ramp)
     deeper = Feeder(plan("wall", settings={"wall.position": -0.1}))
     octets = feed(deeper)
     refused = deeper.tripped is TripKind.START_FORCE and not any(octets)
-    return CaseResult(
+    return result_of(
         "10 mm deep: -6 N on the line of the limit, 50.3 N in 0.5 s; 100 mm deep: refused without torque",
         f"off the line by {worst:.4f} N (0.51 of a step of torque, {unit:.4f} N, allowed); "
         f"{'refused without torque' if refused else 'not refused'}",
-        worst <= 0.51 * unit and refused,
         "the line by hand: rated torque · t/0.5 s until 600 N/m · 10 mm, rounded to the drive's step",
         tolerance="0.51 of a step of torque",
-        used=share_used((worst, 0.51 * unit)),
+        within=[(worst, 0.51 * unit)],
+        holds=refused,
     )

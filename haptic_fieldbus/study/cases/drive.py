@@ -22,7 +22,7 @@ from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.faults import BusOff, Fault
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, result_of, values_text
 from haptic_fieldbus.study.oracles import events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
 
@@ -160,20 +160,19 @@ def lost_bus(quick: bool) -> CaseResult:
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
     outcome = bus_off_in_contact()
-    return CaseResult(
+    return result_of(
         f"target {round(3.0 / UNIT)} ‰, then 0 from the period of the loss on; the drive's torque is asked to be 0 "
         f"within its guard time of {exactly(1e3 * outcome.guard)} ms and a period, and the run ends with an error",
         f"target {before} ‰, then at most {max(map(abs, after))} ‰ for {len(after)} periods; drive without torque "
         f"{1e3 * outcome.torque_free_after:.2f} ms later; {outcome.error}",
-        before == round(3.0 / UNIT)
-        and not any(after)
-        and cycle.tripped is TripKind.BUS_OFF
-        and outcome.pushed < 0.0
-        and 0.0 <= outcome.torque_free_after <= outcome.guard + PERIOD_NS * 1e-9
-        and outcome.error == "BusError",
         "hand-derived: 3 N in thousandths of rated torque; the guard time that the drive was given",
         tolerance="exact in ‰; the drive within its guard time and a period",
-        used=share_used((outcome.torque_free_after, outcome.guard + PERIOD_NS * 1e-9)),
+        within=[(outcome.torque_free_after, outcome.guard + PERIOD_NS * 1e-9)],
+        holds=before == round(3.0 / UNIT)
+        and not any(after)
+        and cycle.tripped is TripKind.BUS_OFF
+        and outcome.pushed < 0.0 <= outcome.torque_free_after
+        and outcome.error == "BusError",
     )
 
 
@@ -188,12 +187,12 @@ def stale_position(quick: bool) -> CaseResult:
     gap = [torque(cycle, flags=LinkFlag.STALE) for _ in range(12)]
     later = [torque(cycle) for _ in range(10)]
     line = [round(3.0 * max(0, 10 - number) / 10 / UNIT) for number in range(12)]
-    return CaseResult(
+    return result_of(
         f"{full} ‰ throughout with every other sample; in a gap {', '.join(map(str, line))} ‰; then {full} ‰ (exact)",
         f"{min(single)} to {max(single)} ‰; {', '.join(map(str, gap))} ‰; then {later[-1]} ‰",
-        single == [full] * 6 and gap == line and later == [full] * 10,
         "hand-derived: a straight line of 10 ms from the second missing sample, in thousandths of rated torque",
         tolerance="exact in ‰",
+        holds=single == [full] * 6 and gap == line and later == [full] * 10,
     )
 
 
@@ -214,13 +213,13 @@ def non_finite_input(quick: bool) -> CaseResult:
         Wall("handle", 600.0, damping=1.0).force(1.0, math.nan),
     ]
     visible = sum(math.isnan(force) for force in shown)
-    return CaseResult(
+    return result_of(
         f"{len(values)} of {len(values)} such forces trip, largest target 0 ‰; {len(shown)} of {len(shown)} "
         "not-a-number inputs come out as not-a-number",
         f"{trips} of {len(values)} trip, largest target {max(torques)} ‰; {visible} of {len(shown)} come out",
-        trips == len(values) and not any(torques) and visible == len(shown),
         "IEEE 754: an operation on not-a-number gives not-a-number; zero torque by definition of a trip",
         tolerance="exact",
+        holds=trips == len(values) and not any(torques) and visible == len(shown),
     )
 
 
@@ -236,14 +235,14 @@ def denormal_input(quick: bool) -> CaseResult:
     step(0.0)
     turn = math.sqrt(stiffness / mass) * 1e-3
     error = max(abs(step(height) / height + stiffness * math.cos(turn * n)) for n in range(steps)) / stiffness
-    return CaseResult(
+    return result_of(
         f"targets 0 ‰, 0 trips; a sprung mass pushed by {exactly(height)} m swings as k·x·cos(ω·t) for {steps} "
         "periods, within 1e-6",
         f"largest target {max(targets)} ‰, {trips} trips; off by {rounded(error, 1)}",
-        not any(targets) and not trips and error < 1e-6,
         "closed form: F = −k·x·cos(ω·t) after a step of the handle",
         tolerance="1e-6 of the swing; targets exact",
-        used=share_used((error, 1e-6)),
+        within=[(error, 1e-6)],
+        holds=not any(targets) and not trips,
     )
 
 
@@ -264,14 +263,14 @@ def encoder_wrap(quick: bool) -> CaseResult:
         off = max(off, abs(float(Fraction(cycle.value("position")) - true * Fraction(1, 4096) * Fraction(1, 20))))
         off_speed = max(off_speed, abs(cycle.value("velocity") - way * COUNT / 1e-3))
     expected = 2 * len(ways) // 10
-    return CaseResult(
+    return result_of(
         f"{expected} crossings, no trip, position within 1e-15 m and velocity within 1e-11 m/s of the unlimited count",
         f"{crossings} crossings, {cycle.tripped.value if cycle.tripped else 'no trip'}, position off by "
         f"{rounded(off, 1)} m, velocity by {rounded(off_speed, 1)} m/s",
-        crossings == expected and cycle.trip is None and off < 1e-15 and off_speed < 1e-11,
         "integers without a largest value, and fractions",
         tolerance="1e-15 m, 1e-11 m/s",
-        used=share_used((off, 1e-15), (off_speed, 1e-11)),
+        within=[(off, 1e-15), (off_speed, 1e-11)],
+        holds=crossings == expected and cycle.trip is None,
     )
 
 
@@ -288,19 +287,19 @@ def encoder_jump(quick: bool) -> CaseResult:
     tripped = [(sent, trip) for sent, trip in outcomes.values() if trip is not None]
     slew = plan.axes[0].limits.effort / 5.0 / UNIT
     kick = max(abs(sent) for sent, _ in outcomes.values())
-    return CaseResult(
+    return result_of(
         f"jumps up to {allowed} counts pass ({effort:.1f} N of the motor and {exactly(LARGEST_HAND_FORCE)} N of a hand "
         f"on {mass:.3f} kg for 1 ms, and two counts), larger ones trip with 0 ‰; no step of torque beyond {slew:.1f} ‰ "
         "(a fifth of the limit, and rounding)",
         f"up to {largest} counts pass, {len(tripped)} of 20 larger ones trip with at most "
         f"{max(abs(sent) for sent, _ in tripped)} ‰; largest step {kick} ‰",
-        largest == allowed
-        and len(tripped) == 20
-        and all(sent == 0 and trip is TripKind.ACCELERATION for sent, trip in tripped)
-        and 0 < kick <= slew + 0.5,
         "hand-derived from the largest forces, inertia, period and count; slew of 5 ms from 0 to the limit",
         tolerance="exact in counts; half a step of torque",
-        used=share_used((kick, slew + 0.5)),
+        within=[(kick, slew + 0.5)],
+        holds=largest == allowed
+        and len(tripped) == 20
+        and all(sent == 0 and trip is TripKind.ACCELERATION for sent, trip in tripped)
+        and kick > 0,
     )
 
 
@@ -324,13 +323,13 @@ def clock_backwards(quick: bool) -> CaseResult:
         cycle = running_feeder(damped, t_ns=600 * PERIOD_NS)
         back.append((torque(cycle, 10, t_ns=600 * PERIOD_NS - hop), cycle.tripped))
     tripped = sum(trip is TripKind.CLOCK and sent == 0 for sent, trip in back)
-    return CaseResult(
+    return result_of(
         "standing still: K·x within 0.5 ‰ at every sample, no trip; 3 of 3 that go back trip with 0 ‰",
         f"off by {off:.3f} ‰, {'no trip' if plain.trip is None else 'a trip'}; {tripped} of {len(back)} trip with 0 ‰",
-        off <= 0.5 + 1e-9 and plain.trip is None and tripped == len(back),
         "closed form: F = −K·x; zero torque by definition of a trip",
         tolerance="0.5 ‰ of torque",
-        used=share_used((off, 0.5 + 1e-9)),
+        within=[(off, 0.5 + 1e-9)],
+        holds=plain.trip is None and tripped == len(back),
     )
 
 
@@ -350,14 +349,14 @@ def long_clock(quick: bool) -> CaseResult:
     feed(cycle, counts, flags=LinkFlag.BOOT_UP, t_ns=start + 10**15 + 1)
     stamp = cycle.trip.t_ns - start if cycle.trip is not None else 0
     odd, cycles = odd_periods(2**62 - 10**12 + 1, 300)
-    return CaseResult(
+    return result_of(
         "velocity within 1e-9 of counts over nanoseconds, trip at 1000000000000001 ns, "
         "300 periods of exactly 1000000 ns, simulated 1000 s before 2⁶² ns (where the simulation's clock ends)",
         f"velocity off by {rounded(error, 1)}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
-        error < 1e-9 and stamp == 10**15 + 1 and cycles == 300 and odd == 0,
         "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
         tolerance="1e-9 of the velocity; times exact",
-        used=share_used((error, 1e-9)),
+        within=[(error, 1e-9)],
+        holds=stamp == 10**15 + 1 and cycles == 300 and odd == 0,
     )
 
 
@@ -382,16 +381,16 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         apart += outputs[0] != outputs[1]
     limit, judged = _limit_by_hand(plans[0]), [_judged(plan) for plan in plans]
     off = max(abs(each / limit - 1.0) for each in judged)
-    return CaseResult(
+    return result_of(
         f"force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, both limits of stiffness "
         f"{rounded(limit, 6)}",
         f"off by {rounded(worst, 1)}, {apart} of 199 targets differ, limits {values_text(judged, 6)}, off by "
         f"{rounded(off, 1)}",
-        worst < 1e-12 and apart == 0 and off <= 1e-6 and all(cycle.trip is None for cycle in cycles),
         "closed form of a spring-damper, x = 2π·counts/4096 m or rad; inertia and friction of the motor, its torque "
         "loop and the damper from event to event",
         tolerance="1e-12 of the forces; targets exact; 1e-6 of the limit",
-        used=share_used((worst, 1e-12), (off, 1e-6)),
+        within=[(worst, 1e-12), (off, 1e-6)],
+        holds=apart == 0 and all(cycle.trip is None for cycle in cycles),
     )
 
 

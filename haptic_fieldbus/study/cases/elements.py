@@ -17,7 +17,7 @@ from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim import mechanics
 from haptic_fieldbus.sim.mechanics import Shaft
-from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.explicit import bind_rates
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import (
@@ -67,14 +67,14 @@ def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
     error = max(abs(left - right) / right for (left, _), right in zip(found, exact, strict=True))
     pulled_out = _contact(1e-3, -3.0 / LOSS)
     smallest = min(force for _, force in found)
-    return CaseResult(
+    return result_of(
         f"in at 0.1, 1, 5, 20 m/s, out at {values_text(exact, 5)} m/s (within 1e-6); never a force below 0 N",
         f"out at {values_text([left for left, _ in found], 5)} m/s, off by {rounded(error, 1)}; smallest force "
         f"{exactly(smallest)} N, {exactly(pulled_out)} N when pulled out at 3/p",
-        error < 1e-6 and smallest >= 0.0 and pulled_out == 0.0,
         "closed form: p·v − ln(1 + p·v) is equal at entry and exit, solved by bisection",
         tolerance="1e-6 of the speed; the sign of the force exact",
-        used=share_used((error, 1e-6)),
+        within=[(error, 1e-6)],
+        holds=smallest >= 0.0 and pulled_out == 0.0,
     )
 
 
@@ -115,18 +115,15 @@ def multi_scale_tissue(quick: bool) -> CaseResult:
     turns = sum(a * b < 0.0 for a, b in pairwise(late))
     ratio = late[2] - late[1], late[1] - late[0]
     error = max(*map(abs, exact), _law(steps))
-    return CaseResult(
+    return result_of(
         "forward Euler ×99.0 a period, the trapezoid turns sign every period by ×-0.961 (within 0.003), "
         "exact step on the closed form within 1e-12 N",
         f"forward Euler ×{rounded(growth, 4)}; trapezoid {turns} turns in {len(late) - 1} periods, "
         f"×{ratio[0] / ratio[1]:.3f}; exact step off by {rounded(error, 1)} N",
-        abs(growth - 99.0) < 0.01
-        and turns == len(late) - 1
-        and abs(ratio[0] / ratio[1] + 49.0 / 51.0) < 3e-3
-        and error < 1e-12,
         "closed form: F = −x·(k₀ + Σ k·e^(−t/τ)); factors 1 − T/τ and (1 − T/2τ)/(1 + T/2τ) of the fastest branch",
         tolerance="0.01 of 99, 0.003 of the turns; 1e-12 N",
-        used=share_used((growth - 99.0, 0.01), (ratio[0] / ratio[1] + 49.0 / 51.0, 3e-3), (error, 1e-12)),
+        within=[(growth - 99.0, 0.01), (ratio[0] / ratio[1] + 49.0 / 51.0, 3e-3), (error, 1e-12)],
+        holds=turns == len(late) - 1,
     )
 
 
@@ -166,18 +163,15 @@ def lugre_fast_slip(quick: bool) -> CaseResult:
     speeds = ((-1.0) ** n * limit * 10.0 ** (n % 9) for n in range(steps if quick else 1_000_000))
     largest = max(BRISTLE * abs(z) / LEVEL for z in _element_bristle(speeds))
     rates = [math.log(value) / steps for value in (below, above)]
-    return CaseResult(
+    return result_of(
         f"explicit: error ×0.98 a period at 0.99 of {exactly(limit)} m/s, ×1.02 at 1.01; element: z = g/σ0·(1 - "
         "e^(-σ0·v·t/g)) within 1e-12, force within g up to 1e8 times the limit",
         f"×{math.exp(rates[0]):.4f} and ×{math.exp(rates[1]):.4f} a period; element off by {rounded(error, 1)}, "
         f"largest force {rounded(largest, 6)} g",
-        abs(rates[0] - math.log(0.98)) < 1e-6
-        and abs(rates[1] - math.log(1.02)) < 1e-6
-        and error < 1e-12
-        and largest <= 1.0 + 1e-12,
         "closed forms of the bristle, and of the error of its explicit step, which is multiplied by 1 − σ0·|v|·T/g",
         tolerance="1e-6 of ln of growth; 1e-12 of the force",
-        used=share_used((rates[0] - math.log(0.98), 1e-6), (rates[1] - math.log(1.02), 1e-6), (error, 1e-12)),
+        within=[(rates[0] - math.log(0.98), 1e-6), (rates[1] - math.log(1.02), 1e-6), (error, 1e-12)],
+        holds=largest <= 1.0 + 1e-12,
     )
 
 
@@ -226,19 +220,18 @@ def coulomb_stop(quick: bool) -> CaseResult:
     found = [_stop(VISCOUS), _stop(0.0)]
     rendered = INERTIA * SPIN**2 / (2.0 * COULOMB) + 0.5 * COULOMB / RENDERED.stiffness + SPIN * (PERIOD / 2 + LAG)
     turned = _rendered_way()
-    late = max(abs(t - exact) for (t, _), exact in zip(found, times, strict=True))
-    off = max(abs(way / exact - 1.0) for (_, way), exact in zip(found, ways, strict=True))
-    return CaseResult(
+    late = largest_error([t for t, _ in found], times)
+    off = relative_error([way for _, way in found], ways)
+    return result_of(
         f"stands after {times[0]:.6f} s and {ways[0]:.6f} rad with damping, {times[1]:.6f} s and {ways[1]:.6f} rad "
         f"without (within 2 ns and 1e-9), and stays; rendered, it turns after {rendered:.4f} rad (within 1e-4 of it)",
         f"{found[0][0]:.6f} s and {found[0][1]:.6f} rad, {found[1][0]:.6f} s and {found[1][1]:.6f} rad; off by "
         f"{rounded(1e9 * late, 2)} ns and {rounded(off, 1)}; rendered {turned:.4f} rad, off by "
         f"{rounded(abs(turned / rendered - 1.0), 1)}",
-        late < 2e-9 and off < 1e-9 and abs(turned / rendered - 1.0) < 1e-4,
         "closed form: t = J/b·ln(1 + b·ω/fc), θ = J/b·(ω − fc/b·ln(1 + b·ω/fc)); J·ω/fc and J·ω²/2fc for b = 0, to "
         "which rendering adds fc/2K of its spring and ω·(T/2 + λ) of hold and torque loop",
         tolerance="2 ns, 1e-9 rad; rendered 1e-4 of the way",
-        used=share_used((late, 2e-9), (off, 1e-9), (turned / rendered - 1.0, 1e-4)),
+        within=[(late, 2e-9), (off, 1e-9), (turned / rendered - 1.0, 1e-4)],
     )
 
 
@@ -262,15 +255,15 @@ def detent_too_sharp(quick: bool) -> CaseResult:
     predicted = stiffness_limit(HANDLE, PERIOD, 0.0, lambda k: gain([[-DETENTS.with_stiffness(k).stiffness]]))
     calm, restless = _swing(0.9 * predicted, steps), _swing(1.1 * predicted, steps)
     off = abs(predicted / limit - 1.0)
-    return CaseResult(
+    return result_of(
         f"limit {limit:.3f} N/m (within 1e-8), so A = {1e3 * limit * PITCH / (2 * math.pi):.1f} mN at 2 mm; a small "
         "swing at least halves at 0.9 of it and doubles at 1.1",
         f"limit {predicted:.3f} N/m, off by {rounded(off, 1)}; swing ×{rounded(calm)} and ×{rounded(restless)} in "
         f"{steps} periods",
-        off < 1e-8 and calm < 0.5 and restless > 2.0,
         "Jury's criterion written by hand, and the sine simulated step by step",
         tolerance="1e-8 of the limit; the swing beyond a factor of 2",
-        used=share_used((off, 1e-8)),
+        within=[(off, 1e-8)],
+        holds=calm < 0.5 and restless > 2.0,
     )
 
 
@@ -351,7 +344,7 @@ def varying_slope(quick: bool) -> CaseResult:
     )
     off = max(abs(one / other - 1.0) for one, other in pairs)
     missed = abs((place.growth - 1.0) / (growth - 1.0) - 1.0)
-    return CaseResult(
+    return result_of(
         f"elastic: stable to a slope of {rounded(by_hand, 6)} N/m at the effort limit; where passivity ends, the worst "
         f"motion needs all of the damping; lossy: grows the most {rounded(1e3 * depth, 2)} mm deep, "
         f"×{rounded(growth, 5)} a period; hilltops ×{rounded(hilltop[0], 5)}, the ideal ×{rounded(hilltop[1], 5)}",
@@ -359,10 +352,10 @@ def varying_slope(quick: bool) -> CaseResult:
         f"{rounded(abs(share - 1.0), 1)}; {lossy.verdict.value}, ×{rounded(place.growth, 5)} at "
         f"{rounded(1e3 * deep, 2)} mm; hilltops ×{rounded(crest.growth, 5)}, the ideal ×{rounded(crest.ideal, 5)}; off "
         f"by {rounded(off, 1)}",
-        off <= AGREEMENT and abs(share - 1.0) <= CUT and missed <= 0.005 and lossy.verdict is Verdict.UNSTABLE,
         "slope and damping of k·dⁿ·(1 + p·ḋ) by hand at 80 depths, each from event to event; the worst of all motions "
         "in cells of constant speed; m·s² + b·s - K = 0",
         tolerance=f"{exactly(AGREEMENT)} of limit and growths, {exactly(CUT)} of the energy; 0.5 % of the worst excess "
         "over 1, as depths are tried in steps",
-        used=share_used((off, AGREEMENT), (share - 1.0, CUT), (missed, 0.005)),
+        within=[(off, AGREEMENT), (share - 1.0, CUT), (missed, 0.005)],
+        holds=lossy.verdict is Verdict.UNSTABLE,
     )

@@ -16,7 +16,7 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.batch import Array, Loops, Running, loops
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import SampledPlant
-from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, result_of, values_text
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles.contact import Pressed, jury_limit, largest, relay_speed
 
@@ -73,13 +73,13 @@ def coarse_encoder(quick: bool) -> CaseResult:
             for part in SHARES.tolist()
         ]
         agree &= rests == [not each for each in moves] and moves == sorted(moves)
-    return CaseResult(
+    return result_of(
         f"rest up to D = 2·fc/K = {border * 1e6:.2f} µm, chatter above, at T = 0.25, 0.5 and 1 ms alike (±0.1 %)",
         f"border at {values_text([step * 1e6 for step in found], 5)} µm",
-        agree and all(abs(step / border - 1.0) <= CLOSE for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
         tolerance="0.1 % of the border",
-        used=share_used(*((step / border - 1.0, CLOSE) for step in found)),
+        within=[(step / border - 1.0, CLOSE) for step in found],
+        holds=agree,
     )
 
 
@@ -93,13 +93,13 @@ def coulomb_rescue(quick: bool) -> CaseResult:
     rests = [
         _by_hand(stiffness, STEP, part * needed, PERIOD).rests(1.5 * STEP, KNOCK, 2000) for part in shares.tolist()
     ]
-    return CaseResult(
+    return result_of(
         f"chatter without friction, rest from fc = K·D/2 = {needed * 1e3:.3f} mN (±0.1 %)",
         f"{'chatter' if moves[0] else 'rest'} without friction, rest from {found * needed * 1e3:.3f} mN",
-        moves == [not each for each in rests] and moves == sorted(moves, reverse=True) and abs(found - 1.0) <= CLOSE,
         "balance of forces at the edge of a count; the loop in plain floats on both sides",
         tolerance="0.1 % of the friction",
-        used=share_used((found - 1.0, CLOSE)),
+        within=[(found - 1.0, CLOSE)],
+        holds=moves == [not each for each in rests] and moves == sorted(moves, reverse=True),
     )
 
 
@@ -135,24 +135,16 @@ def one_count_wall(quick: bool) -> CaseResult:
     most = chatter_speed(Plant(MASS, DAMPING, 0.0, STEP), PERIOD, 0.0, stiffness)
     found = float((one[:, 1] ** 2).sum() / np.abs(one[:, 1]).sum())
     deepest, least = float(x.max()) / STEP, float(x.min()) / STEP
-    return CaseResult(
+    return result_of(
         f"chatter for ever between 0 and 1 counts, {expected * 1e6:.4f} µm/s at n = {exactly(_half_cycle(one[:, 0]))}; "
         f"estimate {size * 1e6:.4f} µm; bound {bound * 1e3:.4f} mm/s",
         f"n = {exactly(half)} samples, {highest * 1e6:.4f} µm/s, between {least:.2f} and {deepest:.2f} counts, apart "
         f"by {rounded(apart, 1)}; estimate {told * 1e6:.4f} µm; bound {most * 1e3:.4f} mm/s, the loop has "
         f"{found * 1e3:.4f}",
-        apart <= 1e-6
-        and abs(highest / expected - 1.0) <= 1e-6
-        and least > -0.5
-        and deepest < 1.5
-        and abs(told / size - 1.0) <= 1e-6
-        and abs(most / bound - 1.0) <= 1e-9
-        and found < bound,
         "the loop in plain floats, and the closed form of its cycle; Jury's limit; the bound by hand",
         tolerance="1e-6 of the cycle and of the estimate, 1e-9 of the bound",
-        used=share_used(
-            (apart, 1e-6), (highest / expected - 1.0, 1e-6), (told / size - 1.0, 1e-6), (most / bound - 1.0, 1e-9)
-        ),
+        within=[(apart, 1e-6), (highest / expected - 1.0, 1e-6), (told / size - 1.0, 1e-6), (most / bound - 1.0, 1e-9)],
+        holds=least > -0.5 and deepest < 1.5 and found < bound,
     )
 
 
@@ -190,17 +182,14 @@ def local_stability(quick: bool) -> CaseResult:
     found = _edge(sticks) * threshold
     cycles = peaks[[not each for each in sticks]]
     same = len(cycles) > 0 and float(np.ptp(cycles)) <= 0.05 * float(cycles.max()) and cycles.min() > most / stiffness
-    return CaseResult(
+    return result_of(
         f"starts below {threshold * 1e3:.4f} mm stick (±0.1 %; by a describing function 4·fc/(π·ω·(K·T/2 - b)) = "
         f"{estimate * 1e3:.3f} mm), larger ones end in one cycle beyond saturation",
         f"threshold {found * 1e3:.4f} mm, cycle of {float(cycles.max(initial=0.0)) * 1e3:.2f} mm",
-        sticks == sorted(sticks, reverse=True)
-        and bool(same)
-        and abs(found / threshold - 1.0) <= CLOSE
-        and abs(threshold / estimate - 1.0) <= 0.1,
         "the loop in plain floats, bisected in its start; a describing function is an estimate, within 10 % of it",
         tolerance="0.1 % of the threshold",
-        used=share_used((found / threshold - 1.0, CLOSE), (threshold / estimate - 1.0, 0.1)),
+        within=[(found / threshold - 1.0, CLOSE), (threshold / estimate - 1.0, 0.1)],
+        holds=sticks == sorted(sticks, reverse=True) and bool(same),
     )
 
 

@@ -16,7 +16,7 @@ from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discre
 from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.study.case import CaseResult, refused, share_used
+from haptic_fieldbus.study.case import CaseResult, largest_error, refused, relative_error, result_of
 from haptic_fieldbus.study.cases.drive import COUNT, PERIOD_NS, Feeder, torque
 from haptic_fieldbus.study.explicit import EXPLICIT, bind_rates
 from haptic_fieldbus.study.measure import loops
@@ -59,19 +59,19 @@ def float_overflow(quick: bool) -> CaseResult:
         commands.append(abs(cycle.value("command")))
     tripped = cycle.trip.t_ns // PERIOD_NS if cycle.trip else PERIODS
     after, largest = targets[tripped:], max(commands[:tripped])
-    return CaseResult(
+    return result_of(
         f"T·ω = 10 diverges at sample {expected}; in the cycle, T·ω = 100, trip at period {expected_trip} ± 1, then 0",
         f"flagged at sample {found.diverged_at}, all {len(found.outputs)} rows before finite; trip at period "
         f"{tripped} ({cycle.tripped.value if cycle.tripped else 'none'}), {len(after)} targets after it all "
         f"{max(map(abs, after), default=-1)} ‰, command before at most {rounded(largest)} N",
-        found.diverged_at == expected == len(found.outputs)
+        "the same recursion in unbounded integers, against 2¹⁰²⁴",
+        tolerance="exact sample; a period of the trip",
+        holds=found.diverged_at == expected == len(found.outputs)
         and bool(np.isfinite(found.outputs).all() and np.isfinite(found.states).all())
         and cycle.tripped is TripKind.NOT_FINITE
         and abs(tripped - expected_trip) <= 1
         and not any(after)
         and largest <= cycle.plan.axes[0].limits.effort,
-        "the same recursion in unbounded integers, against 2¹⁰²⁴",
-        tolerance="exact sample; a period of the trip",
     )
 
 
@@ -84,12 +84,12 @@ def mass_zero_refused(quick: bool) -> CaseResult:
     """Check that a mass of 0 is refused, and the smallest double too, because k/m overflows."""
     said = [_asked(mass) for mass in (0.0, -0.0)]
     tiny = refused(lambda: discretise(sprung_mass(STIFFNESS, 5e-324), 1e-3))
-    return CaseResult(
+    return result_of(
         f'm = 0 and -0 kg refused with "{SENTENCE}"; m = 5e-324 kg (k/m = ∞) with "a mass must be above 0"',
         f'"{said[0]}"; "{tiny}"',
-        all(SENTENCE in sentence for sentence in said) and "a mass must be above 0" in tiny,
         "q̇ = (k/m)·(x − p) has no value at m = 0; 200/5e-324 > 2¹⁰²⁴ (tolerance: none, the words are compared)",
         tolerance="exact words",
+        holds=all(SENTENCE in sentence for sentence in said) and "a mass must be above 0" in tiny,
     )
 
 
@@ -98,13 +98,13 @@ def mass_negative_refused(quick: bool) -> CaseResult:
     said = [_asked(mass) for mass in (-1e-12, -MASS, -1e12)]
     radius = spectral_radius(discrete(sprung_mass(STIFFNESS, -MASS), 1e-3).a)
     expected = math.exp(1e-3 * math.sqrt(STIFFNESS / MASS))
-    return CaseResult(
+    return result_of(
         f'm = -1e-12, -0.5, -1e12 kg refused with "{SENTENCE}"; -0.5 kg would grow by {expected:.9f} a step of 1 ms',
         f'"{said[1]}"; grows by {radius:.9f} a step',
-        all(SENTENCE in sentence for sentence in said) and abs(radius - expected) <= 1e-9,
         "pole s = +√(k/|m|) = +20 1/s, growth e^{sT} (tolerance 1e-9)",
         tolerance="exact words; 1e-9 of the growth",
-        used=share_used((radius - expected, 1e-9)),
+        within=[(radius - expected, 1e-9)],
+        holds=all(SENTENCE in sentence for sentence in said),
     )
 
 
@@ -128,18 +128,18 @@ def mass_to_zero(quick: bool) -> CaseResult:
         step = bind(sprung_mass(stiffness, mass), period, "exact-foh")
         found = [step(0.5 * acceleration * (n * period) ** 2) for n in range(steps)]
         closed = [_falling_force(mass, stiffness, acceleration, period, n) for n in range(steps)]
-        worst = max(worst, max(abs(one - other) for one, other in zip(found, closed, strict=True)))
+        worst = max(worst, largest_error(found, closed))
         largest.append(max(map(abs, found)))
         expected.append(max(map(abs, closed)))
-    return CaseResult(
+    return result_of(
         f"m from 1 to 1e-7 kg (T·ω to {period * math.sqrt(stiffness / masses[-1]):.1f}): largest force from "
         f"{expected[0]:.4f} N (2·m·a) to {rounded(expected[-1])} N; each sample within {rounded(tolerance, 2)} N",
         f"largest force from {largest[0]:.4f} N to {rounded(largest[-1])} N; error of a sample at most "
         f"{rounded(worst, 2)} N",
-        worst <= tolerance and largest == sorted(largest, reverse=True) and largest[-1] < 1e-5,
         "closed form F = −m·a·(h/2)·cot(h/2)·(1 − cos nh); tolerance 1e-12 of the spring force at the end, k·a·t²/2",
         tolerance=f"{rounded(tolerance, 2)} N a sample",
-        used=share_used((worst, tolerance)),
+        within=[(worst, tolerance)],
+        holds=largest == sorted(largest, reverse=True) and largest[-1] < 1e-5,
     )
 
 
@@ -156,12 +156,12 @@ def zero_input_stays_zero(quick: bool) -> CaseResult:
         for method in EXPLICIT:
             advance = bind_rates(lambda t, z, u, s=square: (z[1], s * (u - z[0])), (0.0, 0.0), 1e-3, method, (0,))
             worst = max(worst, *(max(map(abs, advance(0.0))) for _ in range(steps)))
-    return CaseResult(
+    return result_of(
         f"force and states exactly 0 for {steps} steps, also at T·ω = 31623",
         f"largest magnitude {exactly(worst)} over {len(METHODS)} linear and {len(EXPLICIT)} explicit methods",
-        worst == 0.0,
         "ż = A z from z = 0: the zero solution, exact in floating point (tolerance 0)",
         tolerance="exact",
+        holds=worst == 0.0,
     )
 
 
@@ -185,13 +185,12 @@ def tiny_h(quick: bool) -> CaseResult:
         error = abs(step(1.0) / h**2 - puck_moved(method, h**2, steps))
         if error >= worst:
             worst, where = error, method
-    return CaseResult(
+    return result_of(
         f"force over stiffness after {steps} steps of h = 1e-6 within 1e-12 of each method's own recursion",
         f"largest error {rounded(worst, 2)} ({where}), {len(RULES)} methods",
-        worst <= 1e-12,
         "the hand-written recursion, raised to its power in 50 decimal digits",
         tolerance="1e-12 of the stiffness",
-        used=share_used((worst, 1e-12)),
+        within=[(worst, 1e-12)],
     )
 
 
@@ -204,13 +203,12 @@ def h_sweep(quick: bool) -> CaseResult:
             for method, radius in RADII.items():
                 found, expected = spectral_radius(discrete(space, period, method).a), radius(h)
                 worst = max(worst, abs(found / expected - 1.0))
-    return CaseResult(
+    return result_of(
         "spectral radius by formula, relative error ≤ 1e-9, h = 1e-6 … 1e3",
         f"largest relative error {rounded(worst, 2)} at {count} values of h, 3 masses, {len(RADII)} methods",
-        worst <= 1e-9,
         "closed forms: √(1 + h²), its inverse, 1, the roots of λ² − (2 − h²)λ + 1, √(1 − h⁶/72 + h⁸/576)",
         tolerance="1e-9 of the radius",
-        used=share_used((worst, 1e-9)),
+        within=[(worst, 1e-9)],
     )
 
 
@@ -226,13 +224,13 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
         expected = steps * math.log1p(square * period**2)
         worst = max(worst, abs(gain / expected - 1.0))
         gains.append(gain)
-    return CaseResult(
+    return result_of(
         f"ln(E/E₀) = {steps}·ln(1 + h²) > 0 for T = 1 µs … 10 ms (h = 2e-5 … 0.2), within 1e-5 of itself",
         f"ln(E/E₀) from {rounded(gains[0], 4)} to {rounded(gains[-1], 4)}, relative error at most {rounded(worst, 2)}",
-        min(gains) > 0.0 and worst <= 1e-5,
         "closed form: each step multiplies the energy by 1 + h² exactly",
         tolerance="1e-5 of ln of growth",
-        used=share_used((worst, 1e-5)),
+        within=[(worst, 1e-5)],
+        holds=min(gains) > 0.0,
     )
 
 
@@ -249,16 +247,15 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
         states = _swing(oscillator(square), 1.0, "rk4", (1.0, 0.0), steps)
         logs.append(math.log((square * states[-1, 0] ** 2 + states[-1, 1] ** 2) / square))
         formulas.append(steps * math.log1p(square**3 * (square - 8.0) / 576.0))
-    worst = max(abs(log / formula - 1.0) for log, formula in zip(logs, formulas, strict=True))
-    return CaseResult(
+    worst = relative_error(logs, formulas)
+    return result_of(
         f"h = 2√2: energy constant to 1e-9; h·(1 ∓ 1e-4): ln(E/E₀) = {formulas[0]:.4f} and {formulas[1]:+.4f} after "
         f"{steps} steps, within 1e-6 of itself",
         f"energy varies by {rounded(drift, 2)}, sample 60 off by {rounded(recursion, 2)}; ln(E/E₀) = {logs[0]:.4f} "
         f"and {logs[1]:+.4f}",
-        drift <= 1e-9 and recursion <= 1e-11 and worst <= 1e-6,
         "|R(ih)|² = 1 + h⁶·(h² − 8)/576, and the step in exact fractions, [[−1, −1], [8, −1]]/3",
         tolerance="1e-9 of the energy, 1e-11 of a sample, 1e-6 of ln of growth",
-        used=share_used((drift, 1e-9), (recursion, 1e-11), (worst, 1e-6)),
+        within=[(drift, 1e-9), (recursion, 1e-11), (worst, 1e-6)],
     )
 
 
@@ -272,15 +269,14 @@ def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
     bound = 1.0 / math.sqrt(below_square * (1.0 - below_square / 4.0))
     above = discrete(oscillator(above_square), 1.0, "semi-implicit")
     radius, formula = spectral_radius(above.a), math.exp(2.0 * math.acosh(1.0 + 1e-6))
-    return CaseResult(
+    return result_of(
         f"h = 2: |p| = n = {steps} from v₀ = 1; h = 2 − 2e-6: |p| up to {bound:.2f}; h = 2 + 2e-6: radius "
         f"{formula:.9f}",
         f"|p| = {rounded(abs(linear), 9)} after {steps} steps; up to {below:.2f}; radius {radius:.9f}",
-        abs(linear - expected) <= 1e-9 * steps and abs(below / bound - 1.0) <= 1e-4 and abs(radius - formula) <= 1e-9,
         "Mⁿ = (−1)ⁿ(1 − n·(M + 1)) at h = 2, |sin nφ|/(h·√(1 − h²/4)) below, radius "
         "e^{2·acosh(h/2)}; tolerances 1e-9, 1e-4, 1e-9",
         tolerance="1e-9 of n and of the radius, 1e-4 of the bound",
-        used=share_used((linear - expected, 1e-9 * steps), (below / bound - 1.0, 1e-4), (radius - formula, 1e-9)),
+        within=[(linear - expected, 1e-9 * steps), (below / bound - 1.0, 1e-4), (radius - formula, 1e-9)],
     )
 
 
@@ -296,15 +292,14 @@ def damper_b_equals_kt(quick: bool) -> CaseResult:
     steppers = [discrete(oscillator(square, share * square), 1.0, "forward-euler") for share in shares]
     radii = [spectral_radius(stepper.a) for stepper in steppers]
     worst = max(abs(r - math.sqrt(1.0 + (1.0 - f) * square)) for r, f in zip(radii, shares, strict=True))
-    return CaseResult(
+    return result_of(
         f"k = 250 N/m, m = 0.4 kg, T = 1 ms: radius 1 at b = kT, {1 + 0.005 * square:.9f} at 0.99·kT; position after "
         f"{steps} steps {expected:.12f}",
         f"radius {radii[1]:.12f} at b = kT, {radii[0]:.9f} at 0.99·kT, {radii[2]:.9f} at 1.01·kT; position off by "
         f"{rounded(error, 2)}",
-        worst <= 1e-12 and error <= 1e-9,
         "determinant 1 − bT/m + kT²/m, and the recursion in 50 decimal digits; tolerances 1e-12 and 1e-9",
         tolerance="1e-12 of the radii, 1e-9 of the position",
-        used=share_used((worst, 1e-12), (error, 1e-9)),
+        within=[(worst, 1e-12), (error, 1e-9)],
     )
 
 
@@ -321,15 +316,14 @@ def lecture_constants(quick: bool) -> CaseResult:
     modes = modes[np.argsort(modes.imag)]
     off = max(abs(modes[0] - (1.0 - 0.02j)), abs(modes[1] - (1.0 + 0.02j)))
     peak = float(forces.max()) / STIFFNESS
-    return CaseResult(
+    return result_of(
         "k = 200 N/m, m = 0.5 kg, T = 1 ms: ω_n = 20 rad/s, f_n = 3.183099 Hz, T_n = 314.1593 ms; Euler 1 ± 0.02j; "
         "the mass overshoots to 2 units",
         f"ω_n = {2.0 * math.pi / measured:.6f} rad/s, f_n = {1.0 / measured:.6f} Hz, T_n = {1e3 * measured:.4f} ms; "
         f"Euler off by {rounded(off, 2)}; overshoot to {1.0 + peak:.4f} units",
-        abs(measured * natural / (2.0 * math.pi) - 1.0) <= 1e-6 and off <= 1e-12 and abs(peak - 1.0) <= 1e-3,
         "closed form √(k/m), ω_n/2π, 2π/ω_n, 1 − cos ω_n·t; tolerances 1e-6 relative, 1e-12, 1e-3",
         tolerance="1e-6 of ω_n, 1e-12 of the matrix, 1e-3 of the overshoot",
-        used=share_used((measured * natural / (2.0 * math.pi) - 1.0, 1e-6), (off, 1e-12), (peak - 1.0, 1e-3)),
+        within=[(measured * natural / (2.0 * math.pi) - 1.0, 1e-6), (off, 1e-12), (peak - 1.0, 1e-3)],
     )
 
 
@@ -343,12 +337,12 @@ def energy_drift(quick: bool) -> CaseResult:
     exact, verlet = loops.free_swing("exact-foh", steps).energy, loops.free_swing("verlet", steps).energy
     tolerance = steps * 2.0**-52 + 1e-11
     drift, low, high = max(map(abs, exact)), min(verlet), max(verlet)
-    return CaseResult(
+    return result_of(
         f"{rounded(steps, 1)} steps at h = 0.02: exact-foh |E/E₀ − 1| ≤ {rounded(tolerance, 2)}; verlet from −h²/4 = "
         f"{rounded(-h2 / 4, 2)} to 0",
         f"exact-foh at most {rounded(drift, 2)}; verlet from {rounded(low, 4)} to {rounded(high, 2)}",
-        drift <= tolerance and -h2 / 4 - tolerance <= low <= -h2 / 8 and high <= tolerance,
         "the invariants: p² + (v/ω)² of the exact motion, p² + (v/ω)²/(1 − h²/4) of Verlet; one rounding a step",
         tolerance=f"{rounded(tolerance, 2)} of the energy",
-        used=share_used((drift, tolerance)),
+        within=[(drift, tolerance)],
+        holds=-h2 / 4 - tolerance <= low <= -h2 / 8 and high <= tolerance,
     )

@@ -23,7 +23,7 @@ from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
-from haptic_fieldbus.study.case import CaseResult, refused, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, largest_error, refused, result_of, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import energies, events
@@ -53,13 +53,13 @@ def velocity_quantisation(quick: bool) -> CaseResult:
     levels = sorted(set(np.round(found / unit, 6).tolist()))
     error = float(np.sqrt(np.mean((found - ratio * unit) ** 2)))
     expected = unit * math.sqrt(GOLDEN * (1.0 - GOLDEN))
-    return CaseResult(
+    return result_of(
         f"3 or 4 times D/T = {exactly(unit * 1e3)} mm/s, rms error D/T·√(f(1 − f)) = {expected * 1e3:.4f} mm/s (0.1 %)",
         f"{' or '.join(f'{exactly(level)}' for level in levels)} times, rms {error * 1e3:.4f} mm/s",
-        levels == [3.0, 4.0] and abs(error / expected - 1.0) <= 1e-3,
         "closed form: two levels with shares f and 1 − f, f the fraction of v·T/D",
         tolerance="0.1 % of the rms error; levels exact",
-        used=share_used((error / expected - 1.0, 1e-3)),
+        within=[(error / expected - 1.0, 1e-3)],
+        holds=levels == [3.0, 4.0],
     )
 
 
@@ -74,16 +74,14 @@ def zero_transition_window(quick: bool) -> CaseResult:
     least, most = min(timed) / speed - 1.0, max(timed) / speed - 1.0
     expected = 1.0 - window * ratio
     low, high = (1.0 / (apart * ratio) - 1.0 for apart in (math.ceil(1.0 / ratio), math.floor(1.0 / ratio)))
-    return CaseResult(
+    return result_of(
         f"{expected:.4f} of the windows of {window} read 0 (±0.002); the time between counts, 16 or 17 periods, errs "
         f"by {low:.4f} to {high:.4f} (1e-9), and falls to D/s = {STEP * 1e6:.1f} µm/s a second after a stop",
         f"{share:.4f} read 0; errs by {least:.4f} to {most:.4f}, {stopped * 1e6:.1f} µm/s after the stop",
-        abs(share - expected) <= 2e-3
-        and max(abs(least - low), abs(most - high)) <= 1e-9
-        and 0.98 * STEP <= stopped <= 1.001 * STEP,
         "closed form: a window of N periods sees no count in 1 − N·v·T/D of all phases",
         tolerance="0.002 of the share, 1e-9 of the errors",
-        used=share_used((share - expected, 2e-3), (least - low, 1e-9), (most - high, 1e-9)),
+        within=[(share - expected, 2e-3), (least - low, 1e-9), (most - high, 1e-9)],
+        holds=0.98 * STEP <= stopped <= 1.001 * STEP,
     )
 
 
@@ -97,14 +95,14 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
     lag = StateSpace(*(np.array([[value]]) for value in (-1.0 / tau, 1.0 / tau, -1.0 / tau, 1.0 / tau)))
     pole = float(integrators.discrete(lag, PERIOD, "forward-euler").a[0, 0])
     growth, expected = abs(pole) ** steps, (1.0 / 0.49 - 1.0) ** steps
-    return CaseResult(
+    return result_of(
         f"τ = 0.49 T refused with the limit 0.0005 s, for it grows by {rounded(expected, 4)} in {steps} steps; 0.51 T "
         f"rings with {1.0 - 1.0 / 0.51:.6f} a step (1e-9)",
         f"{'refused' if refusal else 'taken'}, growth {rounded(growth, 4)}; 0.51 T rings with {ratio:.6f}",
-        "0.0005 s" in refusal and abs(growth / expected - 1.0) <= 1e-9 and abs(ratio - 1.0 + 1.0 / 0.51) <= 1e-9,
         "closed form of the pole, 1 − T/τ",
         tolerance="1e-9 of the growths; the words exact",
-        used=share_used((growth / expected - 1.0, 1e-9), (ratio - 1.0 + 1.0 / 0.51, 1e-9)),
+        within=[(growth / expected - 1.0, 1e-9), (ratio - 1.0 + 1.0 / 0.51, 1e-9)],
+        holds="0.0005 s" in refusal,
     )
 
 
@@ -125,16 +123,15 @@ def lecture_noise(quick: bool) -> CaseResult:
     mapped = [2.0 / period * math.tan(0.5 * w * period) for w in (1.0, 10.0)]
     expected = (2.0 / period * math.sin(0.5 * period), 0.2 / period * math.sin(5.0 * period))
     filtered = [part * w / math.hypot(1.0, tau * w) for part, w in zip((1.0, 0.1), mapped, strict=True)]
-    worst = max(abs(a - b) for a, b in zip((*plain, *smooth), (*expected, *filtered), strict=True))
-    return CaseResult(
+    worst = largest_error((*plain, *smooth), (*expected, *filtered))
+    return result_of(
         f"noise over signal 0.1 before, {expected[1] / expected[0]:.4f} differentiated, "
         f"{filtered[1] / filtered[0]:.4f} with τ = {tau} s; amplitudes to 1e-4",
         f"{plain[1] / plain[0]:.4f}, {smooth[1] / smooth[0]:.4f} with the filter; worst amplitude off by "
         f"{rounded(worst, 2)}",
-        worst <= 1e-4,
         "closed form: (2/T)·sin(ωT/2), and Ω/√(1 + τ²Ω²) with Ω = (2/T)·tan(ωT/2)",
         tolerance="1e-4 of the amplitudes",
-        used=share_used((worst, 1e-4)),
+        within=[(worst, 1e-4)],
     )
 
 
@@ -149,14 +146,14 @@ def tachometer_drift(quick: bool) -> CaseResult:
         slow = near(unit * round(0.49))
     seconds = (samples - 1) * PERIOD
     expected = -0.5 * unit
-    return CaseResult(
+    return result_of(
         f"{expected * 1e3:.3f} mm/s to and fro (1 %); a motion of 0.49 steps stays at 0 m exactly",
         f"{x / seconds * 1e3:.4f} mm/s over {seconds:.0f} s; {exactly(slow)} m of {rounded(0.49 * unit * seconds, 4)} "
         "m",
-        abs(x / seconds / expected - 1.0) <= 0.01 and slow == 0.0,
         "closed form: rounding down takes half a step on average",
         tolerance="1 % of the drift; 0 exact",
-        used=share_used((x / seconds / expected - 1.0, 0.01)),
+        within=[(x / seconds / expected - 1.0, 0.01)],
+        holds=slow == 0.0,
     )
 
 
@@ -171,14 +168,13 @@ def tachometer_alias(quick: bool) -> CaseResult:
         positions.append(slower(size * 2.0 / PERIOD * math.cos(2.0 * number)))
     drift, expected = x / ((samples - 1) * PERIOD), size * turn * math.cos(phase)
     share = 0.5 * float(np.ptp(positions)) / size
-    return CaseResult(
+    return result_of(
         f"drift of {expected:.6f} m/s at the sampling rate (1e-9), {1.0 / math.tan(1.0):.4f} of the amplitude at "
         "ωT = 2 (1e-3)",
         f"{drift:.6f} m/s, {share:.4f} of the amplitude",
-        abs(drift / expected - 1.0) <= 1e-9 and abs(share * math.tan(1.0) - 1.0) <= 1e-3,
         "closed form: A·ω·cos φ, and (ωT/2)/tan(ωT/2)",
         tolerance="1e-9 of the drift, 1e-3 of the amplitude",
-        used=share_used((drift / expected - 1.0, 1e-9), (share * math.tan(1.0) - 1.0, 1e-3)),
+        within=[(drift / expected - 1.0, 1e-9), (share * math.tan(1.0) - 1.0, 1e-3)],
     )
 
 
@@ -202,20 +198,17 @@ def jittered_sampling(quick: bool) -> CaseResult:
     error = float(np.std(_estimated("backward-difference", instants)[1:]))
     worst = max(abs(v - 1.0) for v in [timed(x, x * 1e9) for x in instants][1:])
     spread = float(np.std(times[1:])) / PERIOD
-    return CaseResult(
+    return result_of(
         f"K up to 2b·ΣT_i/ΣT_i² = {expected:.1f} N/m (1 %), against {2.0 * plant.damping / PERIOD:.0f} N/m without "
         f"jitter; a steady 1 m/s is read with an rms error of {spread:.4f} m/s (1e-6), "
         "and of 0 with the samples' times (1e-9)",
         f"{low:.1f} N/m (by hand {'decays' if not sides[0] else 'grows'} at 0.999 of it, "
         f"{'grows' if sides[1] else 'decays'} at 1.001); {error:.4f} m/s, and {rounded(worst, 2)} m/s at most with "
         "times",
-        sides == [False, True]
-        and abs(low / expected - 1.0) <= 0.01
-        and abs(error / spread - 1.0) <= 1e-6
-        and worst <= 1e-9,
         "closed form for light damping; the motion over all intervals by hand; spread of the intervals over T",
         tolerance="0.1 % of the limit by hand, 1 % of the closed form; 1e-6 and 1e-9 of the velocity",
-        used=share_used((low / expected - 1.0, 0.01), (error / spread - 1.0, 1e-6), (worst, 1e-9)),
+        within=[(low / expected - 1.0, 0.01), (error / spread - 1.0, 1e-6), (worst, 1e-9)],
+        holds=sides == [False, True],
     )
 
 
@@ -248,13 +241,13 @@ def dropped_frames(quick: bool) -> CaseResult:
         close &= abs(pattern_bound(plant.damping, PERIOD, gaps(lengths)) / bound - 1.0) <= 1e-12
         texts.append(f"{name} {limit:.1f}")
         bounds.append(f"{name} {bound:.1f}")
-    return CaseResult(
+    return result_of(
         f"2b·ΣT_i/ΣT_i²: {', '.join(bounds)} N/m (0.5 %)",
         f"{', '.join(texts)} N/m; by hand decays at 1 − 1e-4 of it and grows at 1 + 1e-4: {'yes' if agree else 'no'}",
-        off <= 5e-3 and close and agree,
         "closed form for light damping; the motion over a pattern by hand, event after event",
         tolerance="0.5 % of the bound, 1e-4 of the limit by hand",
-        used=share_used((off, 5e-3)),
+        within=[(off, 5e-3)],
+        holds=close and agree,
     )
 
 
@@ -341,14 +334,13 @@ def torque_lag(quick: bool) -> CaseResult:
     found = [_found(lag, delay, 24 if quick else 48) for lag, delay in BENCHES]
     apart = max(abs(each.stable / each.by_hand - 1.0) for each in found)
     worst = max(abs(share - 1.0) for each in found for share in each.needed)
-    return CaseResult(
+    return result_of(
         f"lags of 0.4, 0.16, 2 ms: stable to {values_text([each.by_hand for each in found], 6)} N/m; where passivity "
         "ends, the worst motion needs all of the device's damping",
         f"stable to {values_text([each.stable for each in found], 6)} N/m, apart by {rounded(apart, 1)}; passive to "
         f"{'; '.join(values_text(each.passive, 4) for each in found)} N/m (spring, wall, Maxwell body); needed share "
         f"of the damping off by {rounded(worst, 1)}",
-        apart <= AGREEMENT and worst <= CUT,
         "device and torque loop from event to event; the worst of all motions in cells of constant speed",
         tolerance=f"{exactly(AGREEMENT)} of the limits of stability, {exactly(CUT)} of the energies",
-        used=share_used((apart, AGREEMENT), (worst, CUT)),
+        within=[(apart, AGREEMENT), (worst, CUT)],
     )

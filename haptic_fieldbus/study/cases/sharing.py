@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.batch import Array, loops
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.case import CaseResult, share_used, signed, values_text
+from haptic_fieldbus.study.case import CaseResult, relative_error, result_of, signed, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import events
@@ -71,17 +71,15 @@ def bounce_energy(quick: bool) -> CaseResult:
     apart = float(np.abs(gained - by_positions).max())
     expected, mean = math.expm1(0.5 * math.pi * h), float(gained.mean())
     low, high = float(gained.min()), float(gained.max())
-    return CaseResult(
+    return result_of(
         f"h = {rounded(h)}: on average {100 * expected:.2f} % more out than in, each phase within ±h² = "
         f"{rounded(100 * h * h, 2)} %",
         f"{count} phases: mean {100 * mean:.2f} %, from {100 * low:.2f} to {100 * high:.2f} %; the positions alone "
         f"say the same to {rounded(apart, 1)}",
-        apart <= EXACT and abs(mean - expected) <= 0.5 * h * h and expected - h * h <= low < high <= expected + h * h,
         "work summed from positions by another loop (to 1e-9), and e^(πh/2) − 1 to h²/2",
         tolerance=f"{exactly(EXACT)} of a phase, h²/2 of the mean",
-        used=share_used(
-            (apart, EXACT), (mean - expected, 0.5 * h * h), (low - expected, h * h), (high - expected, h * h)
-        ),
+        within=[(apart, EXACT), (mean - expected, 0.5 * h * h), (low - expected, h * h), (high - expected, h * h)],
+        holds=low < high,
     )
 
 
@@ -113,15 +111,15 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
     bounded = float(_bounced(mass, stiffness, phases, 4, most).max())
     speed = most * PERIOD / mass - SPEED
     limit = stiffness_limit(Plant(mass, 0.5), PERIOD, 0.0, spring)
-    return CaseResult(
+    return result_of(
         f"contact of {rounded(1e3 * math.pi * math.sqrt(mass / stiffness), 2)} ms: speed times h²·φ − 1, to "
         f"{rounded(expected.max(), 4)}; bounded to {exactly(most)} N, at most {rounded(speed)} m/s",
         f"times {rounded(found.max(), 4)} (apart by {rounded(apart, 1)}), bounded {rounded(bounded)} m/s; limit of "
         f"stability {rounded(limit, 4)} of {rounded(stiffness, 4)} N/m",
-        apart <= EXACT and abs(bounded / speed - 1.0) <= EXACT and limit < stiffness,
         "closed form of one held force (to 1e-9)",
         tolerance=f"{exactly(EXACT)} of the speeds",
-        used=share_used((apart, EXACT), (bounded / speed - 1.0, EXACT)),
+        within=[(apart, EXACT), (bounded / speed - 1.0, EXACT)],
+        holds=limit < stiffness,
     )
 
 
@@ -137,16 +135,16 @@ def hand_lets_go(quick: bool) -> CaseResult:
     rates = [math.log(sampled.growth(device, spring(stiffness))) / PERIOD for device in devices]
     expected = [math.log(growth_in_contact(body, PERIOD, 0.0, stiffness)) / PERIOD for body in bodies]
     found = [free, in_hand, *rates]
-    apart = max(abs(one / other - 1.0) for one, other in zip(found, [*by_hand, *expected], strict=True))
-    return CaseResult(
+    apart = relative_error(found, [*by_hand, *expected])
+    return result_of(
         f"limits {rounded(by_hand[0], 6)} free and {rounded(by_hand[1], 6)} N/m held; at K = {rounded(stiffness, 4)} "
         f"N/m {signed(expected[1], 6)} held, {signed(expected[0], 6)} 1/s released",
         f"limits {rounded(free, 6)} and {rounded(in_hand, 6)} N/m; held it {'fades' if rates[1] < 0.0 else 'grows'} "
         f"({signed(rates[1], 6)} 1/s), released {signed(rates[0], 6)} 1/s; apart by {rounded(apart, 1)}",
-        free < stiffness < in_hand and rates[1] < 0.0 < rates[0] and apart <= AGREEMENT,
         "handle and hand from event to event",
         tolerance=f"{exactly(AGREEMENT)} of limits and rates",
-        used=share_used((apart, AGREEMENT)),
+        within=[(apart, AGREEMENT)],
+        holds=free < stiffness < in_hand and rates[1] < 0.0 < rates[0],
     )
 
 
@@ -212,14 +210,14 @@ def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool],
     apart = max(abs(one - other) / other if other else abs(one) for one, other in zip(found, expected, strict=True))
     some = [(limit, point) for limit, point in zip(expected, points, strict=True) if limit]
     right = sum(_right(limit, point, quick) for limit, point in some)
-    return CaseResult(
+    return result_of(
         f"{law}; {values_text(expected, 4)} N/m",
         f"{values_text(found, 4)} N/m, apart by {rounded(apart, 1)}; {right} of {2 * len(some)} loops run 3 % off "
         "decay or grow so",
-        holds(expected) and apart <= LIMITS_AGREE and right == 2 * len(some),
         ROOTS,
         tolerance=f"{exactly(LIMITS_AGREE)} of each limit; growth and decay 3 % off it",
-        used=share_used((apart, LIMITS_AGREE)),
+        within=[(apart, LIMITS_AGREE)],
+        holds=holds(expected) and right == 2 * len(some),
     )
 
 
@@ -263,17 +261,15 @@ def pure_damper_limit(quick: bool) -> CaseResult:
     )  # fmt: skip
     speed = np.abs(batch.run(many, 1_000).velocity)
     needed = damping_needed(filtered_wall(0.0, 5.0), PERIOD, 0.0)
-    return CaseResult(
+    return result_of(
         f"stable to B = {rounded(expected, 6)} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = "
         "5 N·s/m",
         f"stable to {rounded(low, 6)} N·s/m; 0.1 m/s becomes {rounded(speed[0], 1)} and {rounded(speed[1], 1)} m/s in "
         f"1000 periods 3 % below and above; passive needs b = {rounded(needed, 6)}",
-        abs(low / expected - 1.0) <= LIMITS_AGREE
-        and speed[0] < 1e-3 < 1.0 < speed[1]
-        and abs(needed / 5.0 - 1.0) < 1e-9,
         "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
         tolerance=f"{exactly(LIMITS_AGREE)} of the limit, 1e-9 of the damping",
-        used=share_used((low / expected - 1.0, LIMITS_AGREE), (needed / 5.0 - 1.0, 1e-9)),
+        within=[(low / expected - 1.0, LIMITS_AGREE), (needed / 5.0 - 1.0, 1e-9)],
+        holds=speed[0] < 1e-3 < 1.0 < speed[1],
     )
 
 
@@ -291,13 +287,12 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
     apart = max(abs(each / one - 1.0) for one, *others in zip(expected, found, given, strict=True) for each in others)
     limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: filtered_wall(k, virtual, 0.8), math.inf)
     by_hand = 2.0 * (DEVICE.damping - virtual * 0.2 / 1.8) / PERIOD
-    return CaseResult(
+    return result_of(
         f"b = {values_text(expected, 4)} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {rounded(by_hand, 6)} N/m with 0.8",
         f"b = {values_text(found, 4)} N·s/m by sweep, {values_text(given, 4)} by energy; K to {rounded(limit, 6)} N/m",
-        apart <= LIMITS_AGREE and abs(limit / by_hand - 1.0) <= LIMITS_AGREE,
         "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
         tolerance=f"{exactly(LIMITS_AGREE)} of each damping and limit",
-        used=share_used((apart, LIMITS_AGREE), (limit / by_hand - 1.0, LIMITS_AGREE)),
+        within=[(apart, LIMITS_AGREE), (limit / by_hand - 1.0, LIMITS_AGREE)],
     )
 
 
@@ -342,29 +337,23 @@ def half_sample_wall(quick: bool) -> CaseResult:
     )
     expected = 0.5 * math.log1p(0.5 * h * h)
     bound = 0.5 * STIFFNESS * PERIOD
-    return CaseResult(
+    return result_of(
         f"log of growth a period: plain {rounded(expected, 4)}, true velocity 0, difference {rounded(one, 4)} (h⁴/8 = "
         f"{rounded(h**4 / 8.0)}); "
         f"passive with b = {exactly(bound)} plain, {exactly(2.0 * bound)} N·s/m by difference",
         f"plain {rounded(plain, 4)}, true velocity {rounded(true, 1)}, difference {rounded(left, 4)}; b = "
         f"{rounded(without, 4)} and {rounded(shaken, 4)} N·s/m",
-        abs(plain / expected - 1.0) <= 0.01
-        and abs(true) * steps <= 0.01
-        and abs(left / (h**4 / 8.0) - 1.0) <= 0.01
-        and abs(left / one - 1.0) <= 1e-4
-        and abs(shaken / (2.0 * bound) - 1.0) <= 1e-6
-        and abs(without / bound - 1.0) <= 1e-6,
         "determinants by hand, the lag θ³/4 that the difference leaves (growth to 1 %, and to 1e-4 from event to "
         "event, with the true velocity below 1 % in the whole run); b > K·T/2 + |B| with B = K·T/2 (to 1e-6)",
         tolerance="1 % of the growths, 1e-4 of that by difference, 1e-6 of the dampings",
-        used=share_used(
+        within=[
             (plain / expected - 1.0, 0.01),
             (true * steps, 0.01),
             (left / (h**4 / 8.0) - 1.0, 0.01),
             (left / one - 1.0, 1e-4),
             (shaken / (2.0 * bound) - 1.0, 1e-6),
             (without / bound - 1.0, 1e-6),
-        ),
+        ],
     )
 
 

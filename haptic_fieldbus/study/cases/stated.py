@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.linear import foh
 from haptic_fieldbus.scenes.element import Element, Interval
 from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, relative_error, result_of, values_text
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
@@ -68,15 +68,14 @@ def worst_of_ranges(quick: bool) -> CaseResult:
             )
         )
         whole.append(limit_in_contact(events.motor(MASS, DAMPING, LAGS[0]), PERIOD, DELAYS[0], virtual))
-    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
-    return CaseResult(
+    apart = relative_error(found, by_hand)
+    return result_of(
         f"mass 0.8 to 1.25, damping 0.5 to 2 times, lag to 0.4 ms, delay to 0.8 ms: {values_text(by_hand, 6)} N/m with "
         f"dampers of {exactly(DAMPERS[0])} and {exactly(DAMPERS[1])} N·s/m (in the middle {values_text(whole, 4)})",
         f"{values_text(found, 6)} N/m, apart by {rounded(apart, 1)}",
-        apart <= ROUGH,
         "each corner of the ranges by hand, device and torque loop from event to event",
         tolerance=f"{exactly(ROUGH)} of the limits",
-        used=share_used((apart, ROUGH)),
+        within=[(apart, ROUGH)],
     )
 
 
@@ -105,14 +104,13 @@ def estimator_weight(quick: bool) -> CaseResult:
     found, answer = limit or math.nan, _largest_answer()
     by_hand = (DAMPING - VIRTUAL * answer) / (0.5 * PERIOD)
     off = abs(found / by_hand - 1.0)
-    return CaseResult(
+    return result_of(
         f"{ESTIMATOR}: moves of one way give up to {rounded(answer, 4)} ways a period; (b - {rounded(answer, 4)}·B)"
         f"/(T/2) = {rounded(by_hand, 6)} N/m (one way would leave {rounded((DAMPING - VIRTUAL) / (0.5 * PERIOD), 4)})",
         f"passive to {rounded(found, 6)} N/m, off by {rounded(off, 1)}",
-        off <= AGREEMENT,
         "the running estimator after a single move, period by period",
         tolerance=f"{exactly(AGREEMENT)} of the limit",
-        used=share_used((off, AGREEMENT)),
+        within=[(off, AGREEMENT)],
     )
 
 
@@ -143,14 +141,13 @@ def rounding_bridged(quick: bool) -> CaseResult:
     steps = 500 if quick else 2000
     by_hand = _most_wrong(steps) * steps / (steps - 1)
     off = abs(high / by_hand - 1.0)
-    return CaseResult(
+    return result_of(
         f"the counts of two samples change the force by up to {rounded(by_hand, 5)} N (half a count of position alone: "
         f"{rounded(0.5 * STIFFNESS * COUNT, 2)} N)",
         f"called passive from {rounded(high, 5)} N of Coulomb friction on, off by {rounded(off, 1)}",
-        off <= AGREEMENT,
         "all places of two samples within their counts, by brute force",
         tolerance=f"{exactly(AGREEMENT)} of the friction",
-        used=share_used((off, AGREEMENT)),
+        within=[(off, AGREEMENT)],
     )
 
 
@@ -170,14 +167,13 @@ def magnet_outside(quick: bool) -> CaseResult:
     steepest = float(np.abs(falls).max()) * (limit or math.nan)
     drives = [energies.LateDrive(DAMPING, 0.0)]
     share = energies.worst_share(lambda z: complex(-steepest), drives, PERIOD, 24 if quick else 96)
-    return CaseResult(
+    return result_of(
         f"where passivity ends, {rounded(float(np.abs(falls).max()), 4)} of the stiffness in the middle needs all of "
         "the device's damping",
         f"passive to {rounded(limit or math.nan, 6)} N/m in the middle; needed share off by {rounded(share - 1.0, 1)}",
-        abs(share - 1.0) <= CUT,
         "slopes of u·(1 - u²)² by differences; the worst of all motions in cells of constant speed",
         tolerance=f"{exactly(CUT)} of the energy",
-        used=share_used((share - 1.0, CUT)),
+        within=[(share - 1.0, CUT)],
     )
 
 
@@ -205,14 +201,13 @@ def late_spring_score(quick: bool) -> CaseResult:
     by_hand = 2.0 * math.sin(0.5 * TURN * LATE) * math.sqrt(wave / force_square)
     off = abs(found / by_hand - 1.0)
     moving = abs(figures.scored / points / (2.0 * edge / math.pi) - 1.0)
-    return CaseResult(
+    return result_of(
         f"a force {rounded(1e3 * LATE, 2)} ms late at 2 Hz: error {rounded(100.0 * by_hand, 5)} % over the "
         f"{rounded(200.0 * edge / math.pi, 4)} % of the time at 5 % of the fastest speed or more",
         f"{rounded(100.0 * found, 5)} %, off by {rounded(off, 1)}; moving time off by {rounded(moving, 1)}",
-        off <= CLOSE and moving <= CLOSE,
         "closed form of the integrals of two sines",
         tolerance=f"{exactly(CLOSE)} of the score and of the time",
-        used=share_used((off, CLOSE), (moving, CLOSE)),
+        within=[(off, CLOSE), (moving, CLOSE)],
     )
 
 
@@ -242,12 +237,11 @@ def straight_line_step(quick: bool) -> CaseResult:
             else 1.0 - math.sin(angle) / angle
         )
         expected = (RAMP * PERIOD * lag, RAMP * 2.0 * math.sin(0.5 * angle) ** 2)
-        off = max(off, *(abs(one / other - 1.0) for one, other in zip(found.tolist(), expected, strict=True)))
-    return CaseResult(
+        off = max(off, relative_error(found.tolist(), expected))
+    return result_of(
         "q = r·t - r/ω·sin(ω·t), its speed r·(1 - cos(ω·t))",
         f"off by at most {rounded(off, 1)} at ω·T = {values_text([rate * PERIOD for rate in RATES], 2)}",
-        off <= 1e-9,
         "closed form of a mass on a spring whose end moves at constant speed",
         tolerance="1e-9 of position and speed",
-        used=share_used((off, 1e-9)),
+        within=[(off, 1e-9)],
     )

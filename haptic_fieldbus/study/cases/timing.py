@@ -34,7 +34,7 @@ from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.running.loop import finished, loop_steps
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.study.case import CaseResult, share_used, values_text
+from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.oracles import events
@@ -86,20 +86,20 @@ def missed_frames_pattern(quick: bool) -> CaseResult:
     found = [pattern_limit(DEVICE, PERIOD, LATE, _wall, gaps(lengths)) for lengths in LOST]
     by_hand = [_limit_by_hand(*_shots(lengths)) for lengths in LOST]
     whole = stiffness_limit(DEVICE, PERIOD, LATE, _wall)
-    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
+    apart = relative_error(found, by_hand)
     device, over = sample(DEVICE, PERIOD, LATE), 1.5 * by_hand[0]
     grown = pattern_growth(device, _wall(over), gaps(LOST[0])) ** sum(LOST[0])
     expected = _growth_by_hand(over, *_shots(LOST[0]))
     off = abs(grown / expected - 1.0)
-    return CaseResult(
+    return result_of(
         f"one of three lost {rounded(by_hand[0], 6)} N/m, two of five {rounded(by_hand[1], 6)} N/m, four of seven "
         f"{rounded(by_hand[2], 6)} N/m; over three periods ×{rounded(expected, 6)} at 1.5 times the first",
         f"{values_text(found, 6)} N/m of {rounded(whole, 6)} without losses, apart by {rounded(apart, 1)}; "
         f"×{rounded(grown, 6)}, off by {rounded(off, 1)}",
-        apart <= AGREEMENT and off <= AGREEMENT and max(found) < whole and expected > 1.01,
         "each pattern from event to event, with the force before given again for a lost sample",
         tolerance=f"{exactly(AGREEMENT)} of limits and growth",
-        used=share_used((apart, AGREEMENT), (off, AGREEMENT)),
+        within=[(apart, AGREEMENT), (off, AGREEMENT)],
+        holds=max(found) < whole and expected > 1.01,
     )
 
 
@@ -128,17 +128,17 @@ def tick_phase(quick: bool) -> CaseResult:
         pattern = free_ticks(Ticks(TICK, phase), PERIOD, ARRIVAL, LATENESS, AGE)
         found.append(schedule_limit(DEVICE, PERIOD, pattern, _wall))
         by_hand.append(_limit_by_hand(*_ticked(phase)))
-    apart = max(abs(one / other - 1.0) for one, other in zip(found, by_hand, strict=True))
+    apart = relative_error(found, by_hand)
     longest = AGE + TICK + ARRIVAL + TICK + max(LATENESS)
     least = stiffness_limit(DEVICE, PERIOD, longest, _wall)
-    return CaseResult(
+    return result_of(
         f"phases of 0, 0.1, 0.3 ms: {values_text(by_hand, 6)} N/m",
         f"{values_text(found, 6)} N/m, apart by {rounded(apart, 1)}; with the longest delay, {rounded(1e3 * longest)} "
         f"ms, in each period {rounded(least, 6)} N/m",
-        apart <= AGREEMENT and least < min(found) < 0.99 * max(found),
         "each pattern from event to event, its ticks gone through one after another",
         tolerance=f"{exactly(AGREEMENT)} of each limit",
-        used=share_used((apart, AGREEMENT)),
+        within=[(apart, AGREEMENT)],
+        holds=least < min(found) < 0.99 * max(found),
     )
 
 
@@ -165,14 +165,14 @@ def modbus_one_period(quick: bool) -> CaseResult:
     exact = schur_cohn_limit(Plant(plant.mass, plant.damping), PERIOD, 1.0)
     late = _late(plan, 800 if quick else 3000)
     worst = max(abs(each - PERIOD) for each in late)
-    return CaseResult(
+    return result_of(
         f"limit {exact:.3f} N/m; each of at least 50 changes of torque {exactly(1e3 * PERIOD)} ms after its sample",
         f"limit off by {rounded(abs(limit / exact - 1.0), 1)} (1e-5 allowed); {len(late)} changes, off by at most "
         f"{rounded(1e9 * worst, 2)} ns (2 allowed)",
-        abs(limit / exact - 1.0) <= 1e-5 and len(late) >= 50 and worst <= 2e-9,
         "polynomial of a loop with one period of delay, by Schur and Cohn; instants at the drive, which knows no plan",
         tolerance="1e-5 of the limit; 2 ns",
-        used=share_used((limit / exact - 1.0, 1e-5), (worst, 2e-9)),
+        within=[(limit / exact - 1.0, 1e-5), (worst, 2e-9)],
+        holds=len(late) >= 50,
     )
 
 
@@ -291,22 +291,21 @@ def fade_return(quick: bool) -> CaseResult:
     off, works, by_hand = 0.0, [], []
     for gap in gaps:
         found, wanted = _forces(gap)
-        off = max(off, *(abs(one - other) for one, other in zip(found, wanted, strict=True)))
+        off = max(off, largest_error(found, wanted))
         works.append(_given(found, gap))
         by_hand.append(_given(wanted, gap))
-    apart = max(abs(one - other) for one, other in zip(works, by_hand, strict=True))
+    apart = largest_error(works, by_hand)
     stored = 0.5 * STIFFNESS * (WAY * COUNT * PRESSED) ** 2
-    return CaseResult(
+    return result_of(
         f"pressing to {rounded(STIFFNESS * WAY * COUNT * PRESSED, 4)} N, gaps of {', '.join(map(str, gaps))} periods: "
         f"held, fading over {FADE}, back by at most {rounded(SLEW, 3)} N a period to that force; after {SOON} at most "
         "the wall goes on from there, after more with that force at most; the hand gets "
         f"{values_text([1e3 * each for each in by_hand], 3)} mJ",
         f"off by at most {rounded(off, 1)} N; the hand gets "
         f"{values_text([1e3 * each for each in works], 3)} mJ, off by {rounded(1e3 * apart, 1)} mJ",
-        off <= EXACT * EFFORT and apart <= EXACT * stored,
         "the force by hand, segment after segment, and its work",
         tolerance=f"{exactly(EXACT)} of {rounded(EFFORT, 3)} N and of {rounded(1e3 * stored, 3)} mJ",
-        used=share_used((off, EXACT * EFFORT), (apart, EXACT * stored)),
+        within=[(off, EXACT * EFFORT), (apart, EXACT * stored)],
     )
 
 
@@ -348,14 +347,14 @@ def gaps_given_up(quick: bool) -> CaseResult:
     found = [_given_up(limit / span) for span in SPANS]
     stretch = (LENGTH**2 + EACH - LENGTH) / EACH
     is_right = grown[0] > 1.0 > grown[1] and found[0] is not None and found[1] is None
-    return CaseResult(
+    return result_of(
         f"{LENGTH - 1} of {EACH} samples lost, stretch {rounded(stretch, 3)}: at 1/{exactly(SPANS[0])} of the limit a "
         f"knock is multiplied by {rounded(grown[0], 4)} from gap to gap, and the loop is given up; at "
         f"1/{exactly(SPANS[1])} by {rounded(grown[1], 4)}",
         f"{found[0] or 'no trip'}; {found[1] or 'no trip'}",
-        is_right,
         "device and torque loop from event to event, over a gap and the samples up to the next one",
         tolerance="exact",
+        holds=is_right,
     )
 
 
