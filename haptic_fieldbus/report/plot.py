@@ -10,6 +10,7 @@ The page of a certificate says what was seen on which bench, and shows the growt
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import cycle, pairwise
 from textwrap import wrap
 
@@ -377,26 +378,19 @@ def first_force(trace: Trace) -> tuple[float, float] | None:
 def cut(trace: Trace, first: float, last: float) -> Trace:
     """Return the part of a trace between two times [s]."""
     inside = (trace.times >= first) & (trace.times <= last)
-    sampled = _between(trace.sample_times, first, last)
-    return Trace(
-        trace.axis,
-        trace.workspace,
-        trace.times[inside],
-        trace.position[inside],
-        trace.force[inside],
-        None if trace.ideal is None else trace.ideal[inside],
-        None if trace.sample_times is None else trace.sample_times[sampled],
-        None if trace.samples is None else trace.samples[sampled],
-        {name: position[inside] for name, position in trace.virtual.items()},
-        trace.sensor,
-        trace.period,
+    part = replace(
+        trace,
+        times=trace.times[inside],
+        position=trace.position[inside],
+        force=trace.force[inside],
+        ideal=None if trace.ideal is None else trace.ideal[inside],
+        virtual={name: position[inside] for name, position in trace.virtual.items()},
     )
-
-
-def _between(times: Array | None, first: float, last: float) -> slice:
-    if times is None:
-        return slice(0, 0)
-    return slice(int(np.searchsorted(times, first)), int(np.searchsorted(times, last, side="right")))
+    if trace.sample_times is None:
+        return part
+    sampled = (trace.sample_times >= first) & (trace.sample_times <= last)
+    samples = None if trace.samples is None else trace.samples[sampled]
+    return replace(part, sample_times=trace.sample_times[sampled], samples=samples)
 
 
 PAGE = (11.0, 8.3)

@@ -18,7 +18,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.study.case import CaseResult, result_of, values_text
 from haptic_fieldbus.study.measure.problems import spring
-from haptic_fieldbus.study.oracles.contact import Pressed, jury_limit, largest, relay_speed
+from haptic_fieldbus.study.oracles.contact import Pressed, bisected, jury_limit, largest, relay_speed
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
@@ -270,9 +270,7 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
             low, high = high, 2.0 * high
             if high > MOST_DAMPING * max(plant.damping, plant.mass / period):
                 return None
-        while high - low > 1e-9 * high:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if lacking(middle) > 0.0 else (low, middle)
+        _, high = bisected(lambda damping: lacking(damping) > 0.0, low, high, 1e-9)
     amplitude, turn = cycle(high)
     return LimitCycle(amplitude, turn, attracts=True) if math.isfinite(amplitude) else None
 

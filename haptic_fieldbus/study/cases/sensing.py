@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -23,7 +22,7 @@ from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
-from haptic_fieldbus.study.case import CaseResult, largest_error, refused, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, largest_error, refused, relative_error, result_of, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import energies, events
@@ -293,36 +292,19 @@ def _maxwell_by_hand(stiffness: float) -> Force:
     return force
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Answers of the package for one lag and delay, and the results of the oracles for them."""
+def _passive(lag: float, delay: float, cells: int) -> tuple[list[float], list[float]]:
+    """Return the limits of passivity of spring, wall and Maxwell body [N/m], and shares that should be 1.
 
-    stable: float
-    by_hand: float
-    passive: tuple[float, float, float]
-    """Limits of spring, wall and Maxwell body [N/m]."""
-    needed: tuple[float, float, float, float]
-    """Share of the damping that the worst motion needs at these limits; for ASKED, relative to the computed damping."""
-
-
-def _found(lag: float, delay: float, cells: int) -> _Found:
+    The shares are those of the damping that the worst motion needs at these limits; the last one is the share for
+    ASKED, relative to the computed one.
+    """
     plant, drives = Plant(MASS, DAMPING, torque_lag=lag), [energies.LateDrive(DAMPING, delay, lag)]
-    limits = (
-        passive_limit(plant, LAGS_PERIOD, delay),
-        passive_limit_of(plant, LAGS_PERIOD, delay, _wall, math.inf),
-        passive_limit_of(plant, LAGS_PERIOD, delay, _maxwell, math.inf),
-    )
-    forces = [
-        _wall_by_hand(limits[0], 0.0),
-        _wall_by_hand(limits[1]),
-        _maxwell_by_hand(limits[2]),
-        _wall_by_hand(ASKED),
-    ]
-    one, two, three, four = (energies.worst_share(force, drives, LAGS_PERIOD, cells) for force in forces)
-    asked = alone(plant, LAGS_PERIOD, delay).damping_share(_wall(ASKED))
-    stable = stiffness_limit(plant, LAGS_PERIOD, delay, _wall)
-    by_hand = limit_in_contact(events.motor(MASS, DAMPING, lag), LAGS_PERIOD, delay, VIRTUAL)
-    return _Found(stable, by_hand, limits, (one, two, three, four / asked))
+    spring_alone = passive_limit(plant, LAGS_PERIOD, delay)
+    wall, body = (passive_limit_of(plant, LAGS_PERIOD, delay, each, math.inf) for each in (_wall, _maxwell))
+    forces = (_wall_by_hand(spring_alone, 0.0), _wall_by_hand(wall), _maxwell_by_hand(body), _wall_by_hand(ASKED))
+    *shares, asked = (energies.worst_share(force, drives, LAGS_PERIOD, cells) for force in forces)
+    computed = alone(plant, LAGS_PERIOD, delay).damping_share(_wall(ASKED))
+    return [spring_alone, wall, body], [*shares, asked / computed]
 
 
 def torque_lag(quick: bool) -> CaseResult:
@@ -331,14 +313,18 @@ def torque_lag(quick: bool) -> CaseResult:
     The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection for a Maxwell
     body, and the damping that a wall requires.
     """
-    found = [_found(lag, delay, 24 if quick else 48) for lag, delay in BENCHES]
-    apart = max(abs(each.stable / each.by_hand - 1.0) for each in found)
-    worst = max(abs(share - 1.0) for each in found for share in each.needed)
+    plants = [(Plant(MASS, DAMPING, torque_lag=lag), delay) for lag, delay in BENCHES]
+    stable = [stiffness_limit(plant, LAGS_PERIOD, delay, _wall) for plant, delay in plants]
+    motors = [(events.motor(MASS, DAMPING, lag), delay) for lag, delay in BENCHES]
+    by_hand = [limit_in_contact(motor, LAGS_PERIOD, delay, VIRTUAL) for motor, delay in motors]
+    apart = relative_error(stable, by_hand)
+    passive, shares = zip(*(_passive(lag, delay, 24 if quick else 48) for lag, delay in BENCHES), strict=True)
+    worst = max(abs(share - 1.0) for each in shares for share in each)
     return result_of(
-        f"lags of 0.4, 0.16, 2 ms: stable to {values_text([each.by_hand for each in found], 6)} N/m; where passivity "
+        f"lags of 0.4, 0.16, 2 ms: stable to {values_text(by_hand, 6)} N/m; where passivity "
         "ends, the worst motion needs all of the device's damping",
-        f"stable to {values_text([each.stable for each in found], 6)} N/m, apart by {rounded(apart, 1)}; passive to "
-        f"{'; '.join(values_text(each.passive, 4) for each in found)} N/m (spring, wall, Maxwell body); needed share "
+        f"stable to {values_text(stable, 6)} N/m, apart by {rounded(apart, 1)}; passive to "
+        f"{'; '.join(values_text(each, 4) for each in passive)} N/m (spring, wall, Maxwell body); needed share "
         f"of the damping off by {rounded(worst, 1)}",
         "device and torque loop from event to event; the worst of all motions in cells of constant speed",
         tolerance=f"{exactly(AGREEMENT)} of the limits of stability, {exactly(CUT)} of the energies",

@@ -25,6 +25,7 @@ from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import events
 from haptic_fieldbus.study.oracles.contact import (
+    bisected,
     growth_in_contact,
     largest,
     limit_in_contact,
@@ -251,10 +252,8 @@ def pure_damper_limit(quick: bool) -> CaseResult:
     p, c1, c0 = plain_terms(DEVICE, PERIOD)
     expected = min(PERIOD / c0, (1.0 + p) * PERIOD / (c1 - c0))
     device = sample(DEVICE, PERIOD, 0.0)
-    low, high = 0.0, 4.0 * DEVICE.mass / PERIOD
-    while high - low > 1e-10 * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if sampled.growth(device, filtered_wall(0.0, middle)) < 1.0 else (low, middle)
+    most = 4.0 * DEVICE.mass / PERIOD
+    low, _ = bisected(lambda b: sampled.growth(device, filtered_wall(0.0, b)) < 1.0, 0.0, most, 1e-10)
     many = loops(
         mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, velocity=0.1,
         virtual_damping=[(1.0 - APART) * expected, (1.0 + APART) * expected],

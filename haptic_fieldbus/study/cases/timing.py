@@ -429,23 +429,18 @@ def schedule_limit(plant: Plant, period: float, pattern: Sequence[Instants], env
     )
 
 
-@dataclass(frozen=True)
-class _Event:
-    """A measurement, or the beginning of a force, at an instant of the pattern [s]."""
+def _events(period: float, pattern: Sequence[Instants]) -> list[tuple[float, bool]]:
+    """Return the events of one turn of the pattern in their order: its instant, shifted into [0, N·T), and a truth.
 
-    at: float
-    acts: bool
-
-
-def _events(period: float, pattern: Sequence[Instants]) -> list[_Event]:
-    """Return the events of one turn of the pattern in their order; each is shifted into [0, N·T)."""
+    True: a force begins to act; False: a position is measured.
+    """
     turn = len(pattern) * period
     found = []
     for place, each in enumerate(pattern):
         for instant, acts in ((each.measured, False), (each.acts, True)):
-            found.append(_Event((place * period + instant) % turn, acts))
+            found.append(((place * period + instant) % turn, acts))
     # A force that acts at the very instant of a measurement does not change it.
-    return sorted(found, key=lambda event: (event.at, event.acts))
+    return sorted(found)
 
 
 def _waiting(period: float, pattern: Sequence[Instants]) -> int:
@@ -466,16 +461,11 @@ def _map(plant: Plant, period: float, pattern: Sequence[Instants], environment: 
     waiting = _waiting(period, pattern)
     # Each row is one state now, as it follows from the states at the beginning of the turn.
     rows = np.eye(order + inner + 1 + waiting)
-    device, memory, force, queue = (
-        rows[:order],
-        rows[order : order + inner],
-        rows[order + inner],
-        [*rows[order + inner + 1 :]],
-    )
+    device, memory, (force, *queue) = rows[:order], rows[order : order + inner], rows[order + inner :]
     now, turn = 0.0, len(pattern) * period
-    for event in _events(period, pattern):
-        device, now = _moved(a, b, event.at - now, device, force), event.at
-        if event.acts:
+    for at, acts in _events(period, pattern):
+        device, now = _moved(a, b, at - now, device, force), at
+        if acts:
             force = queue.pop(0)
         else:
             queue.append(environment.c[0] @ memory + environment.d[0, 0] * device[0])

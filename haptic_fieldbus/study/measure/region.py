@@ -20,6 +20,7 @@ from haptic_fieldbus.numerics.batch import Array, loops, run
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.sampled import environment
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, Bench
+from haptic_fieldbus.study.oracles.contact import bisected
 
 # Plane of damping β = b/(K·T) and friction σ = fc/(K·D), measured by simulating walls, for motions of one size.
 #
@@ -146,13 +147,12 @@ def predicted(bench: Bench, damping: float) -> tuple[float, float]:
 
 def largest_damping(bench: Bench) -> float:
     """Return the virtual damping above which no stiffness is stable [N·s/m], within 1 %."""
-    low, high = 0.0, 2.0 * bench.plant.mass / bench.period
-    while high - low > 0.01 * high:
-        middle = 0.5 * (low + high)
-        environment_of = partial(wall, damping=middle, period=bench.period)
-        limit = stiffness_limit(bench.plant, bench.period, bench.delay, environment_of)
-        low, high = (middle, high) if limit > 0.0 else (low, middle)
-    return high
+
+    def is_stable(damping: float) -> bool:
+        environment_of = partial(wall, damping=damping, period=bench.period)
+        return stiffness_limit(bench.plant, bench.period, bench.delay, environment_of) > 0.0
+
+    return bisected(is_stable, 0.0, 2.0 * bench.plant.mass / bench.period, 0.01)[1]
 
 
 def grew(bench: Bench, stiffness: Array, damping: Array, periods: int) -> NDArray[np.bool_]:

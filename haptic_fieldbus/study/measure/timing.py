@@ -6,7 +6,6 @@ import os
 import platform
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -107,19 +106,13 @@ def in_turn(calls: Mapping[str, Timed], repeats: int = REPEATS) -> dict[str, Cos
 
 def _pass(call: Callable[..., object], inputs: Sequence[Sequence[object]]) -> tuple[int, int]:
     """Return the duration of calls along all inputs, and the part of it in which this thread ran [ns]."""
-    with _without_collector():
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
         thread, begun = thread_time_ns(), perf_counter_ns()
         # The calls are driven in C, without the cost of a Python loop around them.
         deque(map(call, *inputs), maxlen=0)
         return perf_counter_ns() - begun, thread_time_ns() - thread
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
     finally:
         if was_on:
             gc.enable()

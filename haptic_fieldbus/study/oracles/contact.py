@@ -201,10 +201,15 @@ def largest(stable: Callable[[Number], bool], first: Number, factor: Number, sha
     low, high = 0 * first, first
     while stable(high):
         low, high = high, high * factor
-    while low and high - low > share * high:
+    return bisected(stable, low, high, share)[0] if low else low
+
+
+def bisected(stable: Callable[[Number], bool], low: Number, high: Number, share: Number) -> tuple[Number, Number]:
+    """Return a stable value and one that is not, closer than a share of it; `low` is stable, and `high` is not."""
+    while high - low > share * high:
         middle = (low + high) / 2
         low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
+    return low, high
 
 
 def polynomials(device: Massive, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:

@@ -383,11 +383,8 @@ def decays(tools: Tools, shares: Iterable[float], duration: float) -> Iterable[D
         for scene in _both(wall):
             result = tools.run(scene, rig, bus="sim", hand="none", duration=duration, force=True)
             cost = result.passivity[0].controller
-            growth = _growth(result, wall.position)
-            if cost is None:
-                yield Decay(share, scene.controlled, growth)
-            else:
-                yield Decay(share, scene.controlled, growth, cost.peak, cost.energy)
+            spent = () if cost is None else (cost.peak, cost.energy)
+            yield Decay(share, scene.controlled, _growth(result, wall.position), *spent)
 
 
 def felt(tools: Tools, duration: float) -> list[WallTap]:
@@ -398,11 +395,8 @@ def felt(tools: Tools, duration: float) -> list[WallTap]:
 
 def limit_share(found: Iterable[Decay], *, controlled: bool) -> tuple[float, float] | None:
     """Return two neighbouring shares: oscillations decay at the first and grow at the second. None: no such pair."""
-    rows = [each for each in found if each.controlled == controlled]
-    for below, above in pairwise(rows):
-        if below.growth <= 1.0 < above.growth:
-            return below.share, above.share
-    return None
+    pairs = pairwise(each for each in found if each.controlled == controlled)
+    return next(((low.share, high.share) for low, high in pairs if low.growth <= 1.0 < high.growth), None)
 
 
 def _both(wall: Wall) -> list[Scene]:
