@@ -47,7 +47,7 @@ def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
                 if value is not None:
                     entry = slave.drive.dictionary.find(0x1018, subindex)
                     # The default changes too, so that a reset of the node does not bring back the right identity.
-                    entry.value = entry.default = value
+                    entry.start_with(value)
         case faults.SdoRefusal(object=index, subindex=subindex, code=code):
             slave.node.sdo.refuse[index, subindex] = code
         case faults.DeadGuard(factor=factor):

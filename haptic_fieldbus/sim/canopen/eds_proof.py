@@ -34,15 +34,13 @@ def differences(
     described = {(entry.index, entry.subindex): entry for entry in eds if concerns(entry.index)}
     for index, subindex in sorted(implemented.keys() | described.keys()):
         entry, other = implemented.get((index, subindex)), described.get((index, subindex))
+        key = f"{index:04X}:{subindex:02X}"
         if other is None:
-            key = f"{index:04X}" if index not in eds else f"{index:04X}:{subindex:02X}"
-            found[key] = SimulatedObject(absent=True)
+            found[key if index in eds else f"{index:04X}"] = SimulatedObject(absent=True)
         elif entry is None or (data_type(other) is not entry.type and data_type(other) is not None):
-            found[f"{index:04X}:{subindex:02X}"] = _whole(other)
-        else:
-            change = _change(entry, other, node)
-            if change != SimulatedObject():
-                found[f"{index:04X}:{subindex:02X}"] = change
+            found[key] = _whole(other)
+        elif (change := _change(entry, other, node)) != SimulatedObject():
+            found[key] = change
     return found
 
 

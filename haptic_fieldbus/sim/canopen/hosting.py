@@ -200,13 +200,7 @@ def host(
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
-    host_port = HostPort(
-        open_can(section),
-        clock,
-        bus.text,
-        tell,
-        partial(open_can, section),
-    )
+    host_port = HostPort(open_can(section), clock, bus.text, tell, partial(open_can, section))
     try:
         opened(bus)
         subject = Host(host_port, clock, seed, bitrate=section.bitrate)

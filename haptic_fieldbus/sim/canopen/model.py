@@ -17,7 +17,7 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulatedO
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim.canopen.services.basics import INVALID, NO_RTR
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 
 # Properties by which the nodes of different models differ, and the PDOs after power-on.
@@ -202,7 +202,7 @@ def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
     if type is not None and entry.type is not None and not shown and entry.index not in COMMUNICATION_PROFILE:
         entry.type, (entry.low, entry.high) = type, _limits(described, type)
     if isinstance(value, int) and entry.type is not None:
-        entry.value = entry.default = value
+        entry.start_with(value)
     elif isinstance(value, str) and entry.type is None:
         entry.text = entry.default_text = value.encode()
 
@@ -234,14 +234,7 @@ def _stored_entry(described: EdsEntry, node: int) -> Entry:
                      limits=(low, high), mappable=mappable)  # fmt: skip
     if described.type is EdsType.REAL32:
         bits = int.from_bytes(struct.pack("<f", value if isinstance(value, float) else 0.0), "little")
-        return Entry(
-            described.index,
-            described.subindex,
-            DataType.UINT32,
-            bits,
-            access,
-            mappable=_ways(described.access, described.mappable),
-        )
+        return Entry(described.index, described.subindex, DataType.UINT32, bits, access, mappable=mappable)
     if described.type is EdsType.BOOLEAN:
         flag = value if isinstance(value, int) else 0
         return Entry(described.index, described.subindex, DataType.UINT8, flag, access, limits=(0, 1))
@@ -251,16 +244,9 @@ def _stored_entry(described: EdsEntry, node: int) -> Entry:
 def _octets(described: EdsEntry, access: Access, value: int | float | str | bytes | None) -> Entry:
     size = described.type.size if described.type is not None else None
     room = {None: UNKNOWN_OCTETS, EdsType.DOMAIN: DOMAIN_OCTETS}.get(described.type, STRING_OCTETS)
-    entry = Entry(described.index, described.subindex, None, access=access, text=_initial(described, value, size),
-                  capacity=size or room)  # fmt: skip
-
-    def accept(octets: int) -> None:
-        if octets != size:
-            raise AccessRefused(AbortCode.TOO_SHORT)
-
-    if size is not None:
-        entry.accept = accept
-    return entry
+    accept = None if size is None else one_of((size,), AbortCode.TOO_SHORT)
+    return Entry(described.index, described.subindex, None, access=access, text=_initial(described, value, size),
+                 capacity=size or room, accept=accept)  # fmt: skip
 
 
 def _initial(described: EdsEntry, value: int | float | str | bytes | None, size: int | None) -> bytes:
@@ -312,7 +298,7 @@ def _given(eds: Eds, index: int, subindex: int, node: int) -> int | None:
 
 
 def _default(entry: Entry, value: int | None, otherwise: int) -> None:
-    entry.value = entry.default = otherwise if value is None else value
+    entry.start_with(otherwise if value is None else value)
 
 
 def _unmappable(dictionary: Dictionary, record: Mapping[int, Entry], way: Mappable) -> str:
@@ -424,7 +410,7 @@ def _set_limits(entry: Entry, described: SimulatedObject) -> None:
         entry.low = entry.low if described.low is None else described.low
         entry.high = entry.high if described.high is None else described.high
         # A value of the bench, such as a ramp, may be beyond them.
-        entry.value = entry.default = max(entry.low, min(entry.high, entry.default))
+        entry.start_with(max(entry.low, min(entry.high, entry.default)))
 
 
 def _set_value(entry: Entry, value: int | str, node: int) -> None:
@@ -434,4 +420,4 @@ def _set_value(entry: Entry, value: int | str, node: int) -> None:
         return
     offset = NODE_ID.fullmatch(value) if isinstance(value, str) else None
     entry.numbered = offset is not None
-    entry.value = entry.default = int(offset[1], 0) + node if offset is not None else int(value)
+    entry.start_with(int(offset[1], 0) + node if offset is not None else int(value))

@@ -10,9 +10,11 @@ a parameter or the state changes.
 Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
+from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.protocols.canopen.eds_values import number_of, velocity_unit
@@ -29,7 +31,7 @@ from haptic_fieldbus.sim.canopen.services.nmt import DRIVE, HEARTBEAT_ID
 from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
 from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.core import Drive
-from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
+from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.hand import Hand
 
@@ -300,7 +302,8 @@ _APPLICATION = range(0x6000, 0x6800)
 _FIRST_MANUFACTURER_BIT = 16
 _TARGETS = {1: 0x607A, 3: 0x60FF, 4: 0x6071, 6: 0x6098, 8: 0x607A, 9: 0x60FF, 10: 0x6071}
 """Mode of operation → the object that commands it (CiA 402-2)."""
-_PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
+_PDO_COMMUNICATION = frozenset((*range(0x1400, 0x1600), *range(0x1800, 0x1A00)))
+Named = TypeVar("Named", OptionCode, MappedObject)
 
 
 def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
@@ -318,20 +321,19 @@ def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[Canop
         reset_ns=settings.reset_ns + boot_ns,
     )
     # The drive is built without an absent object, so that its effects are missing too, not only the entry.
-    abort, reaction = link_loss.abort_connection_option, link_loss.fault_reaction_option
     link_loss = replace(
         link_loss,
         heartbeat_consumer=None if _HEARTBEAT_CONSUMER in absent else link_loss.heartbeat_consumer,
-        abort_connection_option=None if abort is not None and abort.object in absent else abort,
-        fault_reaction_option=None if reaction is not None and reaction.object in absent else reaction,
+        abort_connection_option=_present(link_loss.abort_connection_option, absent),
+        fault_reaction_option=_present(link_loss.fault_reaction_option, absent),
     )
-    rated, actual = torque.rated, torque.actual
-    torque = replace(
-        torque,
-        rated=None if rated is not None and rated.object in absent else rated,
-        actual=None if actual is not None and actual.object in absent else actual,
-    )
+    torque = replace(torque, rated=_present(torque.rated, absent), actual=_present(torque.actual, absent))
     return replace(profile, link_loss=link_loss, torque=torque), settings
+
+
+def _present(named: Named | None, absent: frozenset[int]) -> Named | None:
+    """Return what names an object, None when the drive lacks this object."""
+    return None if named is None or named.object in absent else named
 
 
 def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
@@ -346,27 +348,17 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     install_described(dictionary, quirks.objects, node)
     for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
         if value is not None and index in dictionary:
-            _start_with(dictionary.find(index), value)
-    for entry in _cob_ids(dictionary):
+            dictionary.find(index).start_with(value)
+    for entry in dictionary:
+        if entry.subindex != 1 or entry.index not in _PDO_COMMUNICATION:
+            continue
         if quirks.cob_ids_missing:
-            _start_with(entry, INVALID)
+            entry.start_with(INVALID)
             # Without an identifier there is no node-ID in the value that a new node-ID could change.
             entry.numbered = False
         elif quirks.pdos_disabled:
-            _start_with(entry, entry.default | INVALID)
+            entry.start_with(entry.default | INVALID)
     return notes
-
-
-def _start_with(entry: Entry, value: int) -> None:
-    entry.value = entry.default = value
-
-
-def _cob_ids(dictionary: Dictionary) -> Iterable[Entry]:
-    return [
-        entry
-        for entry in dictionary
-        if entry.subindex == 1 and any(entry.index in records for records in _PDO_COMMUNICATION)
-    ]
 
 
 def _not_in_file(profile: CanopenProfile) -> frozenset[int]:

@@ -151,9 +151,7 @@ class Operation:
 
     def disable(self, t_ns: int) -> None:
         """End the torque at once."""
-        if self._enabled:
-            self._mode.leave()
-        self._enabled = self._halted = False
+        self.leave()
         self._brake = None
         self._stage.cut(t_ns)
         self._follow(t_ns)

@@ -148,6 +148,10 @@ class Entry:
         if self.changed is not None:
             self.changed()
 
+    def start_with(self, value: int) -> None:
+        """Set the value, now and at power-on."""
+        self.value = self.default = value
+
     def reset(self) -> None:
         """Restore the power-on value."""
         self.value, self.text = self.default, self.default_text
@@ -160,15 +164,19 @@ class Entry:
         self.value = value
 
 
-def one_of(values: Iterable[int]) -> Callable[[int], None]:
-    """Return an `accept` that refuses every other value as invalid."""
-    allowed = frozenset(values)
+def only_if(allows: Callable[[int], bool], code: AbortCode = AbortCode.INVALID_VALUE) -> Callable[[int], None]:
+    """Return an `accept` that refuses every value that is not allowed, with this abort code."""
 
     def accept(value: int) -> None:
-        if value not in allowed:
-            raise AccessRefused(AbortCode.INVALID_VALUE)
+        if not allows(value):
+            raise AccessRefused(code)
 
     return accept
+
+
+def one_of(values: Iterable[int], code: AbortCode = AbortCode.INVALID_VALUE) -> Callable[[int], None]:
+    """Return an `accept` that refuses every other value, with this abort code."""
+    return only_if(frozenset(values).__contains__, code)
 
 
 class Dictionary:

@@ -379,7 +379,7 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
         raise UsageError(
             f"{profile.name}: {exactly(rated_torque)} N·m of rated torque; expected at most {exactly(most * unit)} N·m"
         )
-    entry.value = entry.default = steps
+    entry.start_with(steps)
     if not entry.value:
         raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
     return entry.value * unit
@@ -390,7 +390,7 @@ def _add_rated_current(dictionary: Dictionary, profile: Cia402Profile, defaults:
     current = profile.torque.rated_current
     if current is not None:
         entry = _add_mapped(dictionary, current, Access.RO, Mappable.TPDO)
-        entry.value = entry.default = defaults.rated_current_ma
+        entry.start_with(defaults.rated_current_ma)
 
 
 def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dictionary, Entry
+from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry, only_if
 
 WRAP, HALF = 1 << 32, 1 << 31
 """Range and half range of a position, which wraps."""
@@ -89,13 +89,13 @@ class Units:
     def follow(self) -> None:
         """Use 60A8h and 60A9h from now on, if the dictionary has them; they then refuse unknown units."""
         known: dict[int, Callable[[int], bool]] = {
-            _POSITION_UNIT: lambda code: code == _COUNTS << 16 or revolutions_of(code) is not None,
-            _VELOCITY_UNIT: lambda code: velocity_of(code, self.counts_per_radian) is not None,
+            _POSITION_UNIT: lambda code: code == _COUNTS << 16 or revolutions_of(code & 0xFFFF_FFFF) is not None,
+            _VELOCITY_UNIT: lambda code: velocity_of(code & 0xFFFF_FFFF, self.counts_per_radian) is not None,
         }
         for index, accepts in known.items():
             if index in self._dictionary:
                 entry = self._dictionary.find(index)
-                entry.accept, entry.changed = _only(accepts), self.update
+                entry.accept, entry.changed = only_if(accepts), self.update
         self.update()
 
     def update(self) -> None:
@@ -130,11 +130,3 @@ class Units:
     def velocity(self, speed: float) -> int:
         """Return a speed of the shaft [rad/s] in velocity units, bounded to an INTEGER32."""
         return fit(speed / self.speed)
-
-
-def _only(known: Callable[[int], bool]) -> Callable[[int], None]:
-    def accept(code: int) -> None:
-        if not known(code & 0xFFFF_FFFF):
-            raise AccessRefused(AbortCode.INVALID_VALUE)
-
-    return accept

@@ -508,12 +508,10 @@ def faults_on(faults: Iterable[Fault], bus: str) -> tuple[Fault, ...]:
 
 def _lines(fault: Fault) -> Iterable[str]:
     # `node` and `bus` are declared first, because they are inherited; `kind` stands first for the reader.
-    names = sorted((field.name for field in fields(fault)), key=lambda name: name != "kind")
-    defaults = {field.name: field.default for field in fields(fault)}
-    for name in names:
-        value = getattr(fault, name)
-        if value != defaults[name] and value is not None:
-            yield f"{name} = {_text(value)}\n"
+    for field in sorted(fields(fault), key=lambda field: field.name != "kind"):
+        value = getattr(fault, field.name)
+        if value != field.default and value is not None:
+            yield f"{field.name} = {_text(value)}\n"
 
 
 def _text(value: object) -> str:

@@ -63,12 +63,7 @@ class Body(ABC):
             self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._hand)
         if self._grip is not None:
-            release = self._grip.release
-            # A hand that has let go is gone: the pieces after that never begin.
-            pieces = [piece for piece in self._grip.pieces if release is None or piece.start < release]
-            self._pieces.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in pieces)
-            if release is not None:
-                self._pieces.append((self.t_ns + round(release * 1e9), None))
+            self.plan_pieces(self._grip)
             # A piece at 0 s begins at once.
             self.advance(self.t_ns)
 
@@ -117,6 +112,7 @@ class Body(ABC):
 
     def plan_pieces(self, grip: Grip) -> None:
         """Let the force of the hand that holds the handle follow the pieces of `grip`, its release included."""
+        # A hand that has let go is gone: the pieces after that never begin.
         begins = ((piece.start, piece) for piece in grip.pieces if grip.release is None or piece.start < grip.release)
         ends = [] if grip.release is None else [(grip.release, None)]
         self._pieces.extend((self.t_ns + round(start * 1e9), piece) for start, piece in (*begins, *ends))

@@ -199,7 +199,7 @@ def _install(fault: faults.LastingFault, unit: Unit) -> None:
             pass
         case faults.WrongIdentity(product_code=code):
             for entry in unit.identity:
-                entry.value = entry.default = code if code is not None else entry.value ^ 1
+                entry.start_with(code if code is not None else entry.value ^ 1)
         case _:
             raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
 

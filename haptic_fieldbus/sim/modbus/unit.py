@@ -48,7 +48,7 @@ class InnerProfile(cia402.Cia402Profile):
 
 def inner_profile(profile: ModbusProfile) -> InnerProfile:
     """Return the drive inside."""
-    torque = profile.torque
+    torque, position, velocity = profile.torque, profile.position, profile.velocity
     mode = profile.mode.value if profile.mode is not None and profile.power.table == "cia402" else CYCLIC_TORQUE
     return InnerProfile(
         schema=1,
@@ -63,12 +63,8 @@ def inner_profile(profile: ModbusProfile) -> InnerProfile:
             _object(RATED, torque.rated) if torque.rated is not None else None,
             _object(DEMAND, torque.demand) if torque.demand is not None else None,
         ),
-        position=None
-        if profile.position is None
-        else cia402.PositionSection(_object(POSITION, profile.position.actual)),
-        velocity=None
-        if profile.velocity is None
-        else cia402.VelocitySection(_object(VELOCITY, profile.velocity.actual)),
+        position=None if position is None else cia402.PositionSection(_object(POSITION, position.actual)),
+        velocity=None if velocity is None else cia402.VelocitySection(_object(VELOCITY, velocity.actual)),
         link_loss=cia402.LinkLoss(
             abort_connection_option=_option(profile, ABORT_OPTION),
             fault_reaction_option=_option(profile, REACTION_OPTION),
@@ -317,7 +313,7 @@ class Unit:
         steps = Fraction(steps_of_position(position.actual.unit, axis)).limit_denominator(1_000_000)
         for subindex, value in ((1, steps.numerator), (2, steps.denominator)):
             entry = table[0x6092, subindex]
-            entry.value = entry.default = value
+            entry.start_with(value)
         self.drive.units.update()
 
     def _add_power(self) -> PowerRegisters | None:

@@ -1,10 +1,20 @@
 """Communication objects of a simulated node that belong to no other service."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, Alarms, refuse_move
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of
+from haptic_fieldbus.sim.drive.dictionary import (
+    AbortCode,
+    Access,
+    AccessRefused,
+    Dictionary,
+    Entry,
+    Mappable,
+    one_of,
+    only_if,
+)
 
 # Manufacturer-specific objects of the simulated drive: memory for the user's data.
 #
@@ -24,7 +34,7 @@ def add_user_data_memory(dictionary: Dictionary) -> None:
     """Add both blocks, empty, and the command that empties them."""
     blocks = [Entry(USER_DATA_MEMORY, subindex, None, access=Access.RW, capacity=BLOCK_OCTETS) for subindex in (1, 2)]
     for block, other in (blocks, reversed(blocks)):
-        block.accept = _room_beside(other)
+        block.accept = only_if(partial(_fits_beside, other), AbortCode.OUT_OF_MEMORY)
     dictionary.add_record(blocks)
     erase = Entry(ERASE_USER_DATA_MEMORY, 0, DataType.UINT32, access=Access.WO, accept=one_of((_ERASE,)))
     erase.changed = lambda: _empty(blocks)
@@ -36,12 +46,8 @@ def _empty(blocks: list[Entry]) -> None:
         block.text = b""
 
 
-def _room_beside(other: Entry) -> Callable[[int], None]:
-    def accept(octets: int) -> None:
-        if octets + len(other.text) > SHARED_OCTETS:
-            raise AccessRefused(AbortCode.OUT_OF_MEMORY)
-
-    return accept
+def _fits_beside(other: Entry, octets: int) -> bool:
+    return octets + len(other.text) <= SHARED_OCTETS
 
 
 # Parameters that outlive a reset: 1010h stores them, 1011h restores the defaults.
@@ -87,8 +93,9 @@ class Storage:
 
     def _commands(self, index: int, signature: int, action: Callable[[int], None]) -> Iterator[Entry]:
         for group in GROUPS:
-            entry = Entry(index, group, DataType.UINT32, _ON_COMMAND, Access.RW, accept=_signed(signature))
-            entry.changed = _command(entry, action)
+            signed = one_of((signature,), AbortCode.CANNOT_STORE)
+            entry = Entry(index, group, DataType.UINT32, _ON_COMMAND, Access.RW, accept=signed)
+            entry.changed = partial(_run, entry, action)
             yield entry
 
     def _save(self, group: int) -> None:
@@ -100,22 +107,10 @@ class Storage:
         self._saved = {key: saved for key, saved in self._saved.items() if key[0] not in GROUPS[group]}
 
 
-def _signed(signature: int) -> Callable[[int], None]:
-    def accept(value: int) -> None:
-        if value != signature:
-            raise AccessRefused(AbortCode.CANNOT_STORE)
-
-    return accept
-
-
-def _command(entry: Entry, action: Callable[[int], None]) -> Callable[[], None]:
-    """Return a `changed` that runs the command and then shows the capability of the object, not the signature."""
-
-    def changed() -> None:
-        entry.value = _ON_COMMAND
-        action(entry.subindex)
-
-    return changed
+def _run(entry: Entry, action: Callable[[int], None]) -> None:
+    """Run a command; its object shows the capability from then on, not the signature."""
+    entry.value = _ON_COMMAND
+    action(entry.subindex)
 
 
 # TIME: the time of day that a simulated node takes from the bus (1012h).
@@ -236,16 +231,8 @@ class NodeObjects:
 
     def __init__(self, dictionary: Dictionary, number: int) -> None:
         self._dictionary = dictionary
-        self._emergency = Entry(
-            0x1014,
-            0,
-            DataType.UINT32,
-            _EMERGENCY_ID + number,
-            Access.RW,
-            accept=self._accept_emergency,
-            numbered=True,
-        )
-        dictionary.add(self._emergency)
+        self._emergency = dictionary.add(Entry(0x1014, 0, DataType.UINT32, _EMERGENCY_ID + number, Access.RW,
+                                               accept=self._accept_emergency, numbered=True))  # fmt: skip
         self._behaviour = Entry(0x1029, 1, DataType.UINT8, 0, Access.RW, accept=one_of(_BEHAVIOURS))
         dictionary.add_record([self._behaviour])
         dictionary.add_record(

@@ -16,7 +16,7 @@ from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handler, is_restricted
 from haptic_fieldbus.sim.canopen.services.nmt import PDO_TOO_LONG, PDO_TOO_SHORT, RPDO_TIMEOUT, SYNC_LENGTH, Emergencies
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, only_if
 
 # Deadlines of RPDOs: their event timers (1400h:05).
 #
@@ -125,7 +125,7 @@ class SyncObjects:
 
     def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
         add = dictionary.add
-        self._cob_id = add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=_accept_identifier))
+        self._cob_id = add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=only_if(_is_sync_id)))
         self._period = add(Entry(0x1006, 0, DataType.UINT32, 0, Access.RW))
         self._window = add(Entry(0x1007, 0, DataType.UINT32, 0, Access.RW))
         self._overflow = add(Entry(0x1019, 0, DataType.UINT8, 0, Access.RW, accept=self._accept_overflow))
@@ -153,10 +153,9 @@ class SyncObjects:
             raise AccessRefused(AbortCode.INVALID_VALUE)
 
 
-def _accept_identifier(value: int) -> None:
-    """Refuse the production of SYNC (bit 30), 29-bit identifiers and restricted ones."""
-    if value & ~ID or is_restricted(value):
-        raise AccessRefused(AbortCode.INVALID_VALUE)
+def _is_sync_id(value: int) -> bool:
+    """Return whether SYNC may have this COB-ID: not produced (bit 30), not of 29 bits, not restricted."""
+    return not value & ~ID and not is_restricted(value)
 
 
 class Application(Protocol):
