@@ -64,12 +64,8 @@ def draw_model(model: EnvironmentModel, title: str) -> Figure:
     """Return a figure of the poles on the z-plane, and of the growth of a step over the period."""
     known = {method: growth for method, growth in model.growth.items() if growth is not None}
     worst = max(known, key=lambda method: known[method])
-    drawn = figure(
-        6.6,
-        13.0,
-        f"{worst}: spectral radius {rounded(known[worst])}",
-        [f"{title}; markers at a period of {in_unit(model.period, 's')}, dots at other periods"],
-    )  # fmt: skip
+    told = f"{title}; markers at a period of {in_unit(model.period, 's')}, dots at other periods"
+    drawn = figure(6.6, 13.0, f"{worst}: spectral radius {rounded(known[worst])}", [told])
     plane, growth = drawn.subplots(1, 2, width_ratios=[1.0, 1.2])
     periods = _periods(model)
     _draw_plane(plane, model, periods)

@@ -113,7 +113,7 @@ class StandardObject:
     @property
     def entry(self) -> ObjectEntry:
         """The object with the type of the standard."""
-        return ObjectEntry(self.index, _TYPES[self.types[0]], self.subindex)
+        return ObjectEntry(self.index, DATA_TYPES[self.types[0]], self.subindex)
 
     def found(self, eds: Eds) -> EdsEntry | None:
         """Return the entry of a file; None where the file does not have it."""
@@ -185,7 +185,7 @@ BY_KEY = {row.key: row for row in reversed(OBJECTS)}
 
 # Values, types and units that an EDS gives, in the terms of a profile.
 
-_TYPES: Mapping[EdsType | None, DataType] = {
+DATA_TYPES: Mapping[EdsType, DataType] = {
     EdsType.INTEGER8: DataType.INT8,
     EdsType.INTEGER16: DataType.INT16,
     EdsType.INTEGER32: DataType.INT32,
@@ -201,7 +201,7 @@ ANY_NODE = 1
 
 def data_type(entry: EdsEntry) -> DataType | None:
     """Return the type of an entry as profiles write it; None for a type that profiles do not have."""
-    return _TYPES.get(entry.type)
+    return DATA_TYPES.get(entry.type) if entry.type is not None else None
 
 
 def number_of(eds: Eds, index: int, subindex: int = 0) -> int | None:

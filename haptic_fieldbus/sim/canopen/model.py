@@ -281,24 +281,21 @@ def _set_up_pdos(
         for index in (COMMUNICATION[direction].start - 1 + number for number in pdo_shape(eds, direction)):
             communication, mapping = records[index], records[index + MAPPING]
             for subindex, entry in communication.items():
-                _default(entry, _given(eds, index, subindex, node), _LEFT_OPEN.get(subindex, 0))
+                entry.start_with(_given(eds, index, subindex, node, _LEFT_OPEN.get(subindex, 0)))
             for subindex, entry in mapping.items():
-                _default(entry, _given(eds, index + MAPPING, subindex, node), 0)
+                entry.start_with(_given(eds, index + MAPPING, subindex, node, 0))
             reason = _unmappable(dictionary, mapping, way)
             if reason:
                 yield f"{index + MAPPING:04X}h: {reason}; this PDO is left without objects"
-                _default(mapping[0], 0, 0)
-                _default(communication[1], communication[1].default | INVALID, INVALID)
+                mapping[0].start_with(0)
+                communication[1].start_with(communication[1].default | INVALID)
 
 
-def _given(eds: Eds, index: int, subindex: int, node: int) -> int | None:
+def _given(eds: Eds, index: int, subindex: int, node: int, otherwise: int) -> int:
+    """Return the power-on value in the file; `otherwise` where it gives none."""
     described = eds.find(index, subindex)
     value = described.value(node) if described is not None else None
-    return value if isinstance(value, int) else None
-
-
-def _default(entry: Entry, value: int | None, otherwise: int) -> None:
-    entry.start_with(otherwise if value is None else value)
+    return value if isinstance(value, int) else otherwise
 
 
 def _unmappable(dictionary: Dictionary, record: Mapping[int, Entry], way: Mappable) -> str:

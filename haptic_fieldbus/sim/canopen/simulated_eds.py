@@ -6,11 +6,11 @@ file keeps the names and types of that file.
 
 from dataclasses import replace
 
-from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsObject, EdsType, EdsValue, NodeOffset, ObjectCode
 from haptic_fieldbus.eds.names import member_name, parameter_name
+from haptic_fieldbus.protocols.canopen.eds_values import DATA_TYPES
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.slave import Slave
@@ -18,14 +18,7 @@ from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mapp
 
 BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
 """Bit rates of the standard [kbit/s]; the simulated wire takes any."""
-_TYPES = {
-    DataType.INT8: EdsType.INTEGER8,
-    DataType.INT16: EdsType.INTEGER16,
-    DataType.INT32: EdsType.INTEGER32,
-    DataType.UINT8: EdsType.UNSIGNED8,
-    DataType.UINT16: EdsType.UNSIGNED16,
-    DataType.UINT32: EdsType.UNSIGNED32,
-}
+_TYPES = {ours: type for type, ours in DATA_TYPES.items()}
 _STRINGS = (0x1008, 0x1009, 0x100A)
 _ARRAYS = (0x1003, 0x1010, 0x1011, 0x1016)
 _WRITABLE = {Mappable.RPDO: "rww", Mappable.TPDO: "rwr"}

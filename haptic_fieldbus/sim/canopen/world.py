@@ -16,9 +16,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import partial
-from typing import Protocol
 
 import can
 
@@ -56,50 +55,27 @@ _LEAVING_NS = 200_000_000
 """Paced: longest time that a leaving program waits until its last frames are sent."""
 
 
-class Pace(Protocol):
-    """The way in which programs use a world. Time-outs are in s; None waits for ever."""
-
-    def attach(self, *, receive_own: bool) -> Controller:
-        """Connect a program to the wire and return its controller."""
-
-    def detach(self, controller: Controller) -> None:
-        """Disconnect a program; threads that wait for its frames are woken."""
-
-    def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
-        """Queue a frame at the present time; raises can.CanOperationError when the controller does not take it."""
-
-    def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
-        """Return the next accepted frame, None at the deadline; raises can.CanOperationError when none can come."""
-
-    def timestamp(self, t_ns: int) -> float:
-        """Return the timestamp [s] of a message for an instant of the world's clock."""
-
-    def held(self) -> AbstractContextManager[None]:
-        """Bring the world to the present and hold it there for a `with` block, in which it may be read and changed."""
-
-
-def pace_of(world: "World") -> Pace:
-    """Return the pace for a world's clock: a MonotonicClock is followed, any other clock is advanced."""
-    return PacedByClock(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
-
-
 class Stepped:
-    """The pace of virtual time, for one thread."""
+    """The pace of virtual time, for one thread. Time-outs are in s; None waits for ever."""
 
     def __init__(self, world: "World") -> None:
         self._world = world
 
     def attach(self, *, receive_own: bool) -> Controller:
+        """Connect a program to the wire and return its controller."""
         return self._world.attach(receive_own=receive_own)
 
     def detach(self, controller: Controller) -> None:
+        """Disconnect a program; threads that wait for its frames are woken."""
         self._world.detach(controller)
 
     def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
+        """Queue a frame at the present time; raises can.CanOperationError when the controller does not take it."""
         if not self._world.send(controller, frame):
             raise _refused(controller)
 
     def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
+        """Return the next accepted frame, None at the deadline; raises can.CanOperationError when none can come."""
         if controller.down:
             raise _refused(controller)
         world = self._world
@@ -120,16 +96,18 @@ class Stepped:
         return None
 
     def timestamp(self, t_ns: int) -> float:
+        """Return the timestamp [s] of a message for an instant of the world's clock."""
         return t_ns * 1e-9
 
     @contextmanager
     def held(self) -> Iterator[None]:
+        """Bring the world to the present and hold it there for a `with` block, in which it may be read and changed."""
         self._world.run()
         yield
 
 
 class PacedByClock:
-    """The pace of the wall clock, for any number of threads."""
+    """The pace of the wall clock, for any number of threads; its methods are those of `Stepped`."""
 
     def __init__(self, world: "World") -> None:
         self._world = world
@@ -211,6 +189,11 @@ class PacedByClock:
                 self._turn.wait(min(remaining_ns * 1e-9, _NAP))
 
 
+def pace_of(world: "World") -> Stepped | PacedByClock:
+    """Return the pace for a world's clock: a MonotonicClock is followed, any other clock is advanced."""
+    return PacedByClock(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
+
+
 def _check_open(controller: Controller) -> None:
     if controller.closed:
         raise can.CanOperationError("the bus has been shut down")
@@ -259,7 +242,7 @@ class World(DrivenBus):
         """Clock of the computer of the master, where its faults take effect; None: there is no such clock."""
         self.adapter_ns = 0
         """Time that the adapter of a program adds to each frame on its way in, and on its way out [ns]."""
-        self.pace: Pace = pace_of(self)
+        self.pace = pace_of(self)
         """The way in which programs use this world."""
 
     # Setting up.

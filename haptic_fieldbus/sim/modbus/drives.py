@@ -193,10 +193,8 @@ def _install(fault: faults.LastingFault, unit: Unit) -> None:
     match fault:
         case faults.MissingNode():
             unit.silent_until_ns = NEVER_NS
-        case faults.DeadGuard(factor=factor) if unit.watchdog is not None:
+        case faults.DeadGuard(factor=factor):
             unit.watchdog.factor = factor
-        case faults.DeadGuard():
-            pass
         case faults.WrongIdentity(product_code=code):
             for entry in unit.identity:
                 entry.start_with(code if code is not None else entry.value ^ 1)

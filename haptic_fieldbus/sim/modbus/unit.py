@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from haptic_fieldbus.drive import cia402
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerRow, PowerState
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS, RigAxis
@@ -213,10 +214,8 @@ class Unit:
         self._scale_position(axis)
         self._power_registers = self._add_power()
         self.watchdog = self._add_watchdog()
-        self.timers: tuple[Operation | Watchdog, ...] = (self.drive.operation,)
+        self.timers: tuple[Operation | Watchdog, ...] = (self.drive.operation, self.watchdog)
         """The timers of the drive, each with a `due_ns` of its own."""
-        if self.watchdog is not None:
-            self.timers += (self.watchdog,)
         self._add_signals()
         self._add_others()
 
@@ -227,7 +226,7 @@ class Unit:
         self._now_ns = t_ns
         if self.drive.due_ns <= t_ns:
             self.drive.timer(t_ns)
-        if self.watchdog is not None and self.watchdog.expired(t_ns):
+        if self.watchdog.expired(t_ns):
             self.drive.link_lost(self._lost_master, t_ns)
 
     def power_on(self, t_ns: int, duration_ns: int = 0) -> None:
@@ -240,13 +239,11 @@ class Unit:
         self.drive.restart(t_ns)
         if self._power_registers is not None:
             self._power_registers.command.reset()
-        if self.watchdog is not None:
-            self.watchdog.restart(t_ns)
+        self.watchdog.restart(t_ns)
 
     def enabled(self, t_ns: int) -> None:
         """Count the time of the watch from *operation enabled* too."""
-        if self.watchdog is not None:
-            self.watchdog.restart(t_ns)
+        self.watchdog.restart(t_ns)
 
     # Called by the station.
 
@@ -301,9 +298,8 @@ class Unit:
     # Inside.
 
     def _watch(self, entries: Sequence[Entry], t_ns: int) -> None:
-        watchdog = self.watchdog
-        if watchdog is not None and (self.drive.objects.target_torque in entries or watchdog.time in entries):
-            watchdog.restart(t_ns)
+        if self.drive.objects.target_torque in entries or self.watchdog.time in entries:
+            self.watchdog.restart(t_ns)
 
     def _scale_position(self, axis: RigAxis) -> None:
         """Scale the position: a motor revolution has the number of steps of the profile's unit."""
@@ -338,10 +334,11 @@ class Unit:
         self.drive.objects.controlword.value = controlword
         self.drive.act(self._now_ns)
 
-    def _add_watchdog(self) -> Watchdog | None:
+    def _add_watchdog(self) -> Watchdog:
+        """Add the registers of the watch; without any its time is 0 for ever."""
         section = self.profile.watchdog
         if section is None:
-            return None
+            return Watchdog(Entry(0, 0, DataType.UINT16), "ms")
         self._lost_master = LOST_MASTER if section.fault is None else section.fault
         watchdog = Watchdog(self._keep(section.time), section.time.unit)
         self.registers.both(section.time, watchdog.time)

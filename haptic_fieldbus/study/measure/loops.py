@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics.sampled import SampledPlant, environment
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand, free, grounded
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, KnownMotion, Problem, peak, sine, sprung_mass
 from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn
-from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, reference, with_order
+from haptic_fieldbus.study.measure.work_precision import TIMED_STEPS, Point, Set, errors, reference, with_order
 
 # Error along a run: the virtual mass swings freely behind a held puck, for up to ten million steps of the loop.
 #
@@ -240,8 +240,6 @@ PositionLaw = Callable[[float], float]
 HORIZON, CONTACT_STIFFNESS, DAMPING = 1.0, 600.0, 2.0
 """Length of a run [s], and the walls of the scene library [N/m], [N·s/m]."""
 HAND_FORCE = sine(4.0, 1.0)
-TIMED_STEPS = 200
-"""Steps in one timed pass."""
 DIVERGED = 1e12
 """Force from which a run counts as diverged [N]; far above any real force, and far below overflow."""
 FIXED_TIMES = ("filtered-derivative",)

@@ -7,7 +7,7 @@ parameter changes: an RPDO gets only the receiver that its parameters need.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Protocol
 
 from haptic_fieldbus.drive.objects import DataType
@@ -54,10 +54,22 @@ class Deadline:
         self.alarm.off()
         self._emergencies.clear(RPDO_TIMEOUT, self._rpdo)
 
+    def timed(self, receive: Handler) -> Handler:
+        """Return a receiver that notes the reception and then calls `receive`."""
+        heard = self.heard
+
+        def timed(data: bytes, t_ns: int) -> None:
+            heard(t_ns)
+            receive(data, t_ns)
+
+        return timed
+
     def check(self) -> None:
-        """Disarm when the parameters have changed."""
+        """Disarm when the parameters have changed, and when the RPDO is not received any more."""
         parameters = (self._rpdo.can_id, self._rpdo.deadline_ns)
-        if parameters != self._parameters:
+        if not self._rpdo.valid:
+            self.disarm()
+        elif parameters != self._parameters:
             self._parameters = parameters
             self.disarm()
 
@@ -70,43 +82,6 @@ class Deadline:
         self._armed = False
         self._emergencies.raise_error(RPDO_TIMEOUT, self._rpdo)
         self._lost(RPDO_TIMEOUT, t_ns)
-
-
-class Deadlines:
-    """The deadlines of all RPDOs that have one."""
-
-    def __init__(self, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int, int], None]) -> None:
-        self._alarms = alarms
-        self._emergencies = emergencies
-        self._lost = lost
-        self._all: dict[Rpdo, Deadline] = {}
-
-    def watch(self, rpdos: Iterable[Rpdo]) -> None:
-        """Take over the parameters of the RPDOs that are received; disarm the deadlines of all others."""
-        received = set(rpdos)
-        for rpdo, deadline in self._all.items():
-            if rpdo in received:
-                deadline.check()
-            else:
-                deadline.disarm()
-
-    def heard(self, rpdo: Rpdo, receive: Handler) -> Handler:
-        """Return a receiver that notes the reception and then calls `receive`."""
-        deadline = self._all.get(rpdo)
-        if deadline is None:
-            deadline = self._all[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, self._lost)
-        heard = deadline.heard
-
-        def timed(data: bytes, t_ns: int) -> None:
-            heard(t_ns)
-            receive(data, t_ns)
-
-        return timed
-
-    def stop(self) -> None:
-        """Disarm all deadlines, on leaving *operational*."""
-        for deadline in self._all.values():
-            deadline.disarm()
 
 
 # SYNC as a simulated node consumes it: 1005h, 1006h, 1007h, 1019h.
@@ -209,7 +184,9 @@ class ProcessData:
         self._rpdos = [Rpdo(dictionary, defaults, changed) for defaults in rpdos]
         self._tpdos = [Tpdo(dictionary, defaults, changed) for defaults in tpdos]
         self._poll = alarms.new(self.poll)
-        self._deadlines = Deadlines(alarms, emergencies, application.link_lost)
+        self._alarms = alarms
+        self._deadlines: dict[Rpdo, Deadline] = {}
+        """The deadlines of the RPDOs that have, or have had, one."""
         self._waiting: dict[Rpdo, bytes] = {}
         self._at_sync: list[Tpdo] = []
         self._at_event: list[Tpdo] = []
@@ -241,7 +218,8 @@ class ProcessData:
     def stop(self) -> None:
         """Stop on leaving *operational*."""
         self._waiting.clear()
-        self._deadlines.stop()
+        for deadline in self._deadlines.values():
+            deadline.disarm()
         self._poll.off()
 
     def route(self, t_ns: int) -> dict[int, Handler]:
@@ -252,7 +230,8 @@ class ProcessData:
         self._window_ns = self.objects.window_ns
         # An event-driven TPDO is checked at once after a change: it may have become valid.
         self._poll.at(min(self._poll.due_ns, t_ns) if self._at_event else NEVER_NS)
-        self._deadlines.watch([rpdo for rpdo in self._rpdos if rpdo.valid])
+        for deadline in self._deadlines.values():
+            deadline.check()
         handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
         handlers[self.objects.can_id] = self._deaf if self._lost_syncs else self.sync
         return handlers
@@ -301,7 +280,10 @@ class ProcessData:
     def _receiver(self, rpdo: Rpdo) -> Handler:
         receive = self._holder(rpdo) if rpdo.synchronous or self._acts_at_sync else self._actor(rpdo)
         if rpdo.deadline_ns:
-            receive = self._deadlines.heard(rpdo, receive)
+            if rpdo not in self._deadlines:
+                lost = self._application.link_lost
+                self._deadlines[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, lost)
+            receive = self._deadlines[rpdo].timed(receive)
         receive = self._measured(rpdo, receive)
         return self._loser(receive) if self._lost_rpdos else receive
 
