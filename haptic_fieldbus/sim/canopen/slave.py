@@ -265,7 +265,7 @@ class Node:
         """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
         self.emergencies.raise_error(nmt.HEARTBEAT_LOST)
         self._application.link_lost(nmt.HEARTBEAT_LOST, t_ns)
-        self._enter(nmt.AFTER_ERROR.get((self._objects.error_behaviour, self.state), self.state))
+        self._enter(nmt.AFTER_ERROR.get((self._objects.behaviour.value, self.state), self.state))
 
     def _link_back(self) -> None:
         # Both share one error; it is over only when nobody is missing any more.
@@ -273,7 +273,7 @@ class Node:
             self.emergencies.clear(nmt.HEARTBEAT_LOST)
 
     def _send_emergency(self, data: bytes) -> None:
-        cob_id = self._objects.emergency_cob_id
+        cob_id = self._objects.emergency.value
         if nmt.Service.SDO in nmt.WORKING[self.state] and not cob_id & INVALID:
             self._emit(Frame(cob_id & ID, data))
 

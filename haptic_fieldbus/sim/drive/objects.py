@@ -389,8 +389,7 @@ def _add_rated_current(dictionary: Dictionary, profile: Cia402Profile, defaults:
     """Add the object of the rated current, where the profile names one."""
     current = profile.torque.rated_current
     if current is not None:
-        entry = _add_mapped(dictionary, current, Access.RO, Mappable.TPDO)
-        entry.start_with(defaults.rated_current_ma)
+        _add_mapped(dictionary, current, Access.RO, Mappable.TPDO).start_with(defaults.rated_current_ma)
 
 
 def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:

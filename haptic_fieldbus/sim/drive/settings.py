@@ -113,15 +113,6 @@ def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
     return _known(axis, "inertia"), _known(axis, "viscous_damping"), _known(axis, "rated_torque")
 
 
-def _known_currents(axis: RigAxis, settings: DriveSettings) -> tuple[float, float, float]:
-    """Return rated current [A], peak current of the power stage [A] and torque constant [N·m/A] of the axis.
-
-    Unknown values are those of the shipped bench; raises ValueError when that has none.
-    """
-    rated = settings.rated_current or _known(axis, "rated_current")
-    return rated, _known(axis, "peak_current"), _known(axis, "torque_constant")
-
-
 def _known(axis: RigAxis, key: str) -> float:
     """Return a value of the axis, or that of the shipped bench; raises ValueError when that has none."""
     given: float | None = getattr(axis, key)
@@ -196,15 +187,14 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     after `_RAMP`.
     """
     inertia, _, rated = known_mechanics(axis)
-    current, peak, constant = _known_currents(axis, settings)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
     steps = steps_of_position(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
-        rated_current_ma=round(current * 1e3),
-        torque_constant=constant,
-        peak_current=peak,
+        rated_current_ma=round((settings.rated_current or _known(axis, "rated_current")) * 1e3),
+        peak_current=_known(axis, "peak_current"),
+        torque_constant=_known(axis, "torque_constant"),
         counts_per_revolution=counts,
         velocity=_whole(_RAMP * acceleration / velocity_step(_velocity_unit(profile, settings), counts)),
         acceleration=_whole(acceleration * steps / (2 * math.pi)),

@@ -263,16 +263,12 @@ def _judged(*bodies: HungBody, plant: Plant = MOTOR) -> float:
     return group.stability.stiffness_limit.stable or 0.0
 
 
-def _loaded_by_hand(loss: float) -> float:
-    motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
-    body = events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss)
-    return limit_in_contact(body, PERIOD, DELAY)
-
-
 def compliant_transmission(quick: bool) -> CaseResult:
     """Check the limit of a motor with a load behind a spring: their oscillation counts; a rigid one is one mass."""
     found = [_judged(HungBody(LOAD, STIFF, loss)) for loss in LOSSES]
-    by_hand = [_loaded_by_hand(loss) for loss in LOSSES]
+    motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
+    loaded = [events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss) for loss in LOSSES]
+    by_hand = [limit_in_contact(body, PERIOD, DELAY) for body in loaded]
     whole = _judged(plant=Plant(MOTOR.mass + LOAD, MOTOR.damping, torque_lag=MOTOR.torque_lag))
     rigid = _judged(HungBody(LOAD, RIGID, math.sqrt(RIGID * LOAD)))
     apart = relative_error(found, by_hand)

@@ -15,7 +15,6 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.batch import Array, Loops, Running, loops
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.study.case import CaseResult, result_of, values_text
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles.contact import Pressed, bisected, jury_limit, largest, relay_speed
@@ -227,8 +226,6 @@ class LimitCycle:
 
     amplitude: float
     angular_frequency: float
-    attracts: bool
-    """True when motions settle to the cycle; False when larger motions grow and smaller motions decay."""
 
 
 def _critical(plant: Plant, period: float, delay: float, environment: StateSpace) -> tuple[float, float]:
@@ -236,12 +233,9 @@ def _critical(plant: Plant, period: float, delay: float, environment: StateSpace
     device = sample(plant, period, delay)
     scale = (plant.mass / period**2 + plant.damping / period) / abs(float(environment.d[0, 0]))
     gain = limit_of(lambda part: sampled.growth(device, sampled.scaled(environment, part)), scale)
-    return gain, _frequency(device, sampled.scaled(environment, gain), period)
-
-
-def _frequency(device: SampledPlant, environment: StateSpace, period: float) -> float:
-    modes = np.linalg.eigvals(sampled.without_shift(sampled.loop_matrix(device, environment), device, environment))
-    return float(abs(np.angle(modes[np.abs(modes).argmax()]))) / period
+    scaled = sampled.scaled(environment, gain)
+    modes = np.linalg.eigvals(sampled.without_shift(sampled.loop_matrix(device, scaled), device, scaled))
+    return gain, float(abs(np.angle(modes[np.abs(modes).argmax()]))) / period
 
 
 def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSpace) -> LimitCycle | None:
@@ -272,7 +266,7 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
                 return None
         _, high = bisected(lambda damping: lacking(damping) > 0.0, low, high, 1e-9)
     amplitude, turn = cycle(high)
-    return LimitCycle(amplitude, turn, attracts=True) if math.isfinite(amplitude) else None
+    return LimitCycle(amplitude, turn) if math.isfinite(amplitude) else None
 
 
 def chatter_speed(plant: Plant, period: float, delay: float, stiffness: float) -> float:

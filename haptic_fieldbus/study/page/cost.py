@@ -55,11 +55,6 @@ def reasons(plans: Mapping[str, Plan]) -> str:
     return html.folded("Why, scene by scene", told)
 
 
-def scenes_part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
-    """Return the part of a section on all scenes."""
-    return f"<h3>Omitted parts of each scene</h3>{html.paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}"
-
-
 def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return a sentence on omitted parts, and the times of the cheapest and the most expensive scene."""
     least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
@@ -121,7 +116,7 @@ def cost_section(context: html.Context) -> html.Section:
     single = [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
               for part in found if part.spread is not None]  # fmt: skip
     body = [
-        scenes_part(plans, costs),
+        f"<h3>Omitted parts of each scene</h3>{html.paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}",
         "<h3>Time of each part</h3>",
         html.paragraph(EXPLAINED),
         html.picture("cost", document, CAPTION),

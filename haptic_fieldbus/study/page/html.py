@@ -194,6 +194,11 @@ def number_text(value: float | None, digits: int = DIGITS) -> str:
     return rounded(value, digits)
 
 
+def scaled(factor: float, value: float | None) -> float | None:
+    """Return a multiple of a value; None if the value is unknown."""
+    return None if value is None else factor * value
+
+
 def plain_text(text: str) -> str:
     """Return HTML as text, without tags and entities."""
     return unescape(_plain(text))

@@ -144,16 +144,13 @@ def sources_table(misfits: Sequence[ForceError]) -> str:
     def row(misfit: ForceError) -> list[html.Entry]:
         if misfit.rms is None:
             return [misfit.scene, html.Cell(misfit.reason, "text"), *[""] * (3 + len(sources))]
-        shares = [100.0 * misfit.by_source[s] if s in misfit.by_source else None for s in sources]
-        contact = None if misfit.contact is None else 100.0 * misfit.contact
-        energy = None if misfit.energy is None else 1e3 * misfit.energy
         return [
             misfit.scene,
             f"{html.number_text(misfit.rms)} {misfit.unit}",
             f"{html.number_text(misfit.max)} {misfit.unit}",
-            contact,
-            energy,
-            *shares,
+            html.scaled(100.0, misfit.contact),
+            html.scaled(1e3, misfit.energy),
+            *(html.scaled(100.0, misfit.by_source.get(source)) for source in sources),
         ]
 
     headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",

@@ -231,23 +231,16 @@ class NodeObjects:
 
     def __init__(self, dictionary: Dictionary, number: int) -> None:
         self._dictionary = dictionary
-        self._emergency = dictionary.add(Entry(0x1014, 0, DataType.UINT32, _EMERGENCY_ID + number, Access.RW,
-                                               accept=self._accept_emergency, numbered=True))  # fmt: skip
-        self._behaviour = Entry(0x1029, 1, DataType.UINT8, 0, Access.RW, accept=one_of(_BEHAVIOURS))
-        dictionary.add_record([self._behaviour])
+        self.emergency = dictionary.add(Entry(0x1014, 0, DataType.UINT32, _EMERGENCY_ID + number, Access.RW,
+                                              accept=self._accept_emergency, numbered=True))  # fmt: skip
+        """COB-ID of emergency messages."""
+        self.behaviour = Entry(0x1029, 1, DataType.UINT8, 0, Access.RW, accept=one_of(_BEHAVIOURS))
+        """Effect of a communication error on the NMT state."""
+        dictionary.add_record([self.behaviour])
         dictionary.add_record(
             Entry(0x1200, subindex, DataType.UINT32, base + number, numbered=True) for subindex, base in _SDO
         )
         add_user_data_memory(dictionary)
-
-    @property
-    def emergency_cob_id(self) -> int:
-        return self._emergency.value
-
-    @property
-    def error_behaviour(self) -> int:
-        """Return 1029h:01, the effect of a communication error on the NMT state."""
-        return self._behaviour.value
 
     def identity(self) -> list[int]:
         """Return the LSS address: vendor-ID, product code, revision number, serial number; 0 for any missing one."""
@@ -255,6 +248,6 @@ class NodeObjects:
 
     def _accept_emergency(self, value: int) -> None:
         refuse_move(
-            value, exists=not self._emergency.value & INVALID, becomes=not value & INVALID,
-            can_id=self._emergency.value & ID,
+            value, exists=not self.emergency.value & INVALID, becomes=not value & INVALID,
+            can_id=self.emergency.value & ID,
         )  # fmt: skip

@@ -11,7 +11,7 @@ needs no look-up.
 """
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import DataType
@@ -56,6 +56,8 @@ class Pdo:
     communication_base = 0
     mapping_base = 0
     types: tuple[int, ...] = ()
+    _further: tuple[Entry, ...] = ()
+    """Further entries of the communication record."""
 
     def __init__(self, dictionary: Dictionary, defaults: PdoDefaults, changed: Callable[[], None]) -> None:
         self.number = defaults.number
@@ -102,14 +104,10 @@ class Pdo:
         cob_id = Entry(index, 1, DataType.UINT32, defaults.cob_id, Access.RW, accept=self._accept_cob_id)
         type_ = Entry(index, 2, DataType.UINT8, _EVENT_DRIVEN, Access.RW, accept=one_of(self.types))
         cob_id.changed = type_.changed = self._event_timer.changed = self.compile
-        self._dictionary.add_record([cob_id, type_, self._event_timer, *self._further(defaults)])
+        self._dictionary.add_record([cob_id, type_, self._event_timer, *self._further])
         # A predefined identifier contains the node-ID, no identifier does not.
         cob_id.numbered = bool(defaults.cob_id & ID)
         return cob_id, type_
-
-    def _further(self, _defaults: PdoDefaults) -> Sequence[Entry]:
-        """Return the further entries of the communication record."""
-        return ()
 
     def _timer(self, subindex: int, value: int, *, locked: bool = False) -> Entry:
         index = self.communication_base + self.number - 1
@@ -200,6 +198,7 @@ class Tpdo(Pdo):
         self._start = Entry(
             index, 6, DataType.UINT8, 0, Access.RW, limits=(0, _LAST_SYNCHRONOUS), accept=self._accept_locked
         )
+        self._further = self._inhibit_time, self._start
         super().__init__(dictionary, defaults, changed)
         self.restart(0)
 
@@ -280,6 +279,3 @@ class Tpdo(Pdo):
         if not self.synchronous:
             measure()
         return self.data()
-
-    def _further(self, defaults: PdoDefaults) -> Sequence[Entry]:
-        return self._inhibit_time, self._start
