@@ -59,9 +59,7 @@ class Body(ABC):
         """Start the hand's clock now, at 0; a hand that has released the handle, or has waited, grips it again."""
         self._pieces.clear()
         if self._hand is not None and self._grip is not self._hand:
-            # At the place of the handle, and as fast as it.
-            self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
-            self._hold(self._hand)
+            self._take(self._hand, self.velocity)
         if self._grip is not None:
             self.plan_pieces(self._grip)
             # A piece at 0 s begins at once.
@@ -77,8 +75,7 @@ class Body(ABC):
         if self._leader is not None:
             if self._grip is not None and self._grip is not self._leader:
                 self._hand = self._grip
-            self.state = (*self.state[:STRETCH], 0.0, 0.0, 0.0, 0.0, *self.state[TARGET:])
-            self._hold(self._leader)
+            self._take(self._leader, 0.0)
             self._pieces.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._leader.pieces)
         elif self._grip is not None and any(self.state[HAND_SPEED:TARGET]):
             self.state = (*self.state[:HAND_SPEED], 0.0, 0.0, 0.0, *self.state[TARGET:])
@@ -100,8 +97,7 @@ class Body(ABC):
         self._pieces.clear()
         if self._grip is not grip:
             self._guest = grip
-            self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
-            self._hold(grip)
+            self._take(grip, self.velocity)
         self._begin(Piece(0.0, force))
 
     def let_go(self) -> None:
@@ -156,8 +152,12 @@ class Body(ABC):
             self._continue((*self.state[:FORCE], piece.force, piece.slope, *self.state[TARGET:]))
         else:
             self._hand = self._grip
-            self.state = (*self.state[:STRETCH], 0.0, 0.0, 0.0, 0.0, *self.state[TARGET:])
-            self._hold(None)
+            self._take(None, 0.0)
+
+    def _take(self, grip: Grip | None, speed: float) -> None:
+        """Let this hand hold the handle from now on, at its place and at this speed; None: no hand."""
+        self.state = (*self.state[:STRETCH], 0.0, speed, 0.0, 0.0, *self.state[TARGET:])
+        self._hold(grip)
 
     @abstractmethod
     def _hold(self, grip: Grip | None) -> None:

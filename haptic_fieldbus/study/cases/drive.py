@@ -1,7 +1,7 @@
 """Cases of faults of bus, encoder and clock: a running loop sets its torque to zero, or continues unaffected."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -106,20 +106,6 @@ def running_feeder(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
     return cycle
 
 
-@dataclass(frozen=True)
-class BusOffOutcome:
-    """End of a simulated run in which the bus was lost."""
-
-    error: str
-    """Class of the error that ended the run; "none" without one."""
-    guard: float
-    """Time set in the drive watchdog [s]."""
-    pushed: float
-    """Target torque of the drive when the bus was lost [N·m]."""
-    torque_free_after: float
-    """Time from the loss to a target torque of 0 [s]; ∞ when it was not 0 at the end."""
-
-
 def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: tuple[Fault, ...] = ()) -> tuple[Any, LoopReport, str]:
     """Run a plan on the simulated drive with a hand that pushes at once; return truth, report and the error's class."""
     report, error, hand = LoopReport(), "none", hand_named("push")
@@ -135,8 +121,13 @@ def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: tuple[Fault, ...]
     return truth, report, error
 
 
-def bus_off_in_contact() -> BusOffOutcome:
-    """Run into a bus-off of our own controller while the wall pushes back, then watch the drive for 0.5 s."""
+def bus_off_in_contact() -> tuple[str, float, float, float]:
+    """Run into a bus-off of our own controller while the wall pushes back, then watch the drive for 0.5 s.
+
+    Returns the class of the error that ended the run, "none" without one; the time set in the drive watchdog [s]; the
+    target torque of the drive when the bus was lost [N·m]; and the time from the loss to a target torque of 0 [s], ∞
+    when it was not 0 at the end.
+    """
     plan, clock = plan_of(Wall("handle", stiffness=600.0, position=0.02)), VirtualClock()
     truth, report, error = _run(plan, clock, 700, (BusOff("bus_off", CONTACT),))
     clock.sleep_until(clock.now_ns() + 500_000_000)
@@ -145,7 +136,7 @@ def bus_off_in_contact() -> BusOffOutcome:
     held = [float(torque) for at, torque in zip(times, torques, strict=True) if at <= lost_ns]
     ended = [int(at) for at, torque in zip(times, torques, strict=True) if at > lost_ns and torque == 0.0]
     free = (ended[0] - lost_ns) * 1e-9 if ended and torques[-1] == 0.0 else math.inf
-    return BusOffOutcome(error, plan.guards[0].seconds, held[-1], free)
+    return error, plan.guards[0].seconds, held[-1], free
 
 
 def odd_periods(start_ns: int, cycles: int) -> tuple[int, int]:
@@ -159,20 +150,20 @@ def lost_bus(quick: bool) -> CaseResult:
     cycle = running_feeder(plan_of(Constant("handle", 3.0)))
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
-    outcome = bus_off_in_contact()
+    error, guard, pushed, free_after = bus_off_in_contact()
     return result_of(
         f"target {round(3.0 / UNIT)} ‰, then 0 from the period of the loss on; the drive's torque is asked to be 0 "
-        f"within its guard time of {exactly(1e3 * outcome.guard)} ms and a period, and the run ends with an error",
+        f"within its guard time of {exactly(1e3 * guard)} ms and a period, and the run ends with an error",
         f"target {before} ‰, then at most {max(map(abs, after))} ‰ for {len(after)} periods; drive without torque "
-        f"{1e3 * outcome.torque_free_after:.2f} ms later; {outcome.error}",
+        f"{1e3 * free_after:.2f} ms later; {error}",
         "hand-derived: 3 N in thousandths of rated torque; the guard time that the drive was given",
         tolerance="exact in ‰; the drive within its guard time and a period",
-        within=[(outcome.torque_free_after, outcome.guard + PERIOD_NS * 1e-9)],
+        within=[(free_after, guard + PERIOD_NS * 1e-9)],
         holds=before == round(3.0 / UNIT)
         and not any(after)
         and cycle.tripped is TripKind.BUS_OFF
-        and outcome.pushed < 0.0 <= outcome.torque_free_after
-        and outcome.error == "BusError",
+        and pushed < 0.0 <= free_after
+        and error == "BusError",
     )
 
 

@@ -330,10 +330,7 @@ def half_sample_wall(quick: bool) -> CaseResult:
     left = math.log(sampled.growth(sample(Plant(mass, 0.0), PERIOD, 0.0), difference))
     shaken = damping_needed(difference, PERIOD, 0.0)
     without = damping_needed(gain([[-STIFFNESS]]), PERIOD, 0.0)
-    law = events.spring_damper_law(STIFFNESS, 0.5 * STIFFNESS * PERIOD, PERIOD)
-    one = math.log(
-        events.growth(events.map_of_turn([events.motor(mass, 0.0)], *events.every(PERIOD, 0.0), law, memory=1))
-    )
+    one = math.log(growth_in_contact(events.motor(mass, 0.0), PERIOD, 0.0, STIFFNESS, 0.5 * STIFFNESS * PERIOD))
     expected = 0.5 * math.log1p(0.5 * h * h)
     bound = 0.5 * STIFFNESS * PERIOD
     return result_of(
