@@ -78,6 +78,10 @@ class Cost:
         """Return the quartiles of this cost over another, pass by pass; both must have been timed in turn."""
         return quartiles(self.passes / other.passes)
 
+    def excess(self, other: "Cost") -> Array:
+        """Return this cost minus another, pass by pass [ns]; both must have been timed in turn."""
+        return self.passes - other.passes
+
 
 def quartiles(values: Array) -> Quartiles:
     """Return the quartiles of values of shape `(n,)`."""
@@ -238,7 +242,7 @@ def _periods(plans: Mapping[str, Plan]) -> Iterator[OptionalPart]:
     for scene, cost in costs.items():
         alone = spread(cycles[scene], [(image,) for image in playbacks[scene].images(SINGLE)])
         yield OptionalPart(f"whole period: {scene}", cost.ns, cost.quartiles, cost, alone)
-    added = quartiles(costs[DAMPED].passes - costs[PLAIN].passes)
+    added = quartiles(costs[DAMPED].excess(costs[PLAIN]))
     yield OptionalPart(f"velocity and damping ({DAMPED} over {PLAIN})", added[1], added)
 
 

@@ -194,7 +194,7 @@ def number_text(value: float | None, digits: int = DIGITS) -> str:
     return rounded(value, digits)
 
 
-def scaled(factor: float, value: float | None) -> float | None:
+def multiple(factor: float, value: float | None) -> float | None:
     """Return a multiple of a value; None if the value is unknown."""
     return None if value is None else factor * value
 

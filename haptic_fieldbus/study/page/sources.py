@@ -148,9 +148,9 @@ def sources_table(misfits: Sequence[ForceError]) -> str:
             misfit.scene,
             f"{html.number_text(misfit.rms)} {misfit.unit}",
             f"{html.number_text(misfit.max)} {misfit.unit}",
-            html.scaled(100.0, misfit.contact),
-            html.scaled(1e3, misfit.energy),
-            *(html.scaled(100.0, misfit.by_source.get(source)) for source in sources),
+            html.multiple(100.0, misfit.contact),
+            html.multiple(1e3, misfit.energy),
+            *(html.multiple(100.0, misfit.by_source.get(source)) for source in sources),
         ]
 
     headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",

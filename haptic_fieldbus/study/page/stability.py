@@ -497,7 +497,7 @@ def _decay_table(found: Sequence[Decay]) -> str:
     headings = ("stiffness over its limit", "growth per swing", "with the controller", "its largest force [N]",
                 "energy it took [mJ]")  # fmt: skip
     rows = [
-        [plain.share, plain.growth, damped.growth, damped.peak, html.scaled(1e3, damped.energy)]
+        [plain.share, plain.growth, damped.growth, damped.peak, html.multiple(1e3, damped.energy)]
         for plain, damped in zip(found[::2], found[1::2], strict=True)
     ]
     return html.table(headings, rows, text_columns=0)
@@ -507,8 +507,8 @@ def _felt_table(taps: Sequence[WallTap]) -> str:
     headings = ("a tap with", "error in contact, % of force", "energy put in [mJ]", "its largest force [N]",
                 "periods in which it damps [%]")  # fmt: skip
     return html.table(headings, (
-        [NAMES[tap.controlled], html.scaled(100.0, tap.error), html.scaled(1e3, tap.energy), tap.peak,
-         html.scaled(100.0, tap.periods)]
+        [NAMES[tap.controlled], html.multiple(100.0, tap.error), html.multiple(1e3, tap.energy), tap.peak,
+         html.multiple(100.0, tap.periods)]
         for tap in taps
     ))  # fmt: skip
 
