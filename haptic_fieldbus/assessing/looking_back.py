@@ -16,15 +16,14 @@ What contradicts is noted in the rig (`drive.rig.Contradicted`), and the next pl
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from haptic_fieldbus.assessing.loop_report import Record
-from haptic_fieldbus.documents.edits import edit_file, with_table
+from haptic_fieldbus.documents.edits import table_values, write_table
 from haptic_fieldbus.drive.rig import Contradicted
-from haptic_fieldbus.identification.fit import Estimate, ShaftRecord
+from haptic_fieldbus.identification.fit import Estimate, ShaftRecord, shaft_record_of
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -52,11 +51,11 @@ def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> 
     times_ns, position, command = (
         rows.column(name)[since] for name in ("t_ns", f"{axis.name}.position", f"{axis.name}.command")
     )
-    places = np.rint((times_ns - times_ns[0]) / (1e9 * period)).astype(int)
-    grid, ratio = np.arange(places[-1] + 1), axis.rig.mechanism.ratio
-    positions = np.interp(grid, places, position) / ratio
-    torques = command[np.searchsorted(places, grid, side="right") - 1] * ratio
-    return ShaftRecord(period, tuple(positions.tolist()), tuple(torques.tolist()), axis.resolution / ratio)
+    ratio = axis.rig.mechanism.ratio
+    found, _ = shaft_record_of(
+        times_ns, position, command, period=period, resolution=axis.resolution, ratio=ratio
+    )  # fmt: skip
+    return found
 
 
 def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Estimate]]:
@@ -73,10 +72,7 @@ def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Esti
     after, before = y[2 * w :] - y[w:-w], y[w:-w] - y[: -2 * w]
     bend = (after - before) / (w * period) ** 2
     speed = (way[2 * w :] - 2.0 * way[w:-w] + way[: -2 * w]) / (w * period) ** 2
-    triangle = np.concatenate([np.arange(1, w + 1), np.arange(w - 1, 0, -1)]) / w**2
-    # A set-point acts from its sample on, so its middle is half a period later.
-    acting = np.interp(np.arange(len(y)) - 0.5 - delay / period, np.arange(len(y)), record.torques)
-    torque = np.convolve(acting, triangle, "valid")[1 : len(bend) + 1]
+    torque = record.torques_under(w, delay / period)[: len(bend)]
     rows = np.column_stack([torque, speed, np.sign(speed), np.ones(len(bend))])
     moving = (after * before > 0.0) & (np.minimum(abs(after), abs(before)) > FEWEST * resolution)
     noise = resolution * np.sqrt(0.5) / (w * period) ** 2
@@ -161,9 +157,5 @@ def noted(plan: Plan, found: Iterator[Contradiction]) -> Iterator[str]:
     for name, note in notes.items():
         note = replace(note, date=datetime.now().astimezone().isoformat(timespec="seconds"))
         note = replace(note, digest=evidence_digest(plan.axis(name).rig, note))
-        values = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(note).items()}
-        known = {key: value for key, value in values.items() if value is not None}
-        try:
-            edit_file(plan.rig.source, partial(with_table, path=("axis", name, "contradicted"), values=known))
-        except (OSError, ValueError) as error:
-            yield f"this was not noted in {plan.rig.source}: {getattr(error, 'strerror', None) or error}"
+        if why := write_table(plan.rig.source, ("axis", name, "contradicted"), table_values(note)):
+            yield f"this was not noted in {plan.rig.source}: {why}"

@@ -14,6 +14,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from haptic_fieldbus.documents.safe_read import TOML_SIZE, fault_of_text, read_octets
@@ -143,6 +144,24 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
             if tomllib.loads(changed) == expected:
                 return changed
     raise ValueError(f"[{table_name(path)}] cannot be added to a file of this form")
+
+
+def table_values(table: object) -> dict[str, Value]:
+    """Return the keys that a dataclass gives a table: those whose value is not None, with lists for tuples."""
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in vars(table).items()
+        if value is not None
+    }
+
+
+def write_table(file: str | Path, path: Sequence[str], values: Mapping[str, Value]) -> str:
+    """Write a table into a file, as `with_table` does; return why that was impossible, or an empty text."""
+    try:
+        edit_file(file, partial(with_table, path=path, values=values))
+    except (OSError, ValueError) as error:
+        return str(getattr(error, "strerror", None) or error)
+    return ""
 
 
 def table_text(path: Sequence[str], values: Mapping[str, Value]) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
 from haptic_fieldbus.identification.scale import NOT_CHECKED, ScaleCheck
@@ -75,6 +75,10 @@ class IdentifiedBench:
     written: str = ""
     """File of the rig into which the values were written; empty if they were not."""
 
+    def with_warnings(self, *told: str) -> "IdentifiedBench":
+        """Return the result with further warnings."""
+        return replace(self, warnings=(*self.warnings, *told))
+
     @property
     def scale_text(self) -> str:
         """Return the result of the check by an added mass, or that there was none."""
@@ -89,36 +93,24 @@ class IdentifiedBench:
         if fit and fit.resonance:
             estimates["resonance"] = fit.resonance
         values = {
-            name: {
-                "value": each.value,
-                "low": each.low,
-                "high": each.high,
-                "unit": each.unit,
-                "reason": each.reason or None,
-                "stated": self.stated.get(name),
-            }
+            name: {**vars(each), "reason": each.reason or None, "stated": self.stated.get(name)}
             for name, each in estimates.items()
         }
         model = fit.model if fit else None
         return {
-            "axis": self.axis,
-            "values": values,
+            "axis": self.axis, "values": values,
             "stribeck": {"torque": model.stribeck, "speed": model.stribeck_speed} if model and model.stribeck else None,
             "waves": [
                 dict(zip(("order", "cosine", "sine"), each, strict=True)) for each in (model.waves if model else ())
             ],
-            "rate_hz": self.rate,
-            "travel": [told.low, told.high],
-            "speed": told.speed,
-            "effort": told.effort,
+            "rate_hz": self.rate, "travel": [told.low, told.high], "speed": told.speed, "effort": told.effort,
             "torque": told.torque,
             "limit": None if self.limit is None else dict(zip(("value", "unit", "basis"), self.limit, strict=True)),
             "residual": {"fit": fit.residual, "check": self.check, "unit": "counts"} if fit else None,
             "samples": fit.samples if fit else 0,
             "scale": None if self.scale is None else self.scale.to_json(),
-            "warnings": list(self.warnings),
-            "written": self.written or None,
-        }
+            "warnings": list(self.warnings), "written": self.written or None,
+        }  # fmt: skip
 
 
 def further_texts(fit: ShaftFit) -> Iterator[str]:

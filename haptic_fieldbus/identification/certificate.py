@@ -39,6 +39,8 @@ TURN_COUNTS = 3.0
 """Way back that shows a turning point [counts]."""
 FINGER = 2
 """Swings in a row that a tap by hand lets grow."""
+GENTLY = {"shortest": 0.3, "share": 0.4}
+"""How the handle is led to the contact and back: shortest time [s], and share of the largest speed."""
 WELL_DAMPED = 0.9
 """Largest growth per period of a contact that is called well damped."""
 AGREES = 0.05
@@ -111,7 +113,7 @@ class Tapping(GuidedMotion):
 
     def _all(self) -> Stage:
         begin = self.place
-        yield from self._lead(self.surface)
+        yield from self._lead(self.surface, **GENTLY)
         self.stage = "press"
         yield from self._ramp(0.0, self.press)
         yield from self._listen(self._swings())
@@ -123,24 +125,12 @@ class Tapping(GuidedMotion):
                 yield from self._tap()
         self.stage = "back"
         yield from self._ramp(self.press, 0.0)
-        yield from self._lead(begin)
+        yield from self._lead(begin, **GENTLY)
 
     @property
     def grew(self) -> bool:
         """Whether a swing was as large as the one a period before."""
         return self.growth is not None and self.growth >= 1.0
-
-    def _lead(self, goal: float) -> Stage:
-        """Lead the handle to a place, gently, and stop there."""
-        begin, way = self.place, goal - self.place
-        time = max(0.3, math.pi * abs(way) / (0.4 * self.bounds.speed), 5.0 * math.sqrt(abs(way) / self._acceleration))
-        for k in range(count := round(time / self.bounds.period)):
-            turn, rate = math.pi * k / count, math.pi / time
-            yield self._led(
-                begin + 0.5 * way * (1.0 - math.cos(turn)), 0.5 * way * rate * math.sin(turn),
-                0.5 * way * rate * rate * math.cos(turn),
-            )  # fmt: skip
-            self._check()
 
     def _ramp(self, begin: float, end: float) -> Stage:
         for k in range(count := max(1, round(RAMP_TIME / self.bounds.period))):
@@ -242,8 +232,8 @@ class Certificate:
     def seen(self) -> float | None:
         """Largest stiffness that was well damped, as all below it that swung; None when there is none."""
         swung = [each for each in self.contacts if each.growth is not None]
-        damped = list(takewhile(lambda each: each.is_well_damped, swung))
-        return damped[-1].stiffness if damped else None
+        damped = [each.stiffness for each in takewhile(lambda each: each.is_well_damped, swung)]
+        return damped[-1] if damped else None
 
     @property
     def contradiction(self) -> str:
@@ -268,7 +258,8 @@ class Certificate:
         yield OutputRow("seen", [f"{text} well damped (growth per period at most {WELL_DAMPED})"], "seen", seen)
         text, onset = "not told by these taps", None
         if found is not None:
-            onset = {key: _finite(getattr(found, key)) for key in ("value", "low", "high")}
+            ends = {"value": found.value, "low": found.low, "high": found.high}
+            onset = {key: value if math.isfinite(value) else None for key, value in ends.items()}
             reason = f"; {found.reason}" if found.reason else ""
             text = f"{with_interval(found.value, found.low, found.high, unit)}, extrapolated{reason}"
         yield OutputRow("onset", [text], "onset", onset)
@@ -279,7 +270,3 @@ class Certificate:
         keys = ("stiffness", "growth", "by_hand")
         tapped = [{key: getattr(each, key) for key in keys} for each in self.contacts]
         yield OutputRow(key="contacts", value=tapped)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

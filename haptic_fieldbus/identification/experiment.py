@@ -17,7 +17,7 @@ All quantities are in the workspace of the axis: m, N and kg, or rad, N·m and k
 """
 
 import math
-from collections.abc import Collection, Generator
+from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
 
 REST_TIME = 0.4
@@ -95,8 +95,8 @@ class ExperimentError(Exception):
     """The experiment cannot go on; the message says why. Its effort is 0."""
 
 
-Stage = Generator[float, float, None]
-"""One stage: it yields efforts and receives the position of each period."""
+Stage = Iterator[float]
+"""One stage: it yields the effort of each period."""
 
 
 class Experiment:
@@ -105,6 +105,8 @@ class Experiment:
     def __init__(self, bounds: Bounds) -> None:
         self.bounds = bounds
         self.stage = "rest"
+        self.armed = True
+        """False: the law of a run gives no effort yet (`api.identification`)."""
         self.done = False
         self.failure = ""
         """Why the experiment ended early; empty if it did not."""
@@ -116,19 +118,13 @@ class Experiment:
         self._count_speed = bounds.resolution / (self._width * bounds.period)
         """Speed that one count more or less looks like."""
         self._steps = self._all()
-        self._begun = False
 
     def effort(self, position: float) -> float:
         """Return the effort of this period."""
         self._places.append(position)
         del self._places[: -self._width - 1]
-        if self.done:
-            return 0.0
         try:
-            if not self._begun:
-                self._begun = True
-                return next(self._steps)
-            return self._steps.send(position)
+            return next(self._steps)
         except StopIteration:
             self.done = True
         except ExperimentError as error:
@@ -168,7 +164,7 @@ class Experiment:
         if not bounds.low <= ahead <= bounds.high:
             raise ExperimentError(f"the handle would have left the announced travel in the stage {self.stage}")
 
-    def _stop(self, effort: float) -> Generator[float, float, bool]:
+    def _stop(self, effort: float) -> Generator[float, None, bool]:
         """Stop the handle by the opposite effort, and wait a little; return whether it was at rest meanwhile."""
         side = math.copysign(1.0, self.speed)
         for _ in range(round(LONGEST_PUSH / self.bounds.period)):
@@ -193,14 +189,11 @@ class Probe(Experiment):
         """Bounds of the effort at which the handle began to move from rest, by the direction [N or N·m]."""
 
     def _all(self) -> Stage:
-        if "rest" not in self._skipped:
-            yield from self._rest()
-        if "friction" not in self._skipped:
-            self.stage = "breakaway"
-            yield from self._breakaway()
-        if "dynamics" not in self._skipped:
-            self.stage = "pulse"
-            yield from self._pulses()
+        stages = {"rest": self._rest, "breakaway": self._breakaway, "pulse": self._pulses}
+        for part, (stage, steps) in zip(PARTS, stages.items(), strict=True):
+            if part not in self._skipped:
+                self.stage = stage
+                yield from steps()
 
     def _rest(self) -> Stage:
         here = self.place
@@ -244,9 +237,8 @@ class Probe(Experiment):
         effort = min(0.5 * bounds.effort, 1.5 * self.friction + 0.05 * bounds.effort)
         slowest = 1.05 * self.friction or math.inf  # of an unknown friction, less effort moves nothing
         for _ in range(MOST_PULSES):
-            side = 1 if self.place < bounds.middle else -1
             begin = self.place
-            pushed = yield from self._push(side, effort)
+            pushed = yield from self._push(1 if begin < bounds.middle else -1, effort)
             if pushed < FEWEST_PERIODS * bounds.period:
                 effort *= 0.6
             elif abs(self.place - begin) < FEWEST_COUNTS * bounds.resolution and effort > slowest:
@@ -261,7 +253,7 @@ class Probe(Experiment):
                 return
         raise ExperimentError("no push was of a length that tells an inertia: the handle moved too little or too fast")
 
-    def _push(self, side: int, effort: float) -> Generator[float, float, float]:
+    def _push(self, side: int, effort: float) -> Generator[float, None, float]:
         """Push and stop; return the time of the push [s]."""
         bounds, here, pushed = self.bounds, self.place, 0
         while (
@@ -290,7 +282,7 @@ class GuidedMotion(Experiment):
         self._following = min(FOLLOWING, FOLLOWING_PHASE / late)
 
     def _all(self) -> Stage:
-        yield from self._to_middle()
+        yield from self._lead(self.bounds.middle, shortest=0.5, share=0.5)
         self.stage = "motion"
         yield from self._motion(0, self.motion_time)
         self.stage = "check"
@@ -303,19 +295,16 @@ class GuidedMotion(Experiment):
         """Return the length of the motion [s]."""
         return max(SHORTEST_MOTION, SAMPLES * self.bounds.period)
 
-    def _to_middle(self) -> Stage:
-        """Lead the handle to the middle of the travel."""
-        begin, bounds = self.place, self.bounds
-        way = bounds.middle - begin
-        time = max(0.5, math.pi * abs(way) / (0.5 * bounds.speed), 5.0 * math.sqrt(abs(way) / self._acceleration))
-        count, rate = round(time / bounds.period), math.pi / time
+    def _lead(self, goal: float, shortest: float, share: float) -> Stage:
+        """Lead the handle to a place and stop there: in `shortest` [s] at least, by a `share` of the largest speed."""
+        begin, way, bounds = self.place, goal - self.place, self.bounds
+        fastest = math.pi * abs(way) / (share * bounds.speed)
+        time = max(shortest, fastest, 5.0 * math.sqrt(abs(way) / self._acceleration))
+        rate, count = math.pi / time, round(time / bounds.period)
         for k in range(count):
             turn = math.pi * k / count
-            yield self._led(
-                begin + 0.5 * way * (1.0 - math.cos(turn)),
-                0.5 * way * rate * math.sin(turn),
-                0.5 * way * rate * rate * math.cos(turn),
-            )
+            place = begin + 0.5 * way * (1.0 - math.cos(turn))
+            yield self._led(place, 0.5 * way * rate * math.sin(turn), 0.5 * way * rate * rate * math.cos(turn))
             self._check()
 
     def _halt(self) -> Stage:
@@ -338,8 +327,7 @@ class GuidedMotion(Experiment):
         bounds, self._planned = self.bounds, (place, speed)
         rate = self._following
         behind = rate * rate * (place - self.place) + 2.0 * rate * (speed - self.speed)
-        slow = 0.02 * bounds.speed
-        against = self._friction * max(-1.0, min(1.0, speed / slow))
+        against = self._friction * max(-1.0, min(1.0, speed / (0.02 * bounds.speed)))
         effort = self.mass * (acceleration + behind) + against - self._load + riding
         return max(-bounds.effort, min(bounds.effort, effort))
 
@@ -350,8 +338,7 @@ class GuidedMotion(Experiment):
         lines = self._lines(number)
         for k in range(round(time / bounds.period)):
             t = k * bounds.period
-            rise = min(1.0, t * rate / math.pi)  # it begins gently, where the handle is
-            turn = rate * t
+            rise, turn = min(1.0, t * rate / math.pi), rate * t  # it begins gently, where the handle is
             place = bounds.middle + (begin - bounds.middle) * (1.0 - rise) + rise * amplitude * math.sin(turn)
             speed = rise * amplitude * rate * math.cos(turn)
             bend = -rise * amplitude * rate * rate * math.sin(turn)
@@ -361,10 +348,8 @@ class GuidedMotion(Experiment):
 
     def _slow_motion(self) -> tuple[float, float]:
         """Return amplitude and angular frequency of the slow motion."""
-        bounds = self.bounds
-        amplitude = MOTION_WAY * bounds.travel
-        strongest = MOTION_EFFORT * self._acceleration
-        rate = min(MOTION_SPEED * bounds.speed / amplitude, math.sqrt(strongest / amplitude), FASTEST_MOTION)
+        amplitude, strongest = MOTION_WAY * self.bounds.travel, MOTION_EFFORT * self._acceleration
+        rate = min(MOTION_SPEED * self.bounds.speed / amplitude, math.sqrt(strongest / amplitude), FASTEST_MOTION)
         return amplitude, rate
 
     def _lines(self, number: int) -> list[tuple[float, float, float]]:
@@ -376,9 +361,8 @@ class GuidedMotion(Experiment):
         effort = RIDING_EFFORT * self._acceleration * self.mass / math.sqrt(LINES)
         # Together slower than the slow motion, so that friction mostly keeps its direction.
         most = min(RIDING_SPEED * bounds.speed, 0.7 * amplitude * rate) / math.sqrt(LINES)
-        found = []
-        for line in range(LINES):
-            frequency = slowest * (fastest / slowest) ** (line / (LINES - 1))
-            phase = math.pi * line * (line + number) / LINES  # Schroeder
-            found.append((frequency, min(effort, most * self.mass * 2.0 * math.pi * frequency), phase))
-        return found
+        frequencies = [slowest * (fastest / slowest) ** (line / (LINES - 1)) for line in range(LINES)]
+        return [  # phases of Schroeder
+            (each, min(effort, most * self.mass * 2.0 * math.pi * each), math.pi * line * (line + number) / LINES)
+            for line, each in enumerate(frequencies)
+        ]

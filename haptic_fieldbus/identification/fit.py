@@ -21,13 +21,16 @@ noise, nor below the noise of an encoder that rounds.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, predicted_motion
+from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, acting_torques, predicted_motion
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 
+Array = NDArray[Any]
 FEWEST_SAMPLES, FEWEST_ROWS = 200, 30
 GUESS_WIDTHS = (0.01, 0.03, 0.06)
 """Half widths of the triangles of the first guess [s]."""
@@ -69,15 +72,8 @@ SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
 DELAY, LAG = NAMES.index("delay"), NAMES.index("torque_lag")
-UNITS = {
-    "inertia": "kg·m²",
-    "viscous_damping": "N·m·s/rad",
-    "coulomb_friction": "N·m",
-    "delay_and_lag": "s",
-    "delay": "s",
-    "torque_lag": "s",
-    "load": "N·m",
-}
+UNITS = {"inertia": "kg·m²", "viscous_damping": "N·m·s/rad", "coulomb_friction": "N·m", "delay_and_lag": "s",
+         "delay": "s", "torque_lag": "s", "load": "N·m"}  # fmt: skip
 SEPARATED = {"inertia": 0.1, "viscous_damping": 0.5, "coulomb_friction": 0.5, "delay": 0.5, "torque_lag": 0.5}
 """Half width of an interval, of its value, from which on the value is called not separated."""
 DELAY_KNOWN, DELAY_SHARE = 1e-4, 0.1
@@ -97,12 +93,37 @@ class ShaftRecord:
     resolution: float
     """One encoder count [rad]."""
 
+    def torques_under(self, width: int, delay: float) -> Matrix:
+        """Return the mean torque under a triangle of half a `width` around each sample between the first and last ones.
+
+        `width` is in periods, and so is the `delay` of the set-points.
+        """
+        triangle = np.concatenate([np.arange(1, width + 1), np.arange(width - 1, 0, -1)]) / width**2
+        # A set-point acts from its sample on, so its middle is half a period later.
+        samples = np.arange(len(self.positions))
+        acting = np.interp(samples - 0.5 - delay, samples, self.torques)
+        return np.convolve(acting, triangle, "valid")[1:]
+
     @property
     def top_speed(self) -> float:
         """Return the largest speed, of means over 10 ms or a period [rad/s]."""
         width = max(1, round(0.01 / self.period))
         ways = np.subtract(self.positions[width:], self.positions[:-width])
         return float(np.abs(ways).max(initial=0.0)) / (width * self.period)
+
+
+def shaft_record_of(
+    times_ns: Array, positions: Array, efforts: Array, *, period: float, resolution: float, ratio: float
+) -> tuple[ShaftRecord, Array]:
+    """Return samples of a handle as the record of its shaft, and for each instant of it the last sample up to there.
+
+    The handle moves `ratio` times as far as the shaft. Missing samples are drawn as straight lines.
+    """
+    places = np.rint((times_ns - times_ns[0]) / (1e9 * period)).astype(int)
+    grid = np.arange(places[-1] + 1)
+    held = np.searchsorted(places, grid, side="right") - 1
+    shaft, torques = np.interp(grid, places, positions) / ratio, efforts[held] * ratio
+    return ShaftRecord(period, tuple(shaft.tolist()), tuple(torques.tolist()), resolution / ratio), held
 
 
 @dataclass(frozen=True)
@@ -192,11 +213,7 @@ def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, M
     y, w, period = np.array(record.positions), width, record.period
     bend = (y[2 * w :] - 2.0 * y[w:-w] + y[: -2 * w]) / (w * period) ** 2
     speed = (y[2 * w :] - y[: -2 * w]) / (2.0 * w * period)
-    triangle = np.concatenate([np.arange(1, w + 1), np.arange(w - 1, 0, -1)]) / w**2
-    # The set-point acts from its sample on, so its middle is half a period later.
-    times = np.arange(len(y)) - 0.5 - delay
-    acting = np.interp(times, np.arange(len(y)), record.torques)
-    force = np.convolve(acting, triangle, "valid")[1 : len(bend) + 1]
+    force = record.torques_under(w, delay)[: len(bend)]
     moving = np.abs(speed) > 2.0 * record.resolution / (2.0 * w * period)
     bend, speed, force = bend[: len(force)][moving], speed[: len(force)][moving], force[moving]
     return np.column_stack([bend, speed, np.sign(speed), -np.ones(len(bend))]), force, y[w:-w][moving]
@@ -278,20 +295,21 @@ class _Problem:
         torque = float(np.sqrt(np.mean(np.concatenate([each.torques for each in records]) ** 2))) or 1.0
         self.top = max(each.top_speed for each in records) or 1.0
         self.way = max(float(np.ptp(each.positions)) for each in records)
-        scales = [guess.inertia, torque / self.top, torque, self.period, self.period, torque]
-        values = [guess.inertia, guess.damping, guess.coulomb, guess.delay, guess.lag, guess.load]
-        low = [1e-3 * guess.inertia, 0.0, 0.0, 0.0, SHORTEST_LAG, -math.inf]
-        high = [1e3 * guess.inertia, math.inf, math.inf, LONGEST_DELAY * self.period, LONGEST_LAG, math.inf]
+        inertia, most, none = guess.inertia, LONGEST_DELAY * self.period, math.inf
+        # Of each value: scale, first value, and lowest and highest one.
+        rows = [
+            (inertia, inertia, 1e-3 * inertia, 1e3 * inertia), (torque / self.top, guess.damping, 0.0, none),
+            (torque, guess.coulomb, 0.0, none), (self.period, guess.delay, 0.0, most),
+            (self.period, guess.lag, SHORTEST_LAG, LONGEST_LAG), (torque, guess.load, -none, none),
+        ]  # fmt: skip
         if guess.stribeck:
-            scales += [torque, STRIBECK_SHARES[1] * self.top]
-            values += [guess.stribeck, guess.stribeck_speed]
-            low, high = [*low, 0.0, 0.3 * STRIBECK_SHARES[0] * self.top], [*high, math.inf, self.top]
-        for wave in guess.waves:
-            scales, values = [*scales, 1.0 / self.way, torque, torque], [*values, *wave]
-            low, high = [*low, 0.0, -math.inf, -math.inf], [*high, math.inf, math.inf, math.inf]
-        self.scales = np.array(scales)
-        self.is_time = np.isin(np.arange(len(scales)), (DELAY, LAG))
-        self.start, self.low, self.high = (np.array(each) / self.scales for each in (values, low, high))
+            slowest, usual = 0.3 * STRIBECK_SHARES[0] * self.top, STRIBECK_SHARES[1] * self.top
+            rows += [(torque, guess.stribeck, 0.0, none), (usual, guess.stribeck_speed, slowest, self.top)]
+        for order, *sizes in guess.waves:
+            rows += [(1.0 / self.way, order, 0.0, none), *((torque, size, -none, none) for size in sizes)]
+        self.scales, *others = map(np.array, zip(*rows, strict=True))
+        self.start, self.low, self.high = (each / self.scales for each in others)
+        self.is_time = np.isin(np.arange(len(rows)), (DELAY, LAG))
 
     @property
     def is_wider(self) -> bool:
@@ -370,10 +388,7 @@ class _Problem:
     def sensitivities(self, vector: Matrix, residuals: Matrix) -> Matrix:
         """Return the derivative of the residuals, shape (n, m)."""
         columns = []
-        for place in range(len(vector)):
-            step = SMALL
-            if vector[place] + step > self.high[place]:
-                step = -step
+        for place, step in enumerate(np.where(vector + SMALL > self.high, -SMALL, SMALL).tolist()):
             moved = vector.copy()
             moved[place] += step
             columns.append((self.residuals(moved) - residuals) / step)
@@ -443,21 +458,20 @@ class _Problem:
         """Return the fit with its intervals and reasons."""
         residuals = self.residuals(vector)
         spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
-        model, top = self.model(vector), self.top
+        model = self.model(vector)
         found = dict(zip(NAMES, (vector * self.scales).tolist(), strict=False))
         found["delay_and_lag"] = model.delay + model.lag
         rms = float(np.sqrt(np.mean(residuals**2)))
         # Above the noise of an encoder, a residual is a torque that the model lacks, and it may take sides.
         unexplained = 1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0))
         least = LEAST_SHARE_OF_PARTS if self.is_wider else LEAST_SHARE
-        estimates = {}
-        for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True):
-            value, lowest = found[name], -math.inf if name == "load" else 0.0
-            half = max(WIDTH * unexplained * spread, least * abs(value))
-            estimates[name] = Estimate(value, max(value - half, lowest), value + half, UNITS[name])
+        estimates = {
+            name: estimate_of(name, found[name], max(WIDTH * unexplained * spread, least * abs(found[name])))
+            for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True)
+        }
         estimates["torque_lag"] = self._lag_interval(vector, WIDTH * unexplained)
-        told = {name: replace(each, reason=reason_of(name, estimates, top)) for name, each in estimates.items()}
-        return ShaftFit(model, told, rms, top, len(residuals), resonance, tuple(self._warnings(rms, resonance)))
+        told, warnings = with_reasons(estimates, self.top), tuple(self._warnings(rms, resonance))
+        return ShaftFit(model, told, rms, self.top, len(residuals), resonance, warnings)
 
     def _lag_interval(self, vector: Matrix, width: float) -> Estimate:
         """Return the lag with its interval, which is symmetric in its square.
@@ -533,10 +547,9 @@ def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Ma
     set-point makes after delay and lag.
     """
     eigen = modes[:, 0] * (-modes[:, 1] + 1j * np.sqrt(1.0 - modes[:, 1] ** 2))
-    period, (whole, part) = record.period, divmod(model.delay, record.period)
-    acting = [*[0.0] * (int(whole) + 1), *record.torques]
+    acting, spans = acting_torques(model, record.torques, record.period)
     pieces = []
-    for seconds, ahead in [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]:
+    for seconds, ahead in spans:
         left, after = np.exp(eigen * seconds), math.exp(-seconds / model.lag)
         pieces.append((left, (left - 1.0) / eigen, (left - after) / (eigen + 1.0 / model.lag), after, ahead))
     state, torque, out = np.zeros(len(modes), complex), 0.0, np.empty((len(record.positions), len(modes)))
@@ -566,15 +579,24 @@ def _long_run(gradient: Matrix, most: int) -> Matrix:
     return total
 
 
+def estimate_of(name: str, value: float, half: float) -> Estimate:
+    """Return a value with its interval of this half width, which goes below 0 for a load alone."""
+    lowest = -math.inf if name == "load" else 0.0
+    return Estimate(value, max(value - half, lowest), value + half, UNITS.get(name, ""))
+
+
+def with_reasons(estimates: Mapping[str, Estimate], top: float) -> dict[str, Estimate]:
+    """Return values with the reasons of those that cannot be separated; `top` is the top speed [rad/s]."""
+    return {name: replace(each, reason=reason_of(name, estimates, top)) for name, each in estimates.items()}
+
+
 def reason_of(name: str, estimates: Mapping[str, Estimate], top: float) -> str:
     """Return why a value cannot be separated from the others; empty if it can. `top` is the top speed [rad/s]."""
     width, value = estimates[name].half_width, estimates[name].value
-    if name == "load":
-        return ""
     if name == "delay_and_lag":
         known = max(DELAY_KNOWN, DELAY_SHARE * value)
         return "" if width <= known else "the fast part of the motion was too small beside one count of the encoder"
-    if width <= SEPARATED[name] * value:
+    if name not in SEPARATED or width <= SEPARATED[name] * value:
         return ""
     if name == "viscous_damping":
         friction, at_top = estimates["coulomb_friction"].value, f"at the top speed of {in_unit(top, 'rad/s')}"

@@ -119,10 +119,7 @@ def predicted_motion(
     `speed` [rad/s] the first speed. With `leading` 0 it is an open integration from the first position.
     """
     shaft = _Shaft(model, positions[0], speed)
-    whole, part = divmod(model.delay, period)
-    # Number of the set-point of a piece, in a list that begins with 0 for those before the record.
-    acting = [*[0.0] * (int(whole) + 1), *torques]
-    spans = [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]
+    acting, spans = acting_torques(model, torques, period)
     pieces = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in spans]
     # Gains of the double pole; of the angle and of the speed.
     near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
@@ -160,6 +157,19 @@ def predicted_motion(
     return np.array(out), np.array(speeds)
 
 
+def acting_torques(
+    model: ShaftModel, torques: Sequence[float], period: float
+) -> tuple[list[float], list[tuple[float, int]]]:
+    """Return set-points in the order in which they act, and the pieces of a period with constant set-point.
+
+    A piece has its length [s], and how many set-points before its own act in the period before: 0 or 1. The list begins
+    with 0 for those before the record.
+    """
+    whole, part = divmod(model.delay, period)
+    acting = [*[0.0] * (int(whole) + 1), *torques]
+    return acting, [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]
+
+
 class _Shaft:
     """State of the shaft, moved event by event."""
 
@@ -176,17 +186,11 @@ class _Shaft:
         pull = self.torque + self.load
         return 0 if abs(pull) <= self.breakaway else 1 if pull > 0.0 else -1
 
-    def _speed_after(self, span: HeldSpan, target: float) -> float:
-        force = target + self.load - self.friction * self.side
-        return (
-            span.speed_left * self.speed + force * span.speed_of_force + (self.torque - target) * span.speed_of_torque
-        )
-
-    def _angle_after(self, span: HeldSpan, target: float) -> float:
-        force = target + self.load - self.friction * self.side
-        return (
-            self.angle + span.way * self.speed + force * span.way_of_force + (self.torque - target) * span.way_of_torque
-        )
+    def _after(self, span: HeldSpan, target: float) -> tuple[float, float]:
+        """Return angle and speed of the slipping shaft after a span."""
+        force, behind = target + self.load - self.friction * self.side, self.torque - target
+        angle = self.angle + span.way * self.speed + force * span.way_of_force + behind * span.way_of_torque
+        return angle, span.speed_left * self.speed + force * span.speed_of_force + behind * span.speed_of_torque
 
     def move(self, seconds: float, target: float) -> None:
         """Move by a span, through the reversals and breakaways inside it."""
@@ -207,13 +211,13 @@ class _Shaft:
     def _go(self, seconds: float, target: float) -> None:
         span = HeldSpan(self.model, seconds)
         if self.side:
-            self.angle, self.speed = self._angle_after(span, target), self._speed_after(span, target)
+            self.angle, self.speed = self._after(span, target)
         self.torque = target + (self.torque - target) * span.torque_left
 
     def _reversal(self, left: float, target: float) -> float:
         """Return the time until the slipping shaft stops; infinite if it does not within `left` [s]."""
         low, high, at_low = 0.0, left, self.speed * self.side
-        at_high = self._speed_after(HeldSpan(self.model, left), target) * self.side
+        at_high = self._after(HeldSpan(self.model, left), target)[1] * self.side
         if at_high > 0.0:
             return math.inf
         still = REST_SHARE * max(at_low, -at_high)
@@ -221,7 +225,7 @@ class _Shaft:
             # By the chord, and now and then by halves, which a curved motion needs.
             chord = at_low > 0.0 and number % 3 < 2
             middle = (low * at_high - high * at_low) / (at_high - at_low) if chord else 0.5 * (low + high)
-            at = self._speed_after(HeldSpan(self.model, middle), target) * self.side
+            at = self._after(HeldSpan(self.model, middle), target)[1] * self.side
             if at > 0.0:
                 low, at_low = middle, at
             else:

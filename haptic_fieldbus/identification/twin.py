@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, UNITS, WIDTH, Estimate, reason_of
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH, Estimate, estimate_of, with_reasons
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.linear import Matrix, expm
@@ -113,10 +113,13 @@ class RunRecord:
 
     def mean_force(self, start: float) -> Matrix:
         """Return the mean force of the hand in each period when it starts so long after `enabled` [s], shape (n,)."""
-        if self.hand is None:
-            return np.zeros(len(self.positions))
         times: Matrix = self.period * (np.arange(len(self.positions) + 1.0) - self.enabled) - start
-        return np.diff(self.hand.impulse(times)) / self.period
+        return np.diff(self.held_by.impulse(times)) / self.period
+
+    @property
+    def held_by(self) -> HoldingHand:
+        """Return the hand, or one without stiffness and force."""
+        return self.hand or HoldingHand(1.0, 0.0, 0.0, ((0.0, 0.0, 0.0),))
 
 
 @dataclass(frozen=True)
@@ -235,7 +238,7 @@ class _Pieces:
 
     def predicted(self, values: Matrix, angle: Matrix, speed: Matrix) -> Matrix:
         """Return the predicted records, shape (p, s, l), of values (p, 10) from first angles and speeds (p, s)."""
-        hand = self.record.hand or HoldingHand(1.0, 0.0, 0.0)
+        hand = self.record.held_by
         z, forces = self._start(values, angle, speed)
         spans, side, u = self._spans(values, hand), np.sign(speed), self.record.torques
         inertia, coulomb, load = (values[:, place, np.newaxis] for place in (INERTIA, FRICTION, LOAD))
@@ -268,8 +271,6 @@ class _Pieces:
         z[:, 0], z[:, 1] = angle, speed
         waned = np.exp((part[:, np.newaxis] - record.period) / lag)
         z[:, 2] = values[:, TORQUE, np.newaxis] * (last + (before - last) * waned)
-        if record.hand is None:
-            return z, np.zeros((len(values), len(record.positions)))
         starts = {start: record.mean_force(start) for start in values[:, START]}
         for row, (start, zero, scale) in enumerate(values[:, [START, ZERO, COUNTS]]):
             for state, (places, one, pushed) in enumerate(np.moveaxis(self.led, 0, -1)):
@@ -315,9 +316,7 @@ def _turn(z: Matrix, moved: Matrix, back: NDArray[np.bool_], seconds: Matrix, ac
 
 def _led(record: RunRecord) -> Matrix:
     """Return `_Pieces.led`."""
-    hand, positions = record.hand, record.positions
-    if hand is None:
-        return np.zeros((0, 2, 3))
+    hand, positions = record.held_by, record.positions
     a = np.zeros((5, 5))
     a[0, 1] = a[2, 3] = 1.0
     a[1] = np.array([-hand.stiffness, -hand.damping, hand.stiffness, hand.damping, 1.0]) / hand.inertia
@@ -427,10 +426,8 @@ class _Fit:
 
     def _derivatives(self) -> tuple[Matrix, Matrix, Matrix, Matrix]:
         """Return errors (s, l), derivatives by free values (a, s, l) and by first states (s, l, 2), and their steps."""
-        count, steps = (
-            len(self.free),
-            np.array([0.5 * self.pieces.record.resolution / self.values[COUNTS], 5e-3 * self.top]),
-        )
+        count = len(self.free)
+        steps = np.array([0.5 * self.pieces.record.resolution / self.values[COUNTS], 5e-3 * self.top])
         values, angle, speed = (np.stack([each] * (count + 3)) for each in (self.values, self.angle, self.speed))
         values[range(1, count + 1), self.free] += SMALL * self.scales[self.free]
         angle[-2] += steps[0]
@@ -442,10 +439,8 @@ class _Fit:
     def _moved(self, gradient: Matrix, damping: float) -> Matrix:
         """Return the values after a damped step of those that no bound holds; scales change by 2 at most."""
         values, free = self.values.copy(), np.array(self.free, int)
-        at_end = (values[free] <= self.low[free]) & (gradient > 0.0) | (values[free] >= self.high[free]) & (
-            gradient < 0.0
-        )
-        inner = np.flatnonzero(~at_end)
+        at_low, at_high = values[free] <= self.low[free], values[free] >= self.high[free]
+        inner = np.flatnonzero(~(at_low & (gradient > 0.0) | at_high & (gradient < 0.0)))
         square = self.slopes[np.ix_(inner, inner)]
         step = np.linalg.lstsq(square + damping * np.diag(np.diag(square) + 1e-300), gradient[inner], rcond=None)[0]
         values[free[inner]] -= step * self.scales[free[inner]]
@@ -460,11 +455,8 @@ class _Fit:
         variances = np.maximum(np.diag(sandwich), np.diag(inverse) * max(rms**2, ROUNDING))
         deviations = dict(zip(self.free, np.sqrt(variances) * self.scales[self.free], strict=True))
         for name, place in TOLD.items():
-            value, lowest = float(self.values[place]), -math.inf if name == "load" else 0.0
+            value = float(self.values[place])
             least = LEAST_TIME if place == BOTH else LEAST_SHARE * abs(value)
-            half = max(WIDTH * float(deviations.get(place, 0.0)), least)
-            values[name] = Estimate(value, max(value - half, lowest), value + half, UNITS.get(name, ""))
-        told = {
-            name: replace(values[name], reason=reason_of(name, values, self.top)) for name in values if name in UNITS
-        }
-        return RunFit(values | told, rms, check, self.top, self.seen.size * self.pieces.record.period)
+            values[name] = estimate_of(name, value, max(WIDTH * float(deviations.get(place, 0.0)), least))
+        seconds = self.seen.size * self.pieces.record.period
+        return RunFit(with_reasons(values, self.top), rms, check, self.top, seconds)

@@ -174,7 +174,7 @@ def test_a_rig_that_cannot_be_written_is_told(bench: Path, monkeypatch: pytest.M
     def refuse(*_: object) -> None:
         raise PermissionError(13, "it is read-only")
 
-    monkeypatch.setattr("haptic_fieldbus.assessing.looking_back.edit_file", refuse)
+    monkeypatch.setattr("haptic_fieldbus.documents.edits.edit_file", refuse)
     assert released(bench).warnings[1] == f"this was not noted in {bench}: it is read-only"
 
 
