@@ -13,7 +13,7 @@ from datetime import datetime
 from pathlib import Path
 
 from haptic_fieldbus.api import Trial, prepare_run
-from haptic_fieldbus.api.identification import FADE_IN, LONGEST, MeasuringLaw
+from haptic_fieldbus.api.identification import FADE_IN, LONGEST, MeasuringLaw, Question, Tell, conduct, has_faded_in
 from haptic_fieldbus.assessing.looking_back import shaft_record
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import OwnName
@@ -29,7 +29,6 @@ from haptic_fieldbus.planning.limits import BEYOND_SHARE
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.running.loop import Caller
 from haptic_fieldbus.running.session import Session
 from haptic_fieldbus.sim.hand import Hand, Piece
 
@@ -50,7 +49,6 @@ FINGER = OwnName("finger", Hand("finger", tuple(
 )))  # fmt: skip
 """Finger of a simulation, which taps while the drive listens [s, N]."""
 FEW = "resolution: the swings of a contact have too few encoder counts or torque steps"
-Question = Callable[[str], bool]
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ def certify(
     *,
     confirm: Question | None = None,
     above: Question | None = None,
-    instruct: Callable[[str], None] | None = None,
+    instruct: Tell | None = None,
     announce: Callable[[tuple[str, ...]], None] | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Certificate:
@@ -95,9 +93,8 @@ class _TappedBench:
     """The bench of a certificate, and what its taps have told so far."""
 
     def __init__(
-        self, asked: CertifyTask, confirm: Question | None, above: Question | None,
-        instruct: Callable[[str], None] | None,
-    ) -> None:  # fmt: skip
+        self, asked: CertifyTask, confirm: Question | None, above: Question | None, instruct: Tell | None
+    ) -> None:
         if not 0.0 < asked.share <= LARGEST_SHARE:
             raise UsageError(f"--share {asked.share}: expected a number above 0, up to {LARGEST_SHARE}")
         self._asked, self._confirm, self._above, self._instruct = asked, confirm, above, instruct
@@ -201,31 +198,21 @@ class _TappedBench:
         rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig or self.plan.rig
         limits = replace(rig.axis[name].limits, effort=self.effort)
         rig = replace(rig, axis={**rig.axis, name: replace(rig.axis[name], limits=limits)})
-        varied = [
-            with_parameters(each, {"stiffness": stiffness}) if each is self.element else each
-            for each in self.plan.scene.elements
-        ]
-        scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, [True], self.effort, "taps")))
+        stiff = with_parameters(self.element, {"stiffness": stiffness})
+        varied = [stiff if each is self.element else each for each in self.plan.scene.elements]
+        scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, self.effort, "taps")))
         trial = Trial(
             duration=LONGEST, hand=FINGER if law.by_hand else "none", fade_in=FADE_IN, seed=self._asked.seed,
             confirm=self._confirmed, instruct=self._instruct,
         )  # fmt: skip
         task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
-        self._session, place = prepare_run(task, trial, beyond=stiffness > self.limit)
-        session, caller = self._session, Caller()
-        steps = session.steps(place, caller)
-        try:
-            while True:
-                next(steps)
-                if session.cycle is None:  # confirmed, and not yet enabled
-                    continue
-                state = session.cycle.axes[name].state
-                if state.permitted_ns is not None and session.cycle.t_ns - state.permitted_ns >= 1e9 * FADE_IN:
-                    law.advance(state.position)
-                caller.stopping = law.done
-        except StopIteration as end:
-            if end.value.stopped is not None:
-                raise KeyboardInterrupt from None
+
+        def watch(session: Session) -> bool:
+            if session.cycle is not None and has_faded_in(session.cycle, name):
+                law.advance(session.cycle.axes[name].state.position)
+            return law.done
+
+        session = self._session = conduct(*prepare_run(task, trial, beyond=stiffness > self.limit), watch)
         if not law.done:
             raise SafetyTripError("the taps were ended before the last one; torque is off")
         whole = shaft_record(self.axis, self.plan.period, session.kept, session.report.enabled_at_ns or 0)

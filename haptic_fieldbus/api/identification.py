@@ -4,25 +4,34 @@ The motor is off before, between and after the experiments. Values are at the mo
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import KW_ONLY, dataclass, fields, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import KW_ONLY, dataclass, replace
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from haptic_fieldbus.api import Trial, prepare_run, stability
+from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
+from haptic_fieldbus.documents.edits import table_text, table_values, write_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.fit import (
+    Estimate,
+    ShaftFit,
+    ShaftRecord,
+    fit_shaft,
+    prediction_errors,
+    shaft_record_of,
+)
 from haptic_fieldbus.identification.scale import ScaleCheck, scale_check
 from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -33,8 +42,8 @@ from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.loop import Caller
-from haptic_fieldbus.running.session import Session
-from haptic_fieldbus.scenes.element import Law
+from haptic_fieldbus.running.session import Session, Site
+from haptic_fieldbus.scenes.element import Element, Law
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
@@ -61,6 +70,8 @@ KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torq
 """Values that a rig keeps."""
 LEADING_SHARE = 1.0
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
+Question = Callable[[str], bool]
+Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -93,12 +104,10 @@ class BenchTask:
 
 @dataclass(frozen=True)
 class MeasuringLaw:
-    """The law of an experiment as an element of a scene; it gives nothing until it is armed."""
+    """The law of an experiment as an element of a scene; it gives nothing until the experiment is armed."""
 
     axis: str
     experiment: Experiment
-    armed: list[bool]
-    """Empty until the experiment may begin."""
     effort: float
     name: str = NAME
 
@@ -113,7 +122,7 @@ class MeasuringLaw:
 
     def begin(self, period: float) -> Law:
         """Return the law of the position."""
-        return lambda position: self.experiment.effort(position) if self.armed else 0.0
+        return lambda position: self.experiment.effort(position) if self.experiment.armed else 0.0
 
     def linearised(self) -> StateSpace:
         return gain([[0.0, 0.0]])
@@ -122,10 +131,10 @@ class MeasuringLaw:
 def identify(
     task: BenchTask,
     *,
-    confirm: Callable[[str], bool] | None = None,
-    instruct: Callable[[str], None] | None = None,
+    confirm: Question | None = None,
+    instruct: Tell | None = None,
     announce: Callable[[Announcement], None] | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Tell | None = None,
     write: bool = True,
 ) -> IdentifiedBench:
     """Measure an axis, and write its values into the rig file unless `write` is False or the bus is replaced.
@@ -133,35 +142,30 @@ def identify(
     `announce` is called before any bus is opened, `progress` with the name of each stage. Raises DocumentError,
     UsageError, PlanError, and as a run BusError, DriveFaultError or SafetyTripError; the motor is off by then.
     """
-    bench = _Bench(task, confirm, instruct, progress or (lambda stage: None))
+    bench = _Bench(task, confirm, instruct, progress)
     if announce is not None:
         announce(bench.announced)
     ratio, first = bench.ratio, Probe(bench.bounds, task.skip)
     probe, _ = bench.conducted(first)
     breakaway = {name: (ratio * low, ratio * high) for name, (low, high) in first.breakaway.items()}
     unseen = ("rest: skipped, so a weight that falls was not looked for",) if "rest" in task.skip else ()
+    found = IdentifiedBench(
+        bench.name, None, bench.announced, 1.0 / bench.bounds.period, None, bench.stated, (probe,), unseen, breakaway
+    )
     if "dynamics" in task.skip:
-        told = "dynamics: skipped, so nothing is written into the rig, and the limit is as before"
-        return IdentifiedBench(
-            bench.name, None, bench.announced, 1.0 / bench.bounds.period, None, bench.stated, (probe,),
-            (*unseen, told), breakaway,
-        )  # fmt: skip
+        return found.with_warnings("dynamics: skipped, so nothing is written into the rig, and the limit is as before")
     guess = _first_model(probe)
     motion = GuidedMotion(
         bench.bounds, guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio, guess.delay + guess.lag
     )
     record, stages = bench.conducted(motion)
-    used = _part(record, stages, "motion")
-    rest = _part(record, stages, "check")
+    used, rest = _part(record, stages, "motion"), _part(record, stages, "check")
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
-    found = IdentifiedBench(
-        bench.name, fit, bench.announced, 1.0 / bench.bounds.period, check, bench.stated,
-        (probe, used, rest),
-        (*unseen, *fit.warnings, *(() if bench.without else _contradictions(fit, bench.stated))), breakaway,
-    )  # fmt: skip
+    found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)
     if bench.without is not None:
         return replace(found, scale=bench.scale(bench.without, fit))
+    found = found.with_warnings(*_contradictions(fit, bench.stated))
     kept = identified_of(
         fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
         planned_delay=float(f"{bench.planned_delay:.6g}"),
@@ -169,29 +173,27 @@ def identify(
     if write and bench.own_bus:
         found = _written(found, bench, kept)
     if fit.resonance:
-        told = "no limit of a rigid shaft holds for an elastic one: without simulation.coupling a run needs --force"
-        return replace(found, warnings=(*found.warnings, told))
+        return found.with_warnings(
+            "no limit of a rigid shaft holds for an elastic one: without simulation.coupling a run needs --force"
+        )
     try:
         return replace(found, limit=bench.limit(kept))
     except HapticFieldbusError as error:  # what was measured is told all the same
-        return replace(found, warnings=(*found.warnings, f"no limit is known: {error}"))
+        return found.with_warnings(f"no limit is known: {error}")
 
 
 def bounds_of(task: BenchTask) -> Announcement:
     """Return what `identify` would announce; nothing is opened. Raises DocumentError, UsageError or PlanError."""
-    return _Bench(task, None, None, lambda stage: None).announced
+    return _Bench(task).announced
 
 
 class _Bench:
     """The axis of a task, its bounds, and its runs."""
 
     def __init__(
-        self,
-        task: BenchTask,
-        confirm: Callable[[str], bool] | None,
-        instruct: Callable[[str], None] | None,
-        progress: Callable[[str], None],
-    ) -> None:
+        self, task: BenchTask, confirm: Question | None = None, instruct: Tell | None = None,
+        progress: Tell | None = None,
+    ) -> None:  # fmt: skip
         self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
         _check_skipped(task)
         self.rig, self.name = _one_axis(task)
@@ -208,29 +210,30 @@ class _Bench:
         self.serial: int | None = None
         self.announced = _announced(task, self.name, axis, plan.axes[0], plan.period)
         told = self.announced
-        self._limits = replace(axis.limits, position=(told.low, told.high), speed=told.speed, effort=told.effort)
+        limits = replace(axis.limits, position=(told.low, told.high), speed=told.speed, effort=told.effort)
+        # The bounds of the experiments follow from what a person stated and knows.
+        self._bounded = replace(axis, limits=limits, i_know=(*axis.i_know, "limits.effort", "limits.speed"))
         margin = MARGIN * (told.high - told.low)
         self.bounds = Bounds(
             plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin,
             0.9 * min(told.speed, TRAVELS_PER_SECOND * (told.high - told.low)), told.effort,
-            self._plan(self._bounded()).axes[0].limits.acceleration,
+            self._plan(self._bounded).axes[0].limits.acceleration,
         )  # fmt: skip
 
-    def _bounded(self) -> RigAxis:
-        """Return the axis with the bounds of the experiments, which follow from what a person stated and knows."""
-        axis = self.rig.axis[self.name]
-        return replace(axis, limits=self._limits, i_know=(*axis.i_know, "limits.effort", "limits.speed"))
+    def _scene(self, title: str, element: Element) -> Scene:
+        """Return a scene of the axis with one element."""
+        workspace = self.rig.axis[self.name].mechanism.workspace
+        return Scene(NAME, title, (SceneAxis(self.name, workspace),), (element,))
 
-    def _task_with(self, axis: RigAxis, experiment: Experiment, armed: list[bool], effort: float) -> Task:
-        law = MeasuringLaw(self.name, experiment, armed, effort)
-        scene = Scene(NAME, "Measures the bench", (SceneAxis(self.name, axis.mechanism.workspace),), (law,))
+    def _task_with(self, axis: RigAxis, experiment: Experiment, effort: float) -> Task:
+        scene = self._scene("Measures the bench", MeasuringLaw(self.name, experiment, effort))
         rig, task = replace(self.rig, axis={self.name: axis}), self._task
         return Task(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
 
     def _plan(self, axis: RigAxis) -> Plan:
         """Return the plan of the axis under a law without force."""
         nothing = Bounds(1e-3, 1e-6, -1.0, 1.0, 1.0, 1.0, math.inf)
-        return load(self._task_with(axis, Probe(nothing), [], 0.0)).plan
+        return load(self._task_with(axis, Probe(nothing), 0.0)).plan
 
     def conducted(self, experiment: Experiment) -> tuple[ShaftRecord, list[str]]:
         """Conduct an experiment in a run of its own; return the record at the shaft and the stage of each sample.
@@ -238,26 +241,18 @@ class _Bench:
         Raises SafetyTripError with the reason when the experiment ended early, KeyboardInterrupt when a signal ended
         it, and the errors of a run.
         """
-        armed: list[bool] = []
-        task = self._task_with(self._bounded(), experiment, armed, self.announced.effort)
+        experiment.armed = False
+        task = self._task_with(self._bounded, experiment, self.announced.effort)
         # Without a stated bench the run is one without a limit, with the cap of such a run.
         unknown = any(each is None for each in self.stated.values())
         trial = Trial(
             duration=LONGEST, hand="none", fade_in=FADE_IN, seed=self._task.seed, force=unknown, confirm=self._confirm,
             instruct=self._instruct,
         )  # fmt: skip
-        session, place = prepare_run(task, trial)
-        caller, taken = Caller(), _Taken(self, experiment, armed)
-        steps = session.steps(place, caller)
-        try:
-            while True:
-                next(steps)
-                caller.stopping = taken.period(session)
-        except StopIteration as ended:
-            if not session.plan.simulated:  # a simulated drive draws its number
-                self.serial = session.identities[self.name].serial
-            if ended.value.stopped is not None:
-                raise KeyboardInterrupt from None
+        taken = _Taken(self, experiment)
+        session = conduct(*prepare_run(task, trial), taken.period)
+        if not session.plan.simulated:  # a simulated drive draws its number
+            self.serial = session.identities[self.name].serial
         if experiment.failure:
             raise SafetyTripError(f"{experiment.failure}; torque is off")
         if not experiment.done:
@@ -273,8 +268,7 @@ class _Bench:
     def limit(self, kept: Identified) -> tuple[float, str, str] | None:
         """Return the limit of a wall on the measured bench, its unit and its basis; None where it has none."""
         axis, task = replace(self.rig.axis[self.name], identified=kept), self._task
-        wall = Wall(self.name, 1.0, self.bounds.middle)
-        scene = Scene(NAME, "A wall", (SceneAxis(self.name, axis.mechanism.workspace),), (wall,))
+        scene = self._scene("A wall", Wall(self.name, 1.0, self.bounds.middle))
         rig = replace(self.rig, axis={self.name: axis})
         judged = stability(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
         found = judged.limit
@@ -282,61 +276,71 @@ class _Bench:
 
     def stage(self, name: str) -> None:
         """Tell that a stage has begun."""
-        self._progress(name)
+        if self._progress is not None:
+            self._progress(name)
 
 
 class _Taken:
     """Samples of one experiment, taken after each period of its run."""
 
-    def __init__(self, bench: _Bench, experiment: Experiment, armed: list[bool]) -> None:
-        self._bench, self._experiment, self._armed = bench, experiment, armed
-        self._stage = ""
-        self._times: list[int] = []
-        self._places: list[float] = []
-        self._efforts: list[float] = []
-        self._stages: list[str] = []
+    def __init__(self, bench: _Bench, experiment: Experiment) -> None:
+        self._bench, self._experiment, self._stage = bench, experiment, ""
+        self.rows: list[tuple[int, float, float, str]] = []
+        """Time [ns], position, effort and stage of each sample."""
 
     def period(self, session: Session) -> bool:
         """Note one period; return True when the run is to end."""
-        if session.cycle is None:  # confirmed, and not yet enabled
+        cycle, experiment, name = session.cycle, self._experiment, self._bench.name
+        if cycle is None:  # confirmed, and not yet enabled
             return False
-        cycle = session.cycle
-        axis, unit = cycle.axes[self._bench.name], session.plan.axes[0].effort_unit
-        state = axis.state
-        if not self._armed:
-            permitted = state.permitted_ns
-            if permitted is not None and cycle.t_ns - permitted >= 1e9 * FADE_IN:
-                self._armed.append(True)
+        if not experiment.armed:
+            experiment.armed = has_faded_in(cycle, name)
             return False
+        state = cycle.axes[name].state
         if state.steps:
-            self._times.append(cycle.t_ns)
-            self._places.append(state.position)
-            self._efforts.append(state.target * unit)
-            self._stages.append(self._experiment.stage)
-        if self._experiment.stage != self._stage:
-            self._stage = self._experiment.stage
+            effort = state.target * session.plan.axes[0].effort_unit
+            self.rows.append((cycle.t_ns, state.position, effort, experiment.stage))
+        if experiment.stage != self._stage:
+            self._stage = experiment.stage
             self._bench.stage(self._stage)
-        return self._experiment.done
+        return experiment.done
 
     def record(self) -> tuple[ShaftRecord, list[str]]:
         """Return the record at the motor shaft, and its stages; missing samples are drawn as straight lines.
 
         Raises SafetyTripError when more than one sample in a hundred is missing.
         """
-        period = self._bench.bounds.period
-        first = self._times[0]
-        places = np.rint((np.array(self._times) - first) / (1e9 * period)).astype(int)
-        count = int(places[-1]) + 1
-        if count - len(places) > 0.01 * count:
-            missing = rounded(100.0 * (count - len(places)) / count)
+        bench, (*columns, stages) = self._bench, zip(*self.rows, strict=True)
+        record, held = shaft_record_of(
+            *map(np.array, columns), period=bench.bounds.period, resolution=bench.bounds.resolution, ratio=bench.ratio
+        )
+        if len(held) - len(stages) > 0.01 * len(held):
+            missing = rounded(100.0 * (len(held) - len(stages)) / len(held))
             raise SafetyTripError(f"{missing} % of the samples are missing; torque is off")
-        grid, ratio = np.arange(count), self._bench.ratio
-        positions = np.interp(grid, places, self._places) / ratio
-        held = np.searchsorted(places, grid, side="right") - 1
-        torques = np.array(self._efforts)[held] * ratio
-        resolution = self._bench.bounds.resolution / ratio
-        record = ShaftRecord(period, tuple(positions.tolist()), tuple(torques.tolist()), resolution)
-        return record, [self._stages[each] for each in held]
+        return record, [stages[each] for each in held]
+
+
+def conduct(session: Session, place: AbstractContextManager[Site], watch: Callable[[Session], bool]) -> Session:
+    """Conduct a run, and return it; after each period `watch` gets it, and returns whether it is to end.
+
+    Raises KeyboardInterrupt when a signal ended it, and the errors of a run.
+    """
+    caller = Caller()
+    steps = session.steps(place, caller)
+    try:
+        while True:
+            next(steps)
+            caller.stopping = watch(session)
+    except StopIteration as ended:
+        if ended.value.stopped is not None:
+            raise KeyboardInterrupt from None
+    return session
+
+
+def has_faded_in(cycle: Cycle, axis: str) -> bool:
+    """Return whether the force of an axis has risen to its limit."""
+    permitted = cycle.axes[axis].state.permitted_ns
+    return permitted is not None and cycle.t_ns - permitted >= 1e9 * FADE_IN
 
 
 def _one_axis(task: BenchTask) -> tuple[Rig, str]:
@@ -406,23 +410,21 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period
 
 def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
     """Return the travel [m or rad], within the position limits of the rig and around their middle."""
-    turn = 2.0 * math.pi * axis.mechanism.ratio
-    limits = axis.limits.position
+    limits, ratio = axis.limits.position, axis.mechanism.ratio
     if limits is None and axis.mechanism.zero != "start":
         raise UsageError("the rig has an encoder count as zero and no limits.position; state limits.position")
-    low, high = limits or (-0.5 * TURNS_WITHOUT_LIMITS * turn, 0.5 * TURNS_WITHOUT_LIMITS * turn)
-    if limits is None and task.travel is not None:
-        low, high = -0.5 * task.travel, 0.5 * task.travel
-    wanted = min(high - low, task.travel or math.inf, LONGEST_TRAVEL * axis.mechanism.ratio)
+    half = 0.5 * (task.travel or TURNS_WITHOUT_LIMITS * 2.0 * math.pi * ratio)
+    low, high = limits or (-half, half)
+    wanted = min(high - low, task.travel or math.inf, LONGEST_TRAVEL * ratio)
     middle = 0.5 * (low + high)
     return middle - 0.5 * wanted, middle + 0.5 * wanted
 
 
 def _part(record: ShaftRecord, stages: list[str], stage: str) -> ShaftRecord:
     """Return the samples of one stage."""
-    here = [number for number, each in enumerate(stages) if each == stage]
-    first, last = here[0], here[-1] + 1
-    return replace(record, positions=record.positions[first:last], torques=record.torques[first:last])
+    first = stages.index(stage)
+    part = slice(first, first + stages.count(stage))
+    return replace(record, positions=record.positions[part], torques=record.torques[part])
 
 
 def _first_model(probe: ShaftRecord) -> ShaftModel:
@@ -444,9 +446,8 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
     """Yield a sentence for each value of the rig that lies outside of its interval."""
     for name, value in stated.items():
         each = fit.values[name]
-        if value is None or each.low <= value <= each.high:
-            continue
-        yield f"{name}: the rig states {in_unit(value, each.unit)}, measured {interval_text(each)}"
+        if value is not None and not each.low <= value <= each.high:
+            yield f"{name}: the rig states {in_unit(value, each.unit)}, measured {interval_text(each)}"
 
 
 # The rig file.
@@ -454,33 +455,31 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
 
 def identified_of(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | None) -> Identified:
     """Return what a rig keeps of a fit: its values, or its resonance; `conditions` are more keys of `Identified`."""
-    values: dict[str, Any] = {"resonance": float(f"{fit.resonance.value:.4g}")} if fit.resonance else {}
-    for name in () if fit.resonance else KEPT:
-        each = fit.values[name]
-        low, value, high = (float(f"{number:.6g}") for number in (each.low, each.value, each.high))
-        values |= {name: value, f"{name}_interval": (low, high)}
-    kept = Identified(
-        **values, **conditions, date=datetime.now().astimezone().isoformat(timespec="seconds"),  # type: ignore[arg-type]
-        top_speed=float(f"{fit.top_speed:.4g}"), residual_counts=float(f"{fit.residual:.3g}"),
-    )  # fmt: skip
+    resonance = float(f"{fit.resonance.value:.4g}") if fit.resonance else None
+    date = datetime.now().astimezone().isoformat(timespec="seconds")
+    told: dict[str, Any] = {"resonance": resonance, "date": date, **conditions}
+    kept = told_by(fit, () if fit.resonance else KEPT, **told)
     return replace(kept, digest=digest_with(axis, kept))
 
 
-def kept_values(kept: Identified) -> dict[str, Value]:
-    """Return the keys of `[axis.NAME.identified]`."""
-    told = {each.name: getattr(kept, each.name) for each in fields(kept)}
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in told.items() if value is not None}
+def told_by(
+    fit: ShaftFit | RunFit, names: Iterable[str], scales: Mapping[str, float] | None = None, **conditions: Any
+) -> Identified:
+    """Return these values of a fit with six digits, each over its scale; `conditions` are more keys of `Identified`."""
+    kept: dict[str, Any] = {}
+    for name in names:
+        each, scale = fit.values[name], scales[name] if scales else 1.0
+        low, value, high = (float(f"{number / scale:.6g}") for number in (each.low, each.value, each.high))
+        kept |= {name: value, f"{name}_interval": (low, high)}
+    top_speed, residual = float(f"{fit.top_speed:.4g}"), float(f"{fit.residual:.3g}")
+    return Identified(**kept, **conditions, top_speed=top_speed, residual_counts=residual)
 
 
 def _written(found: IdentifiedBench, bench: _Bench, kept: Identified) -> IdentifiedBench:
     """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
-    path, values = ("axis", found.axis, "identified"), kept_values(kept)
-    try:
-        edit_file(bench.rig.source, partial(with_table, path=path, values=values))
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        told = (
+    path, values = ("axis", found.axis, "identified"), table_values(kept)
+    if why := write_table(bench.rig.source, path, values):
+        return found.with_warnings(
             f"the values were not saved in {bench.rig.source}: {why}. To add them by hand:\n{table_text(path, values)}"
         )
-        return replace(found, warnings=(*found.warnings, told))
     return replace(found, written=bench.rig.source)

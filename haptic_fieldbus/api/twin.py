@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from haptic_fieldbus.api.identification import told_by
 from haptic_fieldbus.api.provenance import repeated
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Mechanics, Rig, RigAxis, default_axis
@@ -122,7 +123,13 @@ def twin(
     except ValueError as error:
         raise UsageError(f"{found.path}: no bench can be fitted: {error}") from error
     serial: Any = None if plan.simulated else found.provenance.drives.get(name, {}).get("serial")
-    kept = replace(_identified(fit, recorded, plan), date=found.provenance.date, serial=serial)
+    # Values as counts and torque of the rig show them; without a digest they are judged as stated ones.
+    scales = _scales(fit.values["torque_scale"].value, fit.values["count_scale"].value)
+    kept = told_by(
+        fit, [key for key in KEPT if not fit.values[key].reason], scales, profile=recorded.profile.name,
+        rate=1.0 / plan.period, planned_delay=float(f"{recorded.delay.transport + recorded.delay.torque_loop:.6g}"),
+        date=found.provenance.date, serial=serial,
+    )  # fmt: skip
     fitted = replace(own, proved=None, identified=kept, simulation=_simulation(fit, own, recorded))
     is_twin = own.identified != Identified()
     changed, unknown = _compared(own, kept, fit) if is_twin else ([], [])
@@ -202,20 +209,6 @@ def _holding(name: str, axis: AxisPlan, fade_in: float) -> tuple[HoldingHand | N
 def _scales(torque: float, counts: float) -> dict[str, float]:
     """Return true values over those that counts and torque of the rig show."""
     return dict(zip(KEPT, (torque * counts, torque * counts, torque, 1.0), strict=True))
-
-
-def _identified(fit: RunFit, axis: AxisPlan, plan: Plan) -> Identified:
-    """Return the values as counts and torque of the rig show them; without a digest they are judged as stated ones."""
-    scales = _scales(fit.values["torque_scale"].value, fit.values["count_scale"].value)
-    kept: dict[str, Any] = {}
-    for name, each in ((name, fit.values[name]) for name in KEPT if not fit.values[name].reason):
-        low, value, high = (float(f"{number / scales[name]:.6g}") for number in (each.low, each.value, each.high))
-        kept |= {name: value, f"{name}_interval": (low, high)}
-    planned = float(f"{axis.delay.transport + axis.delay.torque_loop:.6g}")
-    return Identified(
-        **kept, profile=axis.profile.name, rate=1.0 / plan.period, planned_delay=planned,
-        top_speed=float(f"{fit.top_speed:.4g}"), residual_counts=float(f"{fit.residual:.3g}"),
-    )  # fmt: skip
 
 
 def _simulation(fit: RunFit, own: RigAxis, axis: AxisPlan) -> Mechanics:

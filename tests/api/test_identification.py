@@ -208,7 +208,7 @@ def test_a_rig_that_cannot_be_written_is_told_with_the_table(bench: Path, monkey
     def refuse(*_: object) -> None:
         raise PermissionError(13, "it is read-only")
 
-    monkeypatch.setattr("haptic_fieldbus.api.identification.edit_file", refuse)
+    monkeypatch.setattr("haptic_fieldbus.documents.edits.edit_file", refuse)
     found = measured(bench, rig_text())
     assert found.written == ""
     assert "not saved" in found.warnings[-1]
@@ -354,11 +354,10 @@ def test_samples_that_are_missing_too_often_end_it(bench: Path, monkeypatch: pyt
     counter = iter(range(1_000_000))
 
     def gappy(self: identification._Taken, session: object) -> bool:
-        before = len(self._times)
+        before = len(self.rows)
         ended = taken(self, session)  # type: ignore[arg-type]
-        if len(self._times) > before and before and next(counter) % 20 == 0:
-            for kept in (self._times, self._places, self._efforts, self._stages):
-                kept.pop()
+        if len(self.rows) > before and before and next(counter) % 20 == 0:
+            self.rows.pop()
         return ended
 
     monkeypatch.setattr(identification._Taken, "period", gappy)
