@@ -19,6 +19,7 @@ from haptic_fieldbus.cli.options import (
     RATE,
     RENDERING,
     SIMULATION,
+    GivenOptions,
     JsonOption,
     PlotOption,
     ProfilesOption,
@@ -33,7 +34,7 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import ask, instruct, tell_question
-from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.cli.screen import plain, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import OutputRow, exactly, in_unit, lines_of, object_of, rounded, rounded_limit
@@ -41,12 +42,11 @@ from haptic_fieldbus.numerals import OutputRow, exactly, in_unit, lines_of, obje
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from haptic_fieldbus.api.identification import BenchTask
-    from haptic_fieldbus.identification import Announcement, IdentifiedBench
+    from haptic_fieldbus.identification import IdentifiedBench
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdentifyOptions:
+class IdentifyOptions(GivenOptions):
     """Options of `identify`."""
 
     rig: Annotated[Path, option("FILE", "Rig file of the bench; gets the measured values.", BENCH)]
@@ -54,12 +54,9 @@ class IdentifyOptions:
     bus: str | None = option_field("BUS", f"{BUSES} The rig file is then not changed.", BENCH, told="that of the rig")
     rate: float | None = option_field("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING)
     travel: float | None = option_field(
-        "M",
-        "Travel of the handle in m or rad.",
-        RENDERING,
-        told="that of the rig, or a turn of the motor",
+        "M", "Travel of the handle in m or rad.", RENDERING, told="that of the rig, or a turn of the motor",
         parser=number,
-    )
+    )  # fmt: skip
     effort: float | None = option_field(
         "N", "Largest force in N or N·m.", RENDERING, told="25 % of rated torque", parser=number
     )
@@ -82,21 +79,11 @@ class IdentifyOptions:
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 
-    def bench_task(self) -> "BenchTask":
-        """Return the request for the API."""
-        from haptic_fieldbus.api.identification import BenchTask
-
-        return BenchTask(
-            self.rig, axis=self.axis, bus=self.bus, rate=self.rate, travel=self.travel, effort=self.effort,
-            speed=self.speed, with_mass=self.with_mass, with_inertia=self.with_inertia, skip=tuple(self.skip or ()),
-            profiles=self.profiles, seed=self.seed,
-        )  # fmt: skip
-
 
 @options_of(IdentifyOptions)
 def identify(options: IdentifyOptions) -> None:
     """Measure inertia, friction, damping and delay of a bench with its own drive, and write them into the rig file."""
-    from haptic_fieldbus.api.identification import bounds_of
+    from haptic_fieldbus.api.identification import BenchTask, bounds_of
     from haptic_fieldbus.api.identification import identify as measure_bench
     from haptic_fieldbus.api.provenance import picture_mark
 
@@ -104,30 +91,21 @@ def identify(options: IdentifyOptions) -> None:
     if options.plot is not None and "dynamics" in (options.skip or ()):
         raise UsageError("--skip dynamics: expected without --plot, which draws them")
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    talk = sys.stderr if options.as_json else sys.stdout
-
-    def announce(told: "Announcement") -> None:
-        show([("move" if number == 0 else "", line) for number, line in enumerate(told.lines())], talk)
-        talk.flush()
-
+    task = options.given(BenchTask)
     if options.dry_run:
-        announce(bounds_of(options.bench_task()))
+        _announce(bounds_of(task).lines(), options)
         return
     if not sys.stdin.isatty():
         never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig])  # of the rig file before it is changed
     found = measure_bench(
-        options.bench_task(),
+        task,
         confirm=tell_question if options.yes else ask,
         instruct=None if options.yes or not sys.stderr.isatty() else instruct,
-        announce=announce,
+        announce=lambda told: _announce(told.lines(), options),
         progress=lambda stage: show([("stage", stage)], sys.stderr) if sys.stderr.isatty() else None,
     )
-    if options.as_json:
-        print_json({key: plain(value) for key, value in found.to_json().items()})
-    else:
-        show(lines_of(_rows(found)))
-    sys.stdout.flush()
+    show_result(_rows(found), found.to_json(), as_json=options.as_json)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_identified
 
@@ -136,13 +114,15 @@ def identify(options: IdentifyOptions) -> None:
             show([("plot", str(options.plot))])
 
 
-LABELS = {
-    "inertia": "inertia",
-    "viscous_damping": "damping",
-    "coulomb_friction": "friction",
-    "delay_and_lag": "delay",
-    "torque_lag": "lag",
-}
+def _announce(lines: Iterable[str], options: "IdentifyOptions | CertifyOptions") -> None:
+    """Say what will move, beside a JSON object on standard error."""
+    talk = sys.stderr if options.as_json else sys.stdout
+    show(lines_of([OutputRow("move", lines)]), talk)
+    talk.flush()
+
+
+LABELS = {"inertia": "inertia", "viscous_damping": "damping", "coulomb_friction": "friction", "delay_and_lag": "delay",
+          "torque_lag": "lag"}  # fmt: skip
 """Values that people are shown, and their words."""
 
 
@@ -151,9 +131,8 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     from haptic_fieldbus.identification import further_texts, interval_text
 
     if (fit := found.fit) is None:
-        told = (
-            f"{in_unit(low, 'N·m')} to {in_unit(high, 'N·m')} {way}" for way, (low, high) in found.breakaway.items()
-        )
+        bounds = found.breakaway.items()
+        told = (f"{in_unit(low, 'N·m')} to {in_unit(high, 'N·m')} {way}" for way, (low, high) in bounds)
         yield OutputRow("breakaway", [", ".join(told)])
     else:
         for name, label in LABELS.items():
@@ -187,19 +166,18 @@ KEPT = ("seed", "yes")
 class CertifyOptions(SceneOptions):
     """Options of `certify`."""
 
-    by_hand: Annotated[
-        bool, option(None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING, "--by-hand")
-    ] = False
-    share: Annotated[
-        float, option("SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8, parser=number)
-    ] = 0.8
-    above: Annotated[
-        bool, option(None, "With --yes, go above the limit without asking; nobody holds.", None, "--above")
-    ] = False
-    plot: Annotated[
-        Path | None,
-        option("PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"),
-    ] = None
+    by_hand: bool = option_field(
+        None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING, "--by-hand"
+    )
+    share: float = option_field(
+        "SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8, parser=number
+    )
+    above: bool = option_field(
+        None, "With --yes, go above the limit without asking; nobody holds.", None, "--above"
+    )  # fmt: skip
+    plot: Path | None = option_field(
+        "PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"
+    )
 
 
 @options_of(CertifyOptions, without=[*(each for each in OF_A_RUN if each not in KEPT), "verbose"])
@@ -216,12 +194,6 @@ def certify(options: CertifyOptions) -> None:
     if wrong := file_faults("out", values, (".json",)):
         raise UsageError("\n".join(wrong))
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    talk = sys.stderr if options.as_json else sys.stdout
-
-    def announce(told: Iterable[str]) -> None:
-        show([("move" if place == 0 else "", line) for place, line in enumerate(told)], talk)
-        talk.flush()
-
     if not sys.stdin.isatty():
         never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig] if options.rig else [])
@@ -231,24 +203,20 @@ def certify(options: CertifyOptions) -> None:
         confirm=tell_question if options.yes else ask,
         above=above,
         instruct=None if options.yes or not sys.stderr.isatty() else instruct,
-        announce=announce,
+        announce=lambda told: _announce(told, options),
         progress=lambda stiffness, unit: (
             show([("tapping", in_unit(stiffness, unit))], sys.stderr) if sys.stderr.isatty() else None
         ),
     )
     rows = list(found.rows())
-    certificate = {key: plain(value) for key, value in object_of(rows, CERTIFIED).items()}
-    if options.as_json:
-        print_json(certificate)
-    else:
-        show(lines_of(rows))
-    sys.stdout.flush()
+    certificate = object_of(rows, CERTIFIED)
+    show_result(rows, certificate, as_json=options.as_json)
     if options.plot is not None and values is not None:
         from haptic_fieldbus.report.plot import draw_certificate
 
         draw(options.plot, draw_certificate(found), mark)
         try:
-            values.write_text(json.dumps(certificate, indent=2) + "\n", encoding="utf-8")
+            values.write_text(json.dumps(plain(certificate), indent=2) + "\n", encoding="utf-8")
         except OSError as error:
             raise UsageError(f'out "{values}": {error.strerror}') from error
         if not options.as_json:

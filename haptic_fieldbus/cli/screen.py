@@ -17,7 +17,7 @@ import typer
 
 from haptic_fieldbus.cli.output import behind
 from haptic_fieldbus.errors import DocumentError, Fault, UsageError
-from haptic_fieldbus.numerals import KEY_WIDTH
+from haptic_fieldbus.numerals import KEY_WIDTH, OutputRow, lines_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,6 +89,15 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 def print_json(value: "Mapping[str, Json]") -> None:
     """Print one JSON object to standard output; raises ValueError for NaN and infinities, which JSON does not have."""
     print(json_text(value, indent=2))
+
+
+def show_result(rows: Iterable[OutputRow], told: Mapping[str, object], *, as_json: bool) -> None:
+    """Print a result: its rows, or one JSON object."""
+    if as_json:
+        print_json({key: plain(value) for key, value in told.items()})
+    else:
+        show(lines_of(rows))
+    sys.stdout.flush()
 
 
 def json_text(value: "Mapping[str, Json]", indent: int | None = None) -> str:

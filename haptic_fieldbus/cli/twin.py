@@ -1,6 +1,5 @@
 """Command `twin`: the bench of a recorded run as a simulation, and what changed since."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,9 +7,9 @@ import typer
 
 from haptic_fieldbus.cli.options import BENCH, HANDS, OUTPUT, JsonOption, ProfilesOption, option, seconds
 from haptic_fieldbus.cli.replay import DIFFERENT
-from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.cli.screen import show_result
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import OutputRow, lines_of, rounded
+from haptic_fieldbus.numerals import OutputRow, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,13 +53,8 @@ def twin(
         raise UsageError(f"{rig}: no twin, since it has no [axis.{found.axis}.identified]")
     if out is not None:
         out.write_text(found.text, encoding="utf-8")
-    if as_json:
-        print_json({key: plain(value) for key, value in found.to_json().items()})
-    else:
-        show(lines_of(_rows(found, check)))
-        if out is not None:
-            show([("written", str(out))])
-    sys.stdout.flush()
+    rows = [*_rows(found, check), OutputRow("written", [] if out is None else [str(out)])]
+    show_result(rows, found.to_json(), as_json=as_json)
     if check and found.changed:
         raise typer.Exit(DIFFERENT)
 
