@@ -77,13 +77,11 @@ class Estimation:
 
     def to_json(self) -> dict[str, object]:
         """Return the object that `estimate --json` prints."""
+        signal, found = self.signal, self.estimate
         return {
-            "time": self.signal.times.tolist(),
-            "signal": self.signal.values.tolist(),
-            "estimate": self.estimate.values.tolist(),
-            "noise_gain": self.estimate.noise_gain,
-            "delay_s": self.estimate.delay,
-        }
+            "time": signal.times.tolist(), "signal": signal.values.tolist(), "estimate": found.values.tolist(),
+            "noise_gain": found.noise_gain, "delay_s": found.delay,
+        }  # fmt: skip
 
 
 def estimate_from(asked: SignalRequest) -> Estimation:
@@ -149,12 +147,11 @@ def _integrated(signal: Samples, period: float, resolution: float) -> Estimated:
     T, …, T, T/2, of norm T·√(n − ½).
     """
     integrator = VelocityIntegrator(period, resolution)
-    places: list[float] = []
-    for time, velocity in zip((signal.times - signal.times[0]).tolist(), signal.values.tolist(), strict=True):
-        if places:
-            integrator.step(velocity, time)
-        else:
-            integrator.start(velocity)
+    first, *others = signal.values.tolist()
+    integrator.start(first)
+    places = [integrator.position]
+    for time, velocity in zip((signal.times - signal.times[0]).tolist()[1:], others, strict=True):
+        integrator.step(velocity, time)
         places.append(integrator.position)
     steps = np.diff(signal.times)
     gain = 0.5 * float(np.linalg.norm(np.append(steps, 0.0) + np.append(0.0, steps)))
@@ -166,10 +163,10 @@ def _estimated(signal: Samples, spec: str, period: float, resolution: float) -> 
     filters = signal.quantity == VELOCITY
     estimator = chosen(spec).estimator
     step = estimator.start(chosen(spec).setup(period, period * resolution if filters else resolution))
-    positions = period * np.cumsum(signal.values) if filters else signal.values
-    times_ns = np.round(1e9 * (signal.times - signal.times[0]))
+    positions, times_ns = signal.values, np.round(1e9 * (signal.times - signal.times[0]))
     if filters:  # one period before the first reading the sum is 0
-        positions, times_ns = np.append(0.0, positions), np.append(-1e9 * period, times_ns)
+        positions = np.append(0.0, period * np.cumsum(signal.values))
+        times_ns = np.append(-1e9 * period, times_ns)
     rows = zip(positions.tolist(), times_ns.tolist(), strict=True)
     values = [step(x, time_ns) if estimator.timed else step(x) for x, time_ns in rows]
     return Estimated(VELOCITY, np.array(values[int(filters) :]), *_figures(spec, period, filters))

@@ -82,10 +82,10 @@ def known_bench(axis: RigAxis, profile: DriveProfile) -> KnownBench:
     fault = _fault(axis, profile)
     if fault:
         return KnownBench(None, None, None, (EXACT, EXACT, EXACT), Basis.STATED, fault=fault)
-    inertia, damping, coulomb = (_known(axis, key) for key in MECHANICAL)
+    (inertia, first), (damping, second), (coulomb, third) = (_known(axis, key) for key in MECHANICAL)
     is_stated = measured.viscous_damping is None or measured.digest is None
     basis = Basis.STATED if is_stated else Basis.IDENTIFIED
-    return KnownBench(inertia[0], damping[0], coulomb[0], (inertia[1], damping[1], coulomb[1]), basis, measured)
+    return KnownBench(inertia, damping, coulomb, (first, second, third), basis, measured)
 
 
 def _known(axis: RigAxis, key: str) -> tuple[float | None, Range]:
@@ -188,9 +188,8 @@ def check_measured_drive(name: str, bench: KnownBench, drive: Identity) -> None:
 
 def as_stated(axis: RigAxis) -> RigAxis:
     """Return the axis with its measured values as stated ones, and without the table, so that one can be varied."""
-    known = {key: getattr(axis.identified, key) for key in MECHANICAL}
-    given = {key: value for key, value in known.items() if value is not None}
-    return replace(axis, identified=Identified(), **given)
+    known = {key: value for key in MECHANICAL if (value := getattr(axis.identified, key)) is not None}
+    return replace(axis, identified=Identified(), **known)
 
 
 # Delay and lag.
@@ -218,8 +217,8 @@ def measured_times(bench: KnownBench, profile: DriveProfile, delay: Delay, lags:
     if measured is None or measured.delay_and_lag is None or measured.delay_and_lag_interval is None:
         return None
     planned, longest = delay.transport + delay.torque_loop, delay.range[1] + lags[1]
-    low, high = widened(measured.delay_and_lag, measured.delay_and_lag_interval)
     value = measured.delay_and_lag
+    low, high = widened(value, measured.delay_and_lag_interval)
     if measured.planned_delay is None or measured.digest is None:  # nobody knows how much of it is the bus, or the rate
         if high <= longest:
             return None
