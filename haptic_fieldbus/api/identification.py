@@ -108,17 +108,13 @@ class MeasuringLaw:
 
     axis: str
     experiment: Experiment
-    effort: float
+    strongest: float
+    """Largest effort of this active element [N or N·m]."""
     name: str = NAME
 
     @property
     def needs(self) -> tuple[Signal, ...]:
         return (Signal.POSITION,)
-
-    @property
-    def strongest(self) -> float:
-        """Largest effort of this active element [N or N·m]."""
-        return self.effort
 
     def begin(self, period: float) -> Law:
         """Return the law of the position."""

@@ -282,18 +282,14 @@ class GuidedMotion(Experiment):
         self._following = min(FOLLOWING, FOLLOWING_PHASE / late)
 
     def _all(self) -> Stage:
+        time = max(SHORTEST_MOTION, SAMPLES * self.bounds.period)
         yield from self._lead(self.bounds.middle, shortest=0.5, share=0.5)
         self.stage = "motion"
-        yield from self._motion(0, self.motion_time)
+        yield from self._motion(0, time)
         self.stage = "check"
-        yield from self._motion(1, CHECK_SHARE * self.motion_time)
+        yield from self._motion(1, CHECK_SHARE * time)
         self.stage = "stop"
         yield from self._halt()
-
-    @property
-    def motion_time(self) -> float:
-        """Return the length of the motion [s]."""
-        return max(SHORTEST_MOTION, SAMPLES * self.bounds.period)
 
     def _lead(self, goal: float, shortest: float, share: float) -> Stage:
         """Lead the handle to a place and stop there: in `shortest` [s] at least, by a `share` of the largest speed."""
