@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from haptic_fieldbus.api import Trial, prepare_run, stability
+from haptic_fieldbus.assessing.looking_back import shaft_record_of
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import table_text, table_values, write_table
@@ -21,14 +22,7 @@ from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, Rota
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import (
-    Estimate,
-    ShaftFit,
-    ShaftRecord,
-    fit_shaft,
-    prediction_errors,
-    shaft_record_of,
-)
+from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
 from haptic_fieldbus.identification.scale import ScaleCheck, scale_check
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.identification.twin import RunFit

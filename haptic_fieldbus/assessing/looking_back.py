@@ -19,11 +19,12 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.documents.edits import table_values, write_table
 from haptic_fieldbus.drive.rig import Contradicted
-from haptic_fieldbus.identification.fit import Estimate, ShaftRecord, shaft_record_of
+from haptic_fieldbus.identification.fit import Estimate, ShaftRecord
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -40,7 +41,22 @@ EXCITED = 0.05
 """Largest relative standard deviation of the inertia of a window that counts."""
 SPREADS, WINDOWS = 3.0, 2
 """Standard deviations of an interval, and windows that must contradict."""
+Array = NDArray[Any]
 WORDS = {"inertia": "an inertia", "viscous_damping": "a damping"}
+
+
+def shaft_record_of(
+    times_ns: Array, positions: Array, efforts: Array, *, period: float, resolution: float, ratio: float
+) -> tuple[ShaftRecord, Array]:
+    """Return samples of a handle as the record of its shaft, and for each instant of it the last sample up to there.
+
+    The handle moves `ratio` times as far as the shaft. Missing samples are drawn as straight lines.
+    """
+    places = np.rint((times_ns - times_ns[0]) / (1e9 * period)).astype(int)
+    grid = np.arange(places[-1] + 1)
+    held = np.searchsorted(places, grid, side="right") - 1
+    shaft, torques = np.interp(grid, places, positions) / ratio, efforts[held] * ratio
+    return ShaftRecord(period, tuple(shaft.tolist()), tuple(torques.tolist()), resolution / ratio), held
 
 
 def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> ShaftRecord:

@@ -21,16 +21,13 @@ noise, nor below the noise of an encoder that rounds.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, acting_torques, predicted_motion
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 
-Array = NDArray[Any]
 FEWEST_SAMPLES, FEWEST_ROWS = 200, 30
 GUESS_WIDTHS = (0.01, 0.03, 0.06)
 """Half widths of the triangles of the first guess [s]."""
@@ -110,20 +107,6 @@ class ShaftRecord:
         width = max(1, round(0.01 / self.period))
         ways = np.subtract(self.positions[width:], self.positions[:-width])
         return float(np.abs(ways).max(initial=0.0)) / (width * self.period)
-
-
-def shaft_record_of(
-    times_ns: Array, positions: Array, efforts: Array, *, period: float, resolution: float, ratio: float
-) -> tuple[ShaftRecord, Array]:
-    """Return samples of a handle as the record of its shaft, and for each instant of it the last sample up to there.
-
-    The handle moves `ratio` times as far as the shaft. Missing samples are drawn as straight lines.
-    """
-    places = np.rint((times_ns - times_ns[0]) / (1e9 * period)).astype(int)
-    grid = np.arange(places[-1] + 1)
-    held = np.searchsorted(places, grid, side="right") - 1
-    shaft, torques = np.interp(grid, places, positions) / ratio, efforts[held] * ratio
-    return ShaftRecord(period, tuple(shaft.tolist()), tuple(torques.tolist()), resolution / ratio), held
 
 
 @dataclass(frozen=True)
