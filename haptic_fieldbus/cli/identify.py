@@ -19,13 +19,13 @@ from haptic_fieldbus.cli.options import (
     RATE,
     RENDERING,
     SIMULATION,
-    GivenOptions,
     JsonOption,
     PlotOption,
     ProfilesOption,
     SceneOptions,
     check_plot,
     draw,
+    given_by,
     note_assumed_bitrate,
     number,
     option,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdentifyOptions(GivenOptions):
+class IdentifyOptions:
     """Options of `identify`."""
 
     rig: Annotated[Path, option("FILE", "Rig file of the bench; gets the measured values.", BENCH)]
@@ -91,7 +91,7 @@ def identify(options: IdentifyOptions) -> None:
     if options.plot is not None and "dynamics" in (options.skip or ()):
         raise UsageError("--skip dynamics: expected without --plot, which draws them")
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    task = options.given(BenchTask)
+    task = given_by(options, BenchTask)
     if options.dry_run:
         _announce(bounds_of(task).lines(), options)
         return

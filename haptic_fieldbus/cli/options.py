@@ -134,22 +134,18 @@ ProfilesOption = Annotated[
 PlotOption = Annotated[Path | None, option("PATH", "File of the picture: .png, .svg or .pdf.", OUTPUT)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GivenOptions:
-    """Options of a command whose values become arguments of the API."""
+def given_by(options: object, kind: type[Asked]) -> Asked:
+    """Return a value of the API made from the options of its fields; omitted options have its defaults.
 
-    def given(self, kind: type[Asked]) -> Asked:
-        """Return a value of the API made from the options of its fields; omitted options have its defaults.
-
-        Options such as --plot and --json concern the command alone and are not among its fields.
-        """
-        names = inspect.signature(kind).parameters
-        values: Any = {name: value for name, value in vars(self).items() if name in names and value is not None}
-        return kind(**values)
+    Options such as --plot and --json concern the command alone and are not among its fields.
+    """
+    names = inspect.signature(kind).parameters
+    values: Any = {name: value for name, value in vars(options).items() if name in names and value is not None}
+    return kind(**values)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneOptions(GivenOptions):
+class SceneOptions:
     """Options of the commands that take a scene: those of `run`; other commands leave out some of them."""
 
     scene: Annotated[
@@ -215,6 +211,10 @@ class SceneOptions(GivenOptions):
             raise UsageError("\n".join(f"--{name}: empty; expected a name" for name in empty))
         found = replace(self.given(Task), settings=parse_settings(self.settings or []))
         return replace(found, axes=parse_axes(self.axes)) if self.axes else found
+
+    def given(self, kind: type[Asked]) -> Asked:
+        """Return a value of the API made from these options, as `given_by` does."""
+        return given_by(self, kind)
 
 
 @dataclass(frozen=True, kw_only=True)
