@@ -253,6 +253,19 @@ def test_stale_feedback_is_held_then_fades_to_zero_and_trips_at_its_age() -> Non
     assert cycle.trip.limit == pytest.approx(0.03)
 
 
+@pytest.mark.parametrize("force", [10.0, 0.0])
+def test_a_row_shows_the_share_of_the_held_force_that_is_left(force: float) -> None:
+    """From the second missing sample on a tenth less each; where no force is held, nothing of it is lost."""
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", force))))
+    place, shown = cycle.columns.index("handle.gain"), []
+    for number in range(1, 5):
+        cycle(image(flags=LinkFlag.STALE, age=number * 1_000_000))
+        shown.append(cycle.row[place])
+    cycle(image())
+    assert shown == pytest.approx([1.0, 0.9, 0.8, 0.7] if force else [1.0] * 4)
+    assert cycle.row[place] == 1.0
+
+
 def test_one_missing_sample_changes_nothing() -> None:
     cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 10.0))))
     full = sent(cycle(image()))[1]

@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, SentTorque
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, SentTorque, shares
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.laws import AxisState, Sensed
 from haptic_fieldbus.cycle.safety import Permission
@@ -151,3 +151,25 @@ def test_the_energy_of_sent_torque_counts_the_torque_of_each_period_on_its_way()
     state.target, state.position, state.steps = 4, 0.05, 3
     sent.take()
     assert sent.given == pytest.approx(0.5 * 0.01 - 0.3 * 0.02 - 0.8 * 0.01 + 0.03 * (0.4 + 2 * 1e3) / 3)
+
+
+def test_the_controller_takes_an_excess_back_within_four_periods() -> None:
+    """A force that is stronger in one period gives too much energy; the damping of the next one takes a quarter."""
+    plan = plan_of(scene_of(Spring("handle", STIFFNESS)))
+    (axis,), state, sensed, way = plan.axes, AxisState(), Sensed(), 1e-4
+    port = LedgerAxis(axis, state, sensed, Permission(fade=1.0, unchanged=True))
+    ledger = Ledger([port], *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
+    step = bind_ledger(ledger, lambda: None, controls=True)
+    whole, share = shares(axis, plan.period)
+    assert not whole, "the force acts within the period"
+    taken = []
+    for place in range(40):
+        state.position = place * way
+        step()
+        taken.append(-sensed.damped * way)
+        # The mean force on the way is that of the spring, so that the spring itself gives nothing.
+        asked = -STIFFNESS * way * (place + 0.5 + share) + (0.2 if place == 20 else 0.0)
+        state.target, state.force = asked / axis.effort_unit, asked  # type: ignore[assignment]
+    excess = 0.2 * (1.0 - share) * way
+    assert taken[20] == pytest.approx(0.0, abs=0.01 * excess)
+    assert taken[21] == pytest.approx(0.25 * excess, rel=0.02)

@@ -10,6 +10,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
@@ -27,6 +28,7 @@ from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.leading import MOST_STEPS, SimulatedTime
 from haptic_fieldbus.running.live import RUN_COLUMNS, Live, _Reader, folder, sockets
 from haptic_fieldbus.running.ring import LiveReader, RingReader
+from tests.builders import plan_of
 
 LONG = 600.0
 """Duration of a run that its reader ends [s]."""
@@ -124,6 +126,22 @@ def test_a_reader_sees_the_rows_that_are_recorded(tmp_path: Path) -> None:
         heading, *lines = csv.reader(file)
     rows = np.array(lines, dtype=float)
     np.testing.assert_array_equal(seen[0][:, : len(heading)], rows[: len(seen[0])])
+
+
+@pytest.mark.parametrize(("rate", "rows"), [(1000.0, 30_000), (200.0, 6_000), (8000.0, 120_000)])
+def test_a_reader_that_looks_away_for_half_a_minute_misses_no_row(rate: float, rows: int) -> None:
+    """At rates above 4 kHz it may look away for 120,000 rows. The slot after the last row belongs to the writer."""
+    plan = replace(plan_of(), rate=rate)
+    with Live(described) as live:
+        live.follow(plan, SimpleNamespace(columns=("t_ns",)))  # type: ignore[arg-type]
+        assert live.ring is not None
+        rest, reader = [0.0] * (live.ring.columns - 1), RingReader(live.ring.fd)
+        for number in range(rows - 1):
+            live.ring.push((number,), rest)
+        assert reader.since(0)[0] == 0
+        for number in range(2):
+            live.ring.push((number,), rest)
+        assert reader.since(0)[0] == 2
 
 
 def test_a_change_is_made_and_an_unstable_one_is_refused_with_its_limit() -> None:
