@@ -1,13 +1,14 @@
 """The hand of a simulation that is led: commands act once, in their periods, and are kept as far as there is room."""
 
 from collections.abc import Callable, Mapping
+from time import monotonic
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from haptic_fieldbus.running import leading
-from haptic_fieldbus.running.leading import Leading, Led
+from haptic_fieldbus.running.leading import Leading, Led, SimulatedTime
 
 PERIOD = 1e-3
 
@@ -111,3 +112,10 @@ def test_a_hand_that_is_led_without_end_acts_on_and_is_kept_no_more(monkeypatch:
     found, done = led({period: further(period) for period in range(10)})
     assert found.acted is None
     assert done[-2] == ("pull", 0.5, 0.09, PERIOD)
+
+
+def test_a_simulation_that_is_watched_begins_at_the_pace_of_real_time() -> None:
+    """A machine that is slow makes it later, and never sooner. It may be ahead by 2 ms."""
+    clock, began = SimulatedTime(), monotonic()
+    clock.sleep_until(clock.now_ns() + 60_000_000)
+    assert monotonic() - began > 0.057

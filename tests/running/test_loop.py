@@ -8,10 +8,12 @@ from collections.abc import Callable
 import can
 import pytest
 
+from haptic_fieldbus.api import plan as plan_from
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.running.loop import Caller
 from tests.builders import WALL, plan_of, rig_of
 from tests.buses.canopen.benches import HEARTBEAT, NODE, RPDO, TORQUE_FREE, Bench
 from tests.whole_loop import run_loop
@@ -314,3 +316,10 @@ def test_a_run_whose_end_a_drive_did_not_confirm_is_no_success(interrupted: bool
     with pytest.raises(BusError, match=r"did not confirm.*Switch the power off.*node 1 \(axis handle\)"):
         run_loop(bench.plan, Cycle(bench.plan), bench.bus, bench.clock, cycles=150, report=report, progress=stay)
     assert (report.released, report.interrupted) == (False, interrupted)
+
+
+def test_a_caller_that_took_longer_than_a_period_is_told_with_both_times() -> None:
+    plan = plan_from("wall", bus="socketcan:can0@1000000")
+    assert Caller(longest_ns=PERIOD_NS).slow_on(plan) == []
+    told = "the block of the session took up to 3.46 ms between two periods of 1 ms"
+    assert Caller(longest_ns=3_456_000).slow_on(plan) == [told]
