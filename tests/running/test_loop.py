@@ -4,15 +4,16 @@ import errno
 import gc
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 
 import can
 import pytest
 
-from haptic_fieldbus.api import plan as plan_from
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.running.loop import Caller
 from tests.builders import WALL, plan_of, rig_of
 from tests.buses.canopen.benches import HEARTBEAT, NODE, RPDO, TORQUE_FREE, Bench
@@ -319,7 +320,7 @@ def test_a_run_whose_end_a_drive_did_not_confirm_is_no_success(interrupted: bool
 
 
 def test_a_caller_that_took_longer_than_a_period_is_told_with_both_times() -> None:
-    plan = plan_from("wall", bus="socketcan:can0@1000000")
+    plan = plan_of(rig=replace(rig_of(WALL), bus={"bus": CanSection("socketcan", "can0")}))
     assert Caller(longest_ns=PERIOD_NS).slow_on(plan) == []
     told = "the block of the session took up to 3.46 ms between two periods of 1 ms"
     assert Caller(longest_ns=3_456_000).slow_on(plan) == [told]
