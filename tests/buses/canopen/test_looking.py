@@ -46,7 +46,9 @@ def test_what_a_drive_offers_is_read_and_nothing_is_written(two: TwoPrograms) ->
 
 
 def test_a_drive_that_is_not_there_is_told_and_hides_no_other(two: TwoPrograms) -> None:
-    glimpse = looking(two).look()
+    look, began_ns = looking(two), two.clock.now_ns()
+    glimpse = look.look()
+    assert two.clock.now_ns() - began_ns == pytest.approx(0.1e9, abs=0.02e9), "an answer may take 0.1 s, and no longer"
     assert glimpse["gone"].values == {}
     assert glimpse["gone"].age is None
     assert "no answer" in glimpse["gone"].note
