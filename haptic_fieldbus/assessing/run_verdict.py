@@ -104,17 +104,21 @@ def run_verdict(
     return next((text for text in told if len(text) <= LONGEST), f"{head.partition(ADDED)[0]}; chatters")
 
 
-def real_verdict(*, effort: str, cut: float, behind: float | None, rehearsed: bool = False) -> str:
+def real_verdict(
+    *, effort: str, cut: float, behind: float | None, confirmed: bool = True, rehearsed: bool = False
+) -> str:
     """Return the verdict on a run on real drives, from the values of loop and drives alone.
 
     `cut` is the share of the periods in which the force of the scene was cut, by limit or cap, of the worst axis;
     `behind` is rms(torque actual − target) / rms(target) of the worst axis, among drives that send their torque; None
-    without such a drive. `rehearsed`: the drives are simulated, in real time.
+    without such a drive. `confirmed`: the motor directions were confirmed; until then force is limited in all periods.
+    `rehearsed`: the drives are simulated, in real time.
     """
     head = "Rehearsed on a simulated drive" if rehearsed else "Real drive, error unknown"
     limited = f"limited in {percent(cut)} of periods" if cut >= RARE else "rarely limited"
-    parts = [f"{effort} {limited if cut else 'never limited'}"]
-    if behind is not None:
+    limited = limited if cut else "never limited"
+    parts = [f"{effort} {limited if confirmed else 'limited, because the motor direction is not confirmed'}"]
+    if behind is not None and confirmed:  # the torque of pulses says nothing about a force
         parts.append(f"motor torque {percent(behind)} off target")
     return f"{head}: {'; '.join(parts)}"
 

@@ -175,6 +175,7 @@ def _rendered(run: Run) -> str:
         effort=plan.axes[0].workspace.effort_name,
         cut=max(_cut(run, axis.name) for axis in plan.axes),
         behind=max(behind, default=None),
+        confirmed=all(axis.sign.unseen is None for axis in run.cycle.axes.values()),
         rehearsed=any(bus.rehearsed for bus in plan.rig.bus.values()),
     )
 

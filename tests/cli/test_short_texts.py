@@ -116,8 +116,9 @@ def test_a_verdict_is_one_line_and_never_loses_a_chatter(
 @given(cut=st.just(0.0) | st.floats(1e-7, 1.0), behind=st.none() | st.floats(1e-6, 9.0), rehearsed=st.booleans())
 def test_a_verdict_on_a_real_run_is_one_line(cut: float, behind: float | None, rehearsed: bool) -> None:
     for effort in ("force", "torque"):
-        told = real_verdict(effort=effort, cut=cut, behind=behind, rehearsed=rehearsed)
-        assert KEY_WIDTH + len(told) <= LINE_WIDTH
+        for confirmed in (True, False):
+            told = real_verdict(effort=effort, cut=cut, behind=behind, confirmed=confirmed, rehearsed=rehearsed)
+            assert KEY_WIDTH + len(told) <= LINE_WIDTH
 
 
 def test_each_of_several_warnings_has_its_key() -> None:

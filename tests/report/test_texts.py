@@ -195,6 +195,11 @@ def test_a_real_run_is_judged_by_what_loop_and_drive_tell(cut: float, behind: fl
     assert said == f"Real drive, error unknown: {told}"
 
 
+def test_a_force_that_was_limited_until_the_direction_is_confirmed_is_not_called_unlimited() -> None:
+    said = real_verdict(effort="force", cut=0.0, behind=0.2, confirmed=False)
+    assert said == "Real drive, error unknown: force limited, because the motor direction is not confirmed"
+
+
 def test_a_rehearsal_is_not_called_a_run_on_a_real_drive() -> None:
     said = real_verdict(effort="force", cut=0.0, behind=None, rehearsed=True)
     assert said == "Rehearsed on a simulated drive: force never limited"
