@@ -231,7 +231,6 @@ class _Bench:
         Raises SafetyTripError with the reason when the experiment ended early, KeyboardInterrupt when a signal ended
         it, and the errors of a run.
         """
-        experiment.armed = False
         task = self._task_with(self._bounded, experiment, self.announced.effort)
         # Without a stated bench the run is one without a limit, with the cap of such a run.
         unknown = any(each is None for each in self.stated.values())

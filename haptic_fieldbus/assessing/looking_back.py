@@ -68,9 +68,7 @@ def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> 
         rows.column(name)[since] for name in ("t_ns", f"{axis.name}.position", f"{axis.name}.command")
     )
     ratio = axis.rig.mechanism.ratio
-    found, _ = shaft_record_of(
-        times_ns, position, command, period=period, resolution=axis.resolution, ratio=ratio
-    )  # fmt: skip
+    found, _ = shaft_record_of(times_ns, position, command, period=period, resolution=axis.resolution, ratio=ratio)
     return found
 
 

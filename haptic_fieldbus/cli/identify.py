@@ -172,9 +172,7 @@ class CertifyOptions(SceneOptions):
     share: float = option_field(
         "SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8, parser=number
     )
-    above: bool = option_field(
-        None, "With --yes, go above the limit without asking; nobody holds.", None, "--above"
-    )  # fmt: skip
+    above: bool = option_field(None, "With --yes, go above the limit without asking; nobody holds.", None, "--above")
     plot: Path | None = option_field(
         "PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"
     )

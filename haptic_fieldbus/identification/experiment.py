@@ -105,8 +105,8 @@ class Experiment:
     def __init__(self, bounds: Bounds) -> None:
         self.bounds = bounds
         self.stage = "rest"
-        self.armed = True
-        """False: the law of a run gives no effort yet (`api.identification`)."""
+        self.armed = False
+        """Whether the law of a run may give effort (`api.identification`)."""
         self.done = False
         self.failure = ""
         """Why the experiment ended early; empty if it did not."""
