@@ -1,21 +1,26 @@
 """The parts of the soak: what each does in one chunk, how much of it there is, and what it returns."""
 
+import os
 import resource
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Any
+from unittest.mock import patch
 
 from haptic_fieldbus import api
 from haptic_fieldbus.errors import HapticFieldbusError
 from tests.builders import endless_rig
+from tests.buses.canopen.limited import RUNS, Shelf
 from tests.identification import drawn
 from tests.identification.twins import hidden_twins
 from tests.invariants.attach import watched
 from tests.soak import active, files, frames
 from tests.soak.case import case_of, run_case
 from tests.soak.find import shrunk_case
+from tests.system import slipped_bench
 
 WHOLE = 10_000
 """SOAK_RUNS at which every part has its full size."""
@@ -92,6 +97,26 @@ def active_elements(first: int, count: int) -> Found:
     return {"broken": [sentence for case in cases for sentence in active.wrong_with(case)]}
 
 
+def slipped_rigs(first: int, count: int) -> Found:
+    """Rigs with slips of unit, digit and sign: the torque of the motor before the sign is seen.
+
+    Other seeds than those of the tests.
+    """
+    benches = [(seed, slipped_bench.drawn(WHOLE + seed)) for seed in range(first, first + count)]
+    wrong = ((seed, slipped_bench.wrong_with(bench, slipped_bench.before_the_sign(bench))) for seed, bench in benches)
+    return {"broken": [f"slips {WHOLE + seed}: {sentence}" for seed, own in wrong for sentence in own]}
+
+
+def without_serial(first: int, count: int) -> Found:
+    """Shelves of drives that share a serial number or have none: no drive gets the torque limit of another one."""
+    broken = []
+    for seed in range(WHOLE + first, WHOLE + first + count):
+        with TemporaryDirectory() as folder, patch.dict(os.environ, XDG_STATE_HOME=folder):
+            shelf = Shelf(seed)
+            broken += [f"shelf {seed}: {sentence}" for _ in range(RUNS) for sentence in shelf.wrong_with_a_run()]
+    return {"broken": broken}
+
+
 def into_drive(first: int, count: int) -> Found:
     return {"broken": frames.into_drive(first, count)}
 
@@ -106,6 +131,8 @@ PARTS: Mapping[str, Part] = {
     "seeded runs": Part(WHOLE, 50, seeded_runs),
     "identified benches": Part(300, 3, drawn.work),
     "active elements under gaps": Part(500, 10, active_elements),
+    "rigs with slips": Part(2_000, 40, slipped_rigs),
+    "drives without serial number": Part(1_000, 50, without_serial),
     "twins of hidden benches": Part(60, 1, hidden_twins),
     "frames into the drive": Part(500_000, 10_000, into_drive),
     "frames into the master": Part(500_000, 10_000, into_master),

@@ -28,15 +28,18 @@ def test_a_whole_soak_is_as_large_as_was_promised() -> None:
     assert sums["frames into the drive"] + sums["frames into the master"] == 1_000_000
     assert sums["an hour"] == 3600
     assert sums["active elements under gaps"] == 500
+    assert sums["rigs with slips"] == 2000
     for reader in ("scene", "rig", "profile", "faults", "eds"):
         assert (sums[f"small files: {reader}"], sums[f"large files: {reader}"]) == (10_000, 1_000)
 
 
-@pytest.mark.thorough("frames and files", quick=("active", "into_drive", "into_reader-rig"))
+@pytest.mark.thorough("frames and files", quick=("active", "slips", "serial", "into_drive", "into_reader-rig"))
 @pytest.mark.parametrize(
     ("work", "count"),
     [
         pytest.param("active elements under gaps", 2, id="active"),
+        pytest.param("rigs with slips", 2, id="slips"),
+        pytest.param("drives without serial number", 2, id="serial"),
         pytest.param("frames into the drive", 1000, id="into_drive"),
         pytest.param("frames into the master", 2000, id="into_master"),
         *(pytest.param(f"small files: {name}", 30, id=f"into_reader-{name}") for name in files.READERS),

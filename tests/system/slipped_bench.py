@@ -1,7 +1,7 @@
 """A simulated bench that is not what its rig says: slips of unit and of digit in the rig, and the motor as it is."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
@@ -24,6 +24,7 @@ from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import HANDS
+from tests.builders import shipped
 from tests.whole_loop import run_loop
 
 SLIPS = (1000.0, 1e-3, 4.0, 0.25, 1e6, 1e-6, 180.0 / math.pi, math.pi / 180.0, 10.0, 0.1, 2.0 * math.pi)
@@ -41,6 +42,12 @@ DESCRIPTIVE = (
     "sign",
 )
 """Keys of a rig that describe a bench; `mechanism`: the way of the handle in a turn of the motor."""
+DRIVES = [name for protocol in ("canopen", "modbus") for name in shipped(protocol) if load_profile(name).drive.usable]
+NOT_CHECKED = {"iris_orca", "maxon_epos2", "simplex_motion", "technosoft_ipos"}
+"""Drives that neither take a share of a rated value nor tell one."""
+SHARE, AT_THE_HANDLE, ROUNDING = 0.15, {"linear": 5.0, "rotary": 0.25}, 1e-9
+SECONDS = 0.4
+"""[s] within which the sign is seen, or is not."""
 
 
 def slipped(axis: RigAxis, key: str, factor: float) -> RigAxis:
@@ -68,10 +75,10 @@ class Bench:
     these: tuple[faults.Fault, ...]
 
 
-def drawn(seed: int, drives: list[str]) -> Bench:
+def drawn(seed: int) -> Bench:
     """Each drive in turn; up to three slips, on a handle that is free, held, or stuck, wired rightly or wrongly."""
     draw = Random(f"slips/{seed}")
-    name = drives[seed % len(drives)]
+    name = DRIVES[seed % len(DRIVES)]
     profile = load_profile(name)
     linear = name == "iris_orca" or draw.random() < 0.7
     bus = protocol_named(profile.drive.protocol).simulated_bus(profile)
@@ -101,7 +108,7 @@ class Torque:
     plan: Plan | None
 
 
-def before_the_sign(bench: Bench, seconds: float) -> Torque:
+def before_the_sign(bench: Bench, seconds: float = SECONDS) -> Torque:
     """Run the told rig on the true bench."""
     profile, scene = load_profile(bench.drive), load_scene(str(bench.task.scene))
     try:
@@ -131,3 +138,17 @@ def before_the_sign(bench: Bench, seconds: float) -> Torque:
     assert there.rated_torque is not None
     described = largest / step * plan.axes[0].effort_unit
     return Torque(refused, largest / there.rated_torque, described, plan)
+
+
+def wrong_with(bench: Bench, torque: Torque) -> Iterator[str]:
+    """Yield what of a torque before the sign is above what is permitted."""
+    if torque.plan is None:
+        return
+    most = AT_THE_HANDLE[torque.plan.axes[0].workspace.value]
+    if torque.described > most * (1.0 + ROUNDING):
+        yield f"{torque.described} at the handle, at most {most}"
+    if bench.drive not in NOT_CHECKED:
+        if torque.share > SHARE + ROUNDING:
+            yield f"{torque.share} of the rated torque of the motor, at most {SHARE}"
+    elif not any("sign: " in step and "cannot be checked" in step for step in torque.plan.steps):
+        yield "the plan does not tell that the torque cannot be checked"

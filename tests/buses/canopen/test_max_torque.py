@@ -4,53 +4,25 @@ import errno
 import os
 from dataclasses import replace
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import pytest
 
 from haptic_fieldbus.buses.torque_limits import RestoreFile
 from haptic_fieldbus.drive.cia402 import IdentitySection
-from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.bus import CanSection
-from tests.builders import PROFILE, WALL, plan_of, rig_of
+from tests.builders import PROFILE, plan_of
 from tests.buses.canopen.benches import Bench
+from tests.buses.canopen.limited import HALF, MAX_TORQUE, RUNS, SERIAL, Shelf, bench_of, half_plan
 
-MAX_TORQUE, SERIAL = (0x6072, 0), (0x1018, 4)
 NAME = "6072h:00 max torque"
 READ_ONLY = 0x0601_0002
-HALF = 500
-"""The limit of the axis [‰ of rated torque]."""
 
 
 @pytest.fixture(autouse=True)
 def _state(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-
-
-def half_plan(*, raised: bool = False, real: bool = False, wanted: float = 0.5) -> Plan:
-    """A wall on an axis that may use half of the rated torque, or another share."""
-    effort = wanted * plan_of().axes[0].rated_effort
-    rig = rig_of(WALL, limits=Limits(effort=effort), raise_max_torque=raised)
-    if real:
-        rig = replace(rig, bus={"bus": CanSection("socketcan", "can0")})
-    return plan_of(rig=rig)
-
-
-def bench_of(
-    held: int,
-    *,
-    raised: bool = False,
-    real: bool = False,
-    wanted: float = 0.5,
-    entry: tuple[int, int] = MAX_TORQUE,
-) -> Bench:
-    """A bench whose drive holds a limit [‰ of rated torque]."""
-    bench = Bench(half_plan(raised=raised, real=real, wanted=wanted))
-    bench.drive.objects[entry] = held.to_bytes(2, "little")
-    return bench
 
 
 def notes(tmp_path: Path) -> list[Path]:
@@ -405,37 +377,8 @@ class TestKilled:
         assert notes(tmp_path) == []
 
 
-class Shelf:
-    """Drives of one model, each with the limit that a person has set last; a run may be killed or end in order."""
-
-    def __init__(self, seed: int) -> None:
-        self.random = Random(seed)
-        # Two that were never given a number, one with all ones, and two with numbers of their own.
-        self.serials = (0, 0, 0xFFFF_FFFF, 1, 2)
-        self.held = [self.random.choice((1000, 3000)) for _ in self.serials]
-        self.own = list(self.held)
-
-    def run(self) -> None:
-        place, wanted = self.random.randrange(len(self.serials)), self.random.choice((300, 400, HALF))
-        if self.random.random() < 0.3:
-            self.held[place] = self.own[place] = self.random.choice((600, 1000, 3000))
-        bench = bench_of(self.held[place], real=True, raised=True, wanted=1e-3 * wanted)
-        bench.drive.objects[SERIAL] = self.serials[place].to_bytes(4, "little")
-        bench.open()
-        assert bench.drive.value(*MAX_TORQUE) == wanted
-        if self.random.random() < 0.4:  # killed
-            self.held[place] = bench.drive.value(*MAX_TORQUE)
-            return
-        assert bench.bus.stop() is True
-        left, self.held[place] = self.held[place], bench.drive.value(*MAX_TORQUE)
-        numbered = self.serials[place] not in (0, 0xFFFF_FFFF)
-        assert self.held[place] == (self.own[place] if numbered else left)
-
-
 @pytest.mark.thorough("forty shelves", quick=2)
 @pytest.mark.parametrize("seed", range(40))
 def test_whatever_runs_were_killed_a_drive_never_gets_the_limit_of_another_one(seed: int) -> None:
-    """A drive with a number gets back its own limit; one without keeps what was in it when the run began."""
     shelf = Shelf(seed)
-    for _ in range(12):
-        shelf.run()
+    assert [sentence for _ in range(RUNS) for sentence in shelf.wrong_with_a_run()] == []
