@@ -125,6 +125,11 @@ class DriveProfile(Table, ABC):
         """True when the drive can take the torque away by itself as soon as nothing comes from its master any more."""
         return True
 
+    @property
+    def brakes(self) -> bool:
+        """True when the drive can be told to brake, and not to free its shaft, when its master is gone."""
+        return False
+
     @abstractmethod
     def offers(self) -> Mapping[Signal, MappedSignal]:
         """Return the signals that the drive offers, each as it is carried."""

@@ -445,7 +445,7 @@ class RigAxis(Table):
     coulomb_friction: fields.Friction | None = None
     """Coulomb friction [N·m]; it does not depend on speed. An omitted value is unknown, and not 0."""
     on_link_loss: Literal["free", "brake"] = "free"
-    """Reaction of the drive to the loss of its master: the shaft is free, or the drive brakes by quick stop."""
+    """Reaction of the drive to the loss of its master: the shaft is free, or the drive brakes by quick stop first."""
     raise_max_torque: bool = False
     """True: a run may raise the torque limits in the drive to the limit of the axis, and restores them at its end."""
     emergency_stop: Literal["power"] | None = None

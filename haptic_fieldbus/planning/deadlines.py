@@ -115,12 +115,15 @@ def _of_axis(
     trip of all axes [s]. `untied` axes do not fade with one another, and a `shared` line has other drives.
     """
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
-    guard = math.inf if alone else traffic.guard(axis.name)
+    brakes = axis.rig.on_link_loss == "brake"
+    watch = traffic.guard(axis.name)
+    guard = math.inf if alone or brakes else watch
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period, age)
     by_loop = "zero torque sent in the next period"
-    by_guard = "a person who cuts the power" if alone else f"drive watchdog {rounded(1e3 * guard)} ms"
+    by_guard = "a person who cuts the power" if alone else f"drive watchdog {rounded(1e3 * watch)} ms"
+    by_guard += ", then the drive brakes for an unknown time" if brakes and not alone else ""
     yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
     by_age = f"trip when feedback is older than {rounded(1e3 * age)} ms"
     lost, by_loss = min(faded, old) + end, "held for one period, then faded out"

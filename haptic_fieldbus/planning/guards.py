@@ -53,7 +53,16 @@ def _failed(proved: Proved) -> str:
 
 
 def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
-    """Raise PlanError when neither guard nor emergency stop takes the torque away after the host has failed."""
+    """Raise PlanError when neither guard nor emergency stop takes the torque away after the host has failed.
+
+    A drive that cannot be told to brake is refused too where the rig wants that.
+    """
+    if axis.on_link_loss == "brake" and not profile.brakes:
+        raise PlanError(
+            f'axis {name}: on_link_loss = "brake" needs a drive that can be told to brake when its master is gone '
+            f"(6007h of CANopen); the profile of {profile.title} names no such object. Leave the key out: then the "
+            "shaft is free"
+        )
     why = unguarded(profile, axis)
     if why and axis.emergency_stop is None:
         raise PlanError(

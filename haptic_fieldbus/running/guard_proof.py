@@ -24,7 +24,7 @@ from haptic_fieldbus.buses.bus import Bus, DriveFacts
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
 from haptic_fieldbus.drive.objects import Identity
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.rig import Proved
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, UnprovedGuardError
 from haptic_fieldbus.numerals import exactly, rounded
@@ -100,7 +100,7 @@ class _TestedDrive:
 
     def note(self, at_ns: int) -> None:
         """Keep the time of this reading of the state."""
-        if self.state is PowerState.OPERATION_ENABLED:
+        if self.state in ENERGISED:
             self.enabled_ns = at_ns
         elif self.off_ns is None:
             self.off_ns = at_ns
@@ -277,7 +277,7 @@ def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
     when = stayed if proof.off is None else f"for {rounded(1e3 * proof.off)} ms"
     return (
         f"axis {proof.axis}: the watchdog of {axis.profile.title}, node {axis.node}{serial}, did not fire in time. "
-        f"Without messages the drive stayed in operation enabled {when} (watchdog {exactly(1e3 * proof.guard)} ms, "
+        f"Without messages the power stage of the drive stayed on {when} (watchdog {exactly(1e3 * proof.guard)} ms, "
         f"at most {rounded(1e3 * proof.allowed)} ms accepted). No torque was applied. Such a drive keeps its torque "
         "if the computer dies or the cable breaks: check its watchdog and reaction with its own tool"
         f"{_instead(plan, proof.axis)}"

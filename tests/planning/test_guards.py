@@ -1,5 +1,6 @@
 """Knowledge of a plan about a guard: the proof that counts, the reason for a new one, and the cap without one."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -167,6 +168,21 @@ def test_a_known_failure_holds_whatever_else_is_written_to_the_drive() -> None:
     braking = planned(replace(FAILED, digest=None), emergency_stop="power", on_link_loss="brake", node=3)
     assert not due(braking)
     assert braking.guards[0].cap
+
+
+def test_a_brake_is_refused_where_no_object_asks_for_it() -> None:
+    planned(GOOD, on_link_loss="brake")
+    with pytest.raises(PlanError, match=r'on_link_loss = "brake" needs a drive that can be told .*6007h'):
+        planned(GOOD, profile=edited(abort_connection_option=None), on_link_loss="brake")
+
+
+def test_how_long_a_drive_brakes_is_not_known() -> None:
+    """Its ramp is in the drive; the times of causes that the loop answers stay as they are."""
+    braking, free = planned(GOOD, on_link_loss="brake"), planned(GOOD)
+    for ours, other in zip(braking.deadlines, free.deadlines, strict=True):
+        by_guard = "drive watchdog" in other.how
+        assert math.isinf(ours.seconds) if by_guard else ours == other
+        assert not by_guard or ours.how.endswith("then the drive brakes for an unknown time")
 
 
 @pytest.mark.parametrize(

@@ -133,11 +133,25 @@ class TestAGuardThatActs:
     @pytest.mark.thorough("one more reaction")
     def test_brakes_where_the_rig_says_so(self, rig: Path) -> None:
         rig.write_text(rig_text(more='on_link_loss = "brake"\n'), encoding="utf-8")
-        (proof,) = GuardBench(rig).put().run().proofs
+        bench = GuardBench(rig).put()
+        (proof,) = bench.run().proofs
         assert proof.holds
+        assert bench.world.slave(1).drive.dictionary.find(0x605A, 0).value == 2
 
 
 class TestAGuardThatDoesNot:
+    def test_free_the_shaft_is_none_although_the_drive_leaves_operation(self, rig: Path) -> None:
+        """A quick stop that never ends holds the shaft with torque (CiA 402-2, 605Ah = 6)."""
+
+        def hold(world: World) -> None:
+            drive = world.slave(1).drive
+            drive._quick_stop_option = SimpleNamespace(value=6)  # type: ignore[assignment]
+
+        rig.write_text(rig_text(more='on_link_loss = "brake"\n'), encoding="utf-8")
+        with pytest.raises(UnprovedGuardError, match="the power stage of the drive stayed on for 2"):
+            GuardBench(rig).put(but=hold).run()
+        assert 'guard = "none"' in rig.read_text()
+
     @pytest.mark.thorough("a run each", quick=1)
     @pytest.mark.parametrize(
         ("factor", "seen"),
@@ -152,7 +166,7 @@ class TestAGuardThatDoesNot:
         self, factor: float | None, seen: str, rig: Path
     ) -> None:
         bench = GuardBench(rig).put([DeadGuard("dead_guard", factor=factor)])
-        with pytest.raises(UnprovedGuardError, match="stayed in operation enabled " + seen) as caught:
+        with pytest.raises(UnprovedGuardError, match="the power stage of the drive stayed on " + seen) as caught:
             bench.run()
         assert "(watchdog 50 ms, at most" in str(caught.value)
         assert bench.is_free()

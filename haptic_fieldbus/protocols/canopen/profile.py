@@ -278,6 +278,10 @@ class CanopenProfile(Cia402Profile):
         reacts = section.reacts or any(option is not None for option in options)
         return reacts and (section.heartbeat_consumer is not None or section.life_guarding)
 
+    @property
+    def brakes(self) -> bool:
+        return self.guarded and self.link_loss.abort_connection_option is not None
+
 
 def canopen_profile(profile: DriveProfile) -> CanopenProfile:
     """Return the profile as one of CANopen; raises UsageError when it is one of another protocol."""

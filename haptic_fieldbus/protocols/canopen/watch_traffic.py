@@ -84,6 +84,9 @@ PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
 MODE = ObjectEntry(0x6060, DataType.INT8)
 SHAFT_BRAKES = 3
 """Abort connection option code (6007h) for quick stop."""
+QUICK_STOP = OptionCode(0x605A, 2)
+"""Quick stop option code: slow down on the quick stop ramp, then *switch on disabled*. By codes 5 to 8 a drive would
+stay in *quick stop active*, and hold its shaft with torque for as long as it has power."""
 
 
 def guard_objects(
@@ -109,6 +112,7 @@ def reactions(section: LinkLossSection, *, brakes: bool) -> tuple[tuple[OptionCo
     """Return the options for a lost master that a drive has, each with the value that it is to hold."""
     abort, fault = section.abort_connection_option, section.fault_reaction_option
     held = () if abort is None else ((abort, SHAFT_BRAKES if brakes else abort.value),)
+    held = (*held, (QUICK_STOP, QUICK_STOP.value)) if held and brakes else held
     return held if fault is None else (*held, (fault, fault.value))
 
 

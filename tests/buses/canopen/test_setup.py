@@ -82,9 +82,15 @@ def test_what_the_drive_said_is_kept_as_facts() -> None:
 
 
 def test_a_rig_may_ask_for_a_brake_on_link_loss() -> None:
-    bench = Bench(plan_of(rig=rig_of(WALL, on_link_loss="brake"))).open()
-    assert bench.drive.value(0x6007) == 3
-    assert "brakes" in bench.bus.facts["handle"].link_loss
+    """Only of a drive whose quick stop ends without torque: 605Ah is written and read back."""
+    plan = plan_of(rig=rig_of(WALL, on_link_loss="brake"))
+    bench = Bench(plan)
+    bench.drive.objects[0x605A, 0] = (6).to_bytes(2, "little")
+    bench.open()
+    assert (bench.drive.value(0x6007), bench.drive.value(0x605A)) == (3, 2)
+    assert "begins to brake" in bench.bus.facts["handle"].link_loss
+    with pytest.raises(BusConfigurationError, match="605Ah:00 quick stop option code: refused"):
+        Bench(plan).open()
 
 
 def test_a_drive_left_enabled_is_disabled_first() -> None:

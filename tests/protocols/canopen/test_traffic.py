@@ -43,7 +43,7 @@ def test_what_is_written_for_a_guard_is_heartbeats_reactions_and_mode() -> None:
     """1016h:01 is the node-ID of the master, 127, with 50 ms; at 50 Hz five periods are 100 ms."""
     heard = ["1017h:00 = 100", f"1016h:01 = {127 << 16 | 50}"]
     assert guarding() == [*heard, "6007h:00 = 2", "605Eh:00 = 0", "6060h:00 = 10"]
-    assert guarding(on_link_loss="brake") == [*heard, "6007h:00 = 3", "605Eh:00 = 0", "6060h:00 = 10"]
+    assert guarding(on_link_loss="brake") == [*heard, "6007h:00 = 3", "605Ah:00 = 2", "605Eh:00 = 0", "6060h:00 = 10"]
     assert guarding(rate=50.0)[1] == f"1016h:01 = {127 << 16 | 100}"
     assert guarding(rate=500.0) == guarding()
 
