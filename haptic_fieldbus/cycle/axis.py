@@ -18,6 +18,7 @@ from haptic_fieldbus.cycle.laws import (
     READERS,
     AxisState,
     Field,
+    Noted,
     PeriodStep,
     Sensed,
     apart,
@@ -96,6 +97,8 @@ class AxisCycle:
         signs = self._trip, owner.sign_seen, owner.sign_doubted
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self.image, self.output = image, output
+        self.largest_step = START_SHARE * axis.limits.effort
+        """Largest force of a scene in its first period, and by a change [N or N·m]."""
         self._effort_unit, self._direction = axis.effort_unit, axis.rig.mechanism.sign
         self.standstill = self._bind_standstill()
         """Test of the encoder by pulses; None where it is impossible or not needed."""
@@ -158,9 +161,8 @@ class AxisCycle:
 
     def check_start(self) -> None:
         """Trip if the first force is large: it would throw the handle as soon as it is permitted."""
-        largest = START_SHARE * self.axis.limits.effort
-        if abs(self.state.force) > largest:
-            self._trip(TripKind.START_FORCE, self.state.force, largest)
+        if abs(self.state.force) > self.largest_step:
+            self._trip(TripKind.START_FORCE, self.state.force, self.largest_step)
 
     def release(self, *, tripped: bool) -> None:
         """Encode target torque 0; after a trip also the controlword that disables the voltage."""
@@ -176,20 +178,30 @@ class AxisCycle:
         """
         return field_of(element, self.period, self.axis.method, self.sensed)
 
-    def thrown_by(self, before: Sequence[Element], after: Sequence[Element]) -> Callable[[], bool]:
-        """Return a function that returns whether these elements would throw the handle if they were exchanged now.
+    def changed_by(
+        self, before: Sequence[Element], after: Sequence[Element], fields: Mapping[int, Field]
+    ) -> Callable[[], float]:
+        """Return the function of how much the force would change if these elements were exchanged now [N or N·m].
 
-        They would if the force at rest changed by more than a scene may ask for in its first period. The function must
-        be called between two periods.
+        It is the change of the force at rest. Elements without such a force are tried beside the loop, by their new
+        `fields` at these indices. Then the function must be called once a period, between two periods.
         """
         old, new = at_rest(before, self.period), at_rest(after, self.period)
-        largest = START_SHARE * self.axis.limits.effort
 
-        def throws() -> bool:
+        def change() -> float:
             position = self.state.position - self.permission.shift
-            return abs(new(position) - old(position)) > largest
+            tried = [field(position) - self._last_of(place) for place, field in fields.items()]
+            return new(position) - old(position) + sum(tried)
 
-        return throws
+        return change
+
+    def _last_of(self, place: int) -> float:
+        """Return the force of a field in the last period; nan in the first call, which begins to note it."""
+        field = self._fields[place]
+        if not isinstance(field, Noted):
+            self._fields[place] = field = Noted(field, math.nan)
+            self.field = self._summed()
+        return field.last
 
     def exchange(self, fields: Mapping[int, Field], elements: Sequence[Element], periods: int) -> None:
         """Replace the fields at these indices along a ramp of `periods`; the other fields keep their state.

@@ -13,7 +13,7 @@ from itertools import chain
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
-from haptic_fieldbus.cycle.laws import PairField, blended_pair, in_order
+from haptic_fieldbus.cycle.laws import Noted, PairField, blended_pair, has_no_rest, in_order
 from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.drive.power import PowerState
@@ -146,22 +146,39 @@ class Cycle:
         """Return a function that begins the ramp from the elements of `before` to those of `after`.
 
         Both are plans of this loop. `prepare` may be called from any thread; the returned function must be called
-        between two periods. That function does nothing and returns False while the new elements would throw a handle.
+        once a period, between two periods, until it returns True. It returns False and begins nothing while the new
+        elements would throw a handle: while a force would change by more than a scene may ask for in its first period.
         Elements that are equal in both plans keep their state. Each changed element starts afresh and is faded in over
-        `periods`, while the old one is faded out.
+        `periods`, while the old one is faded out. A changed coupling, and an element with a memory, has no force at
+        rest that would tell what it does. So it is first rendered for `periods` without acting.
         """
-        exchanges, throws = [], []
+        exchanges, changes = [], {}
+        trial = 0
         for old, new in zip(before.axes, after.axes, strict=True):
             axis = self.axes[new.name]
-            throws.append(axis.thrown_by(old.elements, new.elements))
             both = enumerate(zip(old.elements, new.elements, strict=True))
             fields = {place: axis.field_of(to) for place, (was, to) in both if to != was}
+            tried = {place: field for place, field in fields.items() if has_no_rest(new.elements[place])}
+            changes[new.name] = axis.changed_by(old.elements, new.elements, tried)
             exchanges.append((axis, fields, new.elements))
+            trial = periods if tried else trial
         couplings = enumerate(zip(before.scene.couplings, after.scene.couplings, strict=True))
         pairs = {place: self._pair(to, after.period) for place, (was, to) in couplings if to != was}
+        trial, calm = periods if pairs else trial, 0
+
+        def throws() -> bool:
+            steps = {name: change() for name, change in changes.items()}
+            for place, pair in pairs.items():
+                forces = zip(after.scene.couplings[place].axes, pair(), self._last_pair(place), strict=True)
+                for name, force, last in forces:
+                    steps[name] += force - last
+            return not all(abs(step) <= self.axes[name].largest_step for name, step in steps.items())
 
         def change() -> bool:
-            if any(throw() for throw in throws):
+            nonlocal calm
+            calm = -1 if throws() else calm
+            calm += 1
+            if calm <= trial:
                 return False
             for ledger in self.ledgers:
                 ledger.exchange(*ledger_elements(after, ledger.axes), periods)
@@ -255,6 +272,13 @@ class Cycle:
         law = element.begin(period)
         read_first, read_second = (self.axes[name].reader(element.needs) for name in element.axes)
         return lambda: law(*read_first(), *read_second())
+
+    def _last_pair(self, place: int) -> tuple[float, float]:
+        """Return the forces of a coupling in the last period; nan in the first call, which begins to note them."""
+        pair = self._pairs[place]
+        if not isinstance(pair, Noted):
+            self._pairs[place] = pair = Noted(pair, (math.nan, math.nan))
+        return pair.last
 
     def _coupled(self, place: int, element: CouplingElement) -> Callable[[], None]:
         """Return the step that adds the forces of a coupling to its two axes."""

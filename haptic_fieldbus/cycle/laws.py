@@ -8,6 +8,7 @@ field, without a wrapper. Other signals are derived once a period, before any fi
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerState
@@ -88,6 +89,7 @@ class Sensed:
     """Force of the passivity controller [N or N·m]."""
 
 
+Felt = TypeVar("Felt")
 Field = Callable[[float], float]
 """Position of the handle [m or rad] → force on it [N or N·m]; of one element or of a sum of elements."""
 PairField = Callable[[], tuple[float, float]]
@@ -185,10 +187,26 @@ def has_say(element: Element) -> bool:
     return not is_static(element) and (abilities(element).reserve is None or abilities(element).penetration is not None)
 
 
+def has_no_rest(element: Element) -> bool:
+    """Return whether the force at rest tells nothing of an element: it has a memory, or moves the handle by itself."""
+    return has_say(element) or not (is_placed(element) or Signal.VELOCITY in element.needs)
+
+
 def at_rest(elements: Sequence[Element], period: float) -> Field:
     """Return the field of the force at rest, of all elements that have one."""
     placed = [each for each in elements if is_placed(each) and is_static(each)]
     return summed([field_of(each, period, None, Sensed()) for each in placed])
+
+
+class Noted(Generic[Felt]):
+    """A law that keeps what it gave last: to call a law with a memory once more would change it."""
+
+    def __init__(self, law: Callable[..., Felt], last: Felt) -> None:
+        self.law, self.last = law, last
+
+    def __call__(self, *inputs: float) -> Felt:
+        self.last = last = self.law(*inputs)
+        return last
 
 
 def blended(before: Field, after: Field, periods: int) -> Field:

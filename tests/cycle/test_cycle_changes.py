@@ -13,10 +13,15 @@ from hypothesis import strategies as st
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.laws import Field, Sensed, blended, field_of
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.friction import Friction
+from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
+from haptic_fieldbus.scenes.kelvin_voigt import KelvinVoigt
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.scenes.standard_linear_solid import StandardLinearSolid
+from haptic_fieldbus.scenes.virtual_coupling import VirtualCoupling
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import plan_of, scene_of
 from tests.lanes import examples
@@ -93,11 +98,14 @@ class Driven:
 
     def go(self, ways: Sequence[int]) -> list[float]:
         """At these encoder counts, one a period; the first of all is zero."""
+        self.counts = ways[-1]
         return [self._force(counts) for counts in ways]
 
     def change(self, *elements: Element, periods: int = RAMP) -> Plan:
         after = plan_of(scene_of(*elements))
-        self.cycle.prepare(self.plan, after, periods)()
+        begin = self.cycle.prepare(self.plan, after, periods)
+        while not begin():  # an element with a memory is tried first
+            self._force(self.counts)
         self.plan = after
         return after
 
@@ -158,6 +166,52 @@ def test_a_mass_that_changes_begins_at_rest_where_the_handle_is() -> None:
     assert run.go([1200] * 60)[RAMP:] == [0.0] * 40
 
 
+DEEP, OUT = 4096, 410
+"""Counts at 50 mm and at 5 mm."""
+THROWING: dict[str, tuple[Element, Element]] = {
+    "a wall at another place": (Wall("handle", 600.0, position=0.06), Wall("handle", 600.0, position=0.0)),
+    "Kelvin-Voigt": (KelvinVoigt("handle", 600.0, 2.0, position=0.06), KelvinVoigt("handle", 600.0, 2.0, position=0.0)),
+    "standard linear solid": (
+        StandardLinearSolid("handle", rest=400.0, branch=200.0, time=0.2, position=0.06),
+        StandardLinearSolid("handle", rest=400.0, branch=200.0, time=0.2, position=0.0),
+    ),
+    "generalised Maxwell": (
+        GeneralisedMaxwell("handle", rest=400.0, branches=((200.0, 0.2),), position=0.06),
+        GeneralisedMaxwell("handle", rest=400.0, branches=((200.0, 0.2),), position=0.0),
+    ),
+    "a tool behind a wall": (
+        VirtualCoupling("handle", stiffness=800.0, mass=0.05, wall_stiffness=3000.0, wall=0.06),
+        VirtualCoupling("handle", stiffness=800.0, mass=0.05, wall_stiffness=3000.0, wall=0.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("pair", THROWING.values(), ids=list(THROWING))
+def test_a_change_that_would_throw_the_handle_waits_until_it_would_not(pair: tuple[Element, Element]) -> None:
+    """600 N/m or more over 50 mm are at least 20 N; a quarter of the limit is 12.6 N."""
+    before, after = pair
+    run = Driven(before)
+    run.go([0, *range(0, DEEP, 16), *[DEEP] * 300])
+    begin = run.cycle.prepare(run.plan, plan_of(scene_of(after)), RAMP)
+    for _ in range(10 * RAMP):
+        assert not begin()
+        assert abs(run.go([DEEP])[0]) < 2.0
+    way = [*range(DEEP, OUT, -16), *[OUT] * 500]
+    steps = [(begin(), run.go([counts])) for counts in way[: way.index(OUT) + 1]]
+    steps += [(begin(), run.go([OUT])) for _ in range(500) if not any(begun for begun, _ in steps)]
+    assert any(begun for begun, _ in steps)
+    assert max(abs(force) for _, (force,) in steps) < 12.6
+
+
+def test_a_constant_force_begins_no_larger_than_a_scene_may_begin() -> None:
+    push = Constant("handle", 0.0)
+    for magnitude, begins in ((12.0, True), (13.0, False)):
+        run = Driven(push)
+        run.go([0] * 10)
+        begin = run.cycle.prepare(run.plan, plan_of(scene_of(replace(push, magnitude=magnitude))), RAMP)
+        assert any([begin(), *(run.go([0]) and begin() for _ in range(3 * RAMP))]) is begins
+
+
 def test_of_two_axes_the_other_goes_on() -> None:
     left, right = Wall("left", 300.0), Wall("right", 300.0, name="other")
     before, after = (plan_of(scene_of(Wall("left", stiffness), right)) for stiffness in (left.stiffness, 900.0))
@@ -191,7 +245,11 @@ def test_a_coupling_goes_over_in_equal_steps_on_both_axes() -> None:
 
     for counts in range(0, 420, 20):
         still = forces(counts)
-    cycle.prepare(before, after, RAMP)()
+    begin = cycle.prepare(before, after, RAMP)
+    for _ in range(RAMP + 1):
+        assert not begin(), "a coupling is tried for the length of a ramp"
+        assert forces(400) == still
+    assert begin()
     shares = 1.0 + np.clip(np.arange(1, RAMP + 6) / RAMP, 0.0, 1.0)
     assert still == pytest.approx((-200.0 * 400 * COUNT, 200.0 * 400 * COUNT))
     assert [forces(400) for _ in shares] == [pytest.approx((still[0] * k, still[1] * k)) for k in shares]
