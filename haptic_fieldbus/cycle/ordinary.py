@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 from haptic_fieldbus.cycle.energy_steps import PlainAccount
 from haptic_fieldbus.cycle.laws import in_order
 from haptic_fieldbus.cycle.plausibility import TorqueEcho
-from haptic_fieldbus.cycle.safety import Trip
+from haptic_fieldbus.cycle.safety import Trip, whole_steps
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.signals import Signal
@@ -70,7 +70,8 @@ def bind_ordinary(
     sign, mask, (shortest, longest, largest_way, jump) = axis.rig.mechanism.sign, axis.power.mask, each.bounds
     lowest, highest = _range(axis)
     still_ns, standstill, limit, not_finite = each.still_ns, each.standstill, each.limit, each.not_finite
-    holding, effort, largest_change = axis.limits.holding, axis.limits.effort, axis.limits.slew * each.period
+    holding, effort = axis.limits.holding, whole_steps(axis.limits.effort, effort_unit)
+    largest_change = axis.limits.slew * each.period
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
     tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
     remember, watch = echo.before.appendleft, each.sign_watch or NoSignWatch()

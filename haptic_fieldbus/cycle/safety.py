@@ -238,6 +238,14 @@ class Permission:
             self.cap, self.side = self.cap if self.astray else math.inf, 0.0
 
 
+def whole_steps(effort: float, step: float) -> float:
+    """Return the largest effort in whole steps of the drive's torque that is not above `effort`; a step of 0 is none.
+
+    So rounding to steps cannot exceed a limit.
+    """
+    return math.floor(effort / step + 1e-9) * step if step else effort
+
+
 def bind_limiter(
     limits: EffortLimits, period: float, permission: Permission, least: float = 0.0
 ) -> Callable[[float], float]:
@@ -246,7 +254,7 @@ def bind_limiter(
     A force that is not finite is returned as not-a-number, and the loop trips. No comparison holds for not-a-number, so
     it never counts as a force within the limits.
     """
-    effort, largest_change = limits.effort, limits.slew * period
+    effort, largest_change = whole_steps(limits.effort, least), limits.slew * period
     unseen = min(effort, limits.unseen)
     growth, fading = period / limits.fade_in, fade_periods(period)
 

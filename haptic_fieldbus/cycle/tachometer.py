@@ -30,6 +30,7 @@ def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float,
     def follow(t_ns: int, reading: int) -> None:
         nonlocal began_ns
         velocity = sensed.velocity = reading * unit
+        state.way = velocity * period
         if began_ns is None:
             began_ns = t_ns
             integrator.start(velocity)

@@ -12,7 +12,7 @@ from haptic_fieldbus.drive.rig import Rig, RigAxis, default_axis, velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Basis, Plant, Stability
 from haptic_fieldbus.margins.group import Group
-from haptic_fieldbus.numerals import in_unit, percent
+from haptic_fieldbus.numerals import in_unit, percent, rounded
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import STATUSWORD, canonical
@@ -212,6 +212,12 @@ def draft_axis(
     protocol, plant = _protocol(profile, rig, axis), plant_of(bench, axis, profile, steps)
     capped = forced or bool(cap_reason(profile, axis, bench.unknown))
     limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)
+    if limits.effort < effort_unit * (1.0 - 1e-9):
+        effort = scene_axis.workspace.effort_unit
+        raise PlanError(
+            f"axis {scene_axis.name}: at most {rounded(limits.effort)} {effort} are permitted, but one step of the "
+            f"torque of {profile.title} is {rounded(effort_unit)} {effort}. No force is possible"
+        )
     check_places(scene, scene_axis.name, rig, elements, limits)
     return AxisPlan(
         name=scene_axis.name,

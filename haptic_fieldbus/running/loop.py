@@ -69,6 +69,8 @@ def threads_give_way() -> Iterator[None]:
 
 LONGEST_SAMPLE = 500_000
 """Largest number of periods with kept times; a longer run keeps the last ones."""
+ENABLING_PERIODS = 20
+"""Fewest periods in which a drive may reach *operation enabled*: each step takes two or three."""
 PROGRESS_EVERY = 0.1
 """Time between two reports of progress [s]."""
 UNCONFIRMED = "The drives did not confirm that their motors are off. Switch the power off."
@@ -255,9 +257,10 @@ def feedback_time_ns(plan: Plan) -> int:
 
 
 def enabling_time(plan: Plan) -> float:
-    """Return the time allowed to reach operation enabled [s]."""
+    """Return the time allowed to reach operation enabled [s]: that of the slowest drive, but some periods at least."""
     timings = [axis.profile.timing for axis in plan.axes]
-    return max(timing.enabling_timeout + timing.mode_change_timeout for timing in timings)
+    slowest = max(timing.enabling_timeout + timing.mode_change_timeout for timing in timings)
+    return max(slowest, ENABLING_PERIODS * plan.period)
 
 
 def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError:

@@ -228,7 +228,7 @@ DRIFTS = [
     ("(shortest, longest, largest_way, jump)", "(longest, shortest, largest_way, jump)", "speed at up"),
     ("LARGEST_COUNT = 0x7FFF_FFFF", "LARGEST_COUNT = 0x8000_0000", "counts wrap around 1"),
     ("limits.slew * each.period", "limits.slew", "slew beyond up"),
-    ("axis.limits.effort, axis", "2.0 * axis.limits.effort, axis", "effort beyond up"),
+    ("whole_steps(axis", "2.0 * whole_steps(axis", "effort beyond up"),
     ("early, late, kept", "late, early, kept", "energy at up"),
     ("echo.kept, echo.own, echo.older", "echo.kept, echo.older, echo.own", "energy at up"),
     ("(shortest, longest, largest_way, jump)", "(shortest, longest, jump, largest_way)", "speed at up"),

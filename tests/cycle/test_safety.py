@@ -38,6 +38,14 @@ def test_the_limit_fades_in_linearly_from_the_first_period() -> None:
     )
 
 
+@pytest.mark.parametrize(("step", "most"), [(0.0, 5.0), (0.3, 4.8), (0.5, 5.0), (1.6, 4.8), (3.0, 3.0)])
+def test_a_limit_that_is_no_whole_number_of_steps_is_not_rounded_up(step: float, most: float) -> None:
+    limit = bind_limiter(limits(), PERIOD, Permission(), step)
+    force = [limit(99.0) for _ in range(3)][-1]
+    assert force == pytest.approx(most)
+    assert not step or round(force / step) * step <= 5.0
+
+
 def test_a_small_force_is_whole_as_soon_as_the_limit_has_passed_it() -> None:
     limit = bind_limiter(limits(fade_in=0.01), PERIOD, Permission())
     assert [limit(1.0) for _ in range(4)] == pytest.approx([0.5, 1.0, 1.0, 1.0])

@@ -143,7 +143,7 @@ def test_a_hand_that_moves_by_itself_is_asked_nothing() -> None:
 
 def test_at_the_limit_the_force_is_lowered_slowly_and_no_pulse_goes_beyond_it() -> None:
     leaned = Leaned(25.0, jumping(WALL, limits=replace(ANY_MOTION, effort=10.0)))
-    assert leaned.full == round(10.0 / UNIT)
+    assert leaned.full == math.floor(10.0 / UNIT), "whole steps of the drive, and none beyond the limit"
     leaned.sizes = []
     first = leaned.until(lambda size: size < leaned.full - PULSE - 2)
     assert all(abs(a - b) <= 1 for a, b in pairwise(leaned.sizes[: first - 2])), "lowered slowly"

@@ -188,3 +188,12 @@ def test_in_a_gap_of_a_drive_that_reads_velocity_the_law_pauses_too() -> None:
     fed(cycle, [1000], 625)
     assert cycle.row[force] == before < -0.9
     assert cycle.axes["handle"].permission.gaps.farthest == pytest.approx(6 * PERIOD * 1000 * STEP)
+
+
+def test_power_is_that_of_the_velocity_that_was_read() -> None:
+    """10 N over 0.12 m/s are 1.2 W, over 0.09 m/s they are 0.9 W."""
+    for speed, trips in ((0.09, False), (0.12, True), (-0.12, False)):
+        cycle = Cycle(plan_with(scene_of(Constant("handle", 10.0)), Limits(power=1.0, drift=1.0)))
+        fed(cycle, [round(speed / STEP)] * 1500)
+        found = None if cycle.trip is None else cycle.trip.kind
+        assert found is (TripKind.POWER if trips else None)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptic_fieldbus import api
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.buses.canopen.frames import CandumpWriter, FrameWriter
 from haptic_fieldbus.buses.canopen.master import CanopenBus
@@ -228,3 +229,13 @@ def test_synchronous_and_event_driven_set_points_work_on_one_and_several_axes(ac
     plan = plan_of(scene_of(*walls), profile=replace(PROFILE, pdo=pdo))
     report = _run((), plan=plan, cycles=500)
     assert (report.cycles, report.missed, report.released) == (500, 0, True)
+
+
+@pytest.mark.parametrize(
+    ("rate", "drive"), [(2.0, "generic_cia402"), (0.2, "generic_cia402"), (0.2, "generic_cia402_modbus")]
+)
+def test_a_loop_of_some_seconds_a_period_is_slow_and_nothing_else(rate: float, drive: str) -> None:
+    """Heartbeats are heard as late as a period, and a drive needs some periods on its way to *operation enabled*."""
+    settings = {"damper.damping": 0.01}
+    result = api.run("damper", drive=drive, rate=rate, duration=6.0 / rate, hand="none", settings=settings)
+    assert result.cycles == 6

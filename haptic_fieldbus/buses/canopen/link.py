@@ -223,6 +223,11 @@ class Link:
         """True when all TPDOs came since the last SYNC, be they answers to it or to earlier ones."""
         return all(slot.fresh or slot.alone is not None for slot in self._slots)
 
+    def forget_answers(self) -> None:
+        """Count what came before as no answer: the next one is that to a SYNC which is still to be sent."""
+        for slot in self._slots:
+            slot.fresh, slot.alone = False, None
+
     def finish(self, latch_ns: int, now_ns: int, common_flags: int) -> None:
         """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
         flags = common_flags

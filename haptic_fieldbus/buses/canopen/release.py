@@ -61,8 +61,9 @@ class NodeRelease(DriveRelease[Command]):
         self._waiting_until_ns = 0
 
     def begin(self) -> None:
-        """Forget an earlier release, and take the SDO answers of the node from now on."""
+        """Forget an earlier release and what the drive said before, and take its SDO answers from now on."""
         super().begin()
+        self.link.forget_answers()
         self._sent, self._waiting_until_ns = None, 0
         self._wire.listen(SDO_RESPONSE_COB_ID + self.node.id, self._answered)
 

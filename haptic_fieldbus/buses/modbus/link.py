@@ -123,8 +123,9 @@ class UnitLink:
             self._latched_ns = self.latch_ns
             if self._code is None and foreign is None:
                 age_ns = now_ns - self.latch_ns
-                AXIS_HEADER.pack_into(self._image, self._header, age_ns if age_ns > 0 else 0, 0, 0)
-                return
+                if 0 <= age_ns <= LARGEST_AGE_NS:
+                    AXIS_HEADER.pack_into(self._image, self._header, age_ns, 0, 0)
+                    return
         else:
             self.latch_ns = min(now_ns, begun_ns + self._should_ns)
         self._accuse(now_ns, foreign)

@@ -5,7 +5,7 @@ import os
 import select
 import socket
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Protocol
 
 import serial
 
@@ -93,6 +93,8 @@ class TcpTransport:
     def __init__(self, name: str, address: tuple[str, int], clock: Clock) -> None:
         self.name = name
         self._address = address
+        self._peer: tuple[socket.AddressFamily, Any] | None = None
+        """Family and address of the drive, since the first connection: to look up its name again may take seconds."""
         self._now_ns = clock.now_ns
         self._open(CONNECTING)
 
@@ -107,11 +109,25 @@ class TcpTransport:
 
     def _connected(self, seconds: float) -> socket.socket:
         try:
-            connected = socket.create_connection(self._address, seconds)
+            connected = self._connection(seconds)
         except OSError as error:
             raise translate(error, f"cannot connect to {self.name}") from error
+        self._peer = connected.family, connected.getpeername()
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setblocking(False)
+        return connected
+
+    def _connection(self, seconds: float) -> socket.socket:
+        if self._peer is None:
+            return socket.create_connection(self._address, seconds)
+        family, address = self._peer
+        connected = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            connected.settimeout(seconds)
+            connected.connect(address)
+        except OSError:
+            connected.close()
+            raise
         return connected
 
     def tune(self, baud: int, parity: Parity, stop_bits: int) -> None:

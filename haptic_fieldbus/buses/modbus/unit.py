@@ -12,6 +12,7 @@ from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection, Register, WatchdogSection, WordOrder
 from haptic_fieldbus.protocols.modbus.register_traffic import EXCEPTIONS
+from haptic_fieldbus.protocols.modbus.traffic import STEPS_PER_SECOND
 
 # Values as they stand in registers of 16 bits; one of 32 bits takes two, in the drive's order of words.
 
@@ -136,9 +137,6 @@ class UnitClient:
 # The drive's own watch on its master: armed when the exchange begins, and put back when a drive has been freed.
 #
 # It is armed last, so that it does not run out while other drives are configured. Set-points feed it; questions do not.
-
-STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
-"""Unit of the register → steps in a second."""
 
 
 class DriveWatch:

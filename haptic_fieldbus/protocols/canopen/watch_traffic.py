@@ -111,8 +111,9 @@ def consumer_heartbeat(index: int) -> ObjectEntry:
 def reactions(section: LinkLossSection, *, brakes: bool) -> tuple[tuple[OptionCode, int], ...]:
     """Return the options for a lost master that a drive has, each with the value that it is to hold."""
     abort, fault = section.abort_connection_option, section.fault_reaction_option
-    held = () if abort is None else ((abort, SHAFT_BRAKES if brakes else abort.value),)
-    held = (*held, (QUICK_STOP, QUICK_STOP.value)) if held and brakes else held
+    held: tuple[tuple[OptionCode, int], ...] = ()
+    if abort is not None:
+        held = ((abort, SHAFT_BRAKES), (QUICK_STOP, QUICK_STOP.value)) if brakes else ((abort, abort.value),)
     return held if fault is None else (*held, (fault, fault.value))
 
 
@@ -125,8 +126,14 @@ def guard_time(section: LinkLossSection, rate: float) -> float:
 
 
 def silence(section: LinkLossSection, rate: float, node_heartbeat_ms: int) -> float:
-    """Return the time without a sign of life of a drive after which it counts as gone [s]."""
-    return guard_time(section, rate) if section.life_guarding else LOST_HEARTBEATS * node_heartbeat_ms * 1e-3
+    """Return the time without a sign of life of a drive after which it counts as gone [s].
+
+    A slow loop hears a heartbeat as late as a period after it came.
+    """
+    if section.life_guarding:
+        return guard_time(section, rate)
+    heartbeat = node_heartbeat_ms * 1e-3
+    return max(LOST_HEARTBEATS * heartbeat, heartbeat + 2.0 / rate)
 
 
 def bits_a_second(profile: CanopenProfile, rate: float, proofs: float, node_heartbeat_ms: int) -> float:

@@ -144,7 +144,9 @@ class ModbusTraffic:
     def guard(self, axis: str) -> float:
         """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least."""
         watchdog = self.member(axis).profile.watchdog
-        return watchdog_time(0.0 if watchdog is None else watchdog.deadline, self.rate)
+        if watchdog is None:
+            return watchdog_time(0.0, self.rate)
+        return watchdog_time(watchdog.deadline, self.rate, STEPS_PER_SECOND.get(watchdog.time.unit, 1e3))
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
         """Return what is written to the drive of an axis before its watchdog is proved: watchdog, reactions, set-up."""
@@ -279,9 +281,16 @@ class ModbusTraffic:
         return f"{shown}; {len(self.members)} units in turn take {together}"
 
 
-def watchdog_time(deadline: float, rate: float) -> float:
-    """Return the time of a watchdog [s]: the deadline, but five periods at least, in whole milliseconds."""
-    return math.ceil(max(deadline, PERIODS_PER_GUARD / rate) * 1e3 - 1e-9) * 1e-3
+STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
+"""Unit of the register of a watchdog → steps in a second."""
+
+
+def watchdog_time(deadline: float, rate: float, steps: float = 1e3) -> float:
+    """Return the time of a watchdog [s]: the deadline, but five periods at least, in whole steps of its register.
+
+    `steps` is the number of steps in a second.
+    """
+    return math.ceil(max(deadline, PERIODS_PER_GUARD / rate) * steps - 1e-9) / steps
 
 
 def possible_ways(members: tuple[ModbusMember, ...]) -> list[Transaction]:

@@ -19,25 +19,27 @@ from tests.buses.canopen.fake_can import FakeCan, FakeDrive, epos4_objects
 
 MS = 1_000_000
 ENABLED, DISABLED = 0x27, 0x40
+STATES = {1: 0x21, 2: 0x23, 3: ENABLED, 4: ENABLED}
+"""Statusword after so many steps of the way to *operation enabled*."""
 TWO_AXES = scene_of(Wall("left", stiffness=100.0, name="a"), Wall("right", stiffness=100.0, name="b"))
 GUARD = 0x1016, 1
 RPDOS, HEARTBEAT = (0x201, 0x202), 0x77F
 
 
 class TwoDrives:
-    """Two enabled drives on one bus, and their master."""
+    """Two drives on one bus, enabled or after some steps on the way, and their master."""
 
-    def __init__(self, rate: float = 1000.0, log: FrameLog | None = None) -> None:
+    def __init__(self, rate: float = 1000.0, log: FrameLog | None = None, steps: int = 4) -> None:
         self.plan: Plan = plan_of(TWO_AXES, rate=rate)
         self.clock = VirtualClock()
         self.can = FakeCan(self.clock)
         self.drives = [FakeDrive(self.can, axis.node, epos4_objects(axis.node)) for axis in self.plan.axes]
         self.bus = CanopenBus(self.can, self.clock, log)
         self.bus.open(self.plan)
-        for controlword in (0x06, 0x07, 0x0F, 0x0F):
+        for controlword in (0x06, 0x07, 0x0F, 0x0F)[:steps]:
             self.bus.read(self.clock.now_ns() + self.plan.period_ns)
             self.bus.write(bytes((controlword, 0, 100, 0)) * 2)
-        assert self.states == [ENABLED, ENABLED]
+        assert self.states == [STATES[steps]] * 2
         self.stopped_ns = self.clock.now_ns()
         self._before = len(self.can.sent)
 
@@ -106,6 +108,18 @@ def test_a_drive_whose_set_points_do_not_act_is_freed_within_milliseconds_at_any
     assert bench.took < 12.0
     assert bench.bus.leave() is True
     assert [drive.value(*GUARD) for drive in bench.drives] == [0, 0]
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_a_drive_on_its_way_is_not_off_by_its_statusword_of_before(steps: int) -> None:
+    """The sample of the period before says *ready to switch on* while the command to go on is already there."""
+    bench = TwoDrives(steps=steps)
+    for drive in bench.drives:
+        _disable_rpdo(drive)
+    assert bench.bus.stop() is True
+    assert bench.states == [DISABLED, DISABLED]
+    downloads = [(can_id, data[:4]) for _, can_id, data in bench.sent() if 0x600 < can_id < 0x680]
+    assert downloads[:2] == [(0x601, b"\x2b\x40\x60\x00"), (0x602, b"\x2b\x40\x60\x00")]
 
 
 @pytest.mark.parametrize("rate", [1000.0, 50.0])

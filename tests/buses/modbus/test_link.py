@@ -6,7 +6,8 @@ from struct import pack
 import pytest
 
 from haptic_fieldbus.buses.bus import traffic_of
-from haptic_fieldbus.buses.modbus.link import WideValue, times_of
+from haptic_fieldbus.buses.modbus.link import StoredSetPoint, UnitLink, WideValue, times_of
+from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from tests.buses.modbus.benches import PROFILE, plan_of
@@ -78,3 +79,18 @@ def test_the_times_of_a_request_are_those_of_its_characters(silence: float) -> N
     assert times.executed_ns == pytest.approx(1e9 * (8 * character + silence + 0.003), rel=1e-6)
     assert times.answer_ns == pytest.approx(1e9 * (5 + 2 * request.read.count) * character, rel=1e-6)
     assert times.whole_ns == pytest.approx(times.executed_ns + times.answer_ns + 1e9 * silence, rel=1e-6)
+
+
+def test_an_age_that_the_header_cannot_hold_is_the_largest_one() -> None:
+    """A process that was stopped for longer than 4.29 s while it waited for the answer."""
+    image = bytearray(AXIS_HEADER.size)
+    plan = plan_of("sim-modbus-tcp")
+    traffic = traffic_of(plan, ModbusTraffic)
+    (member,) = traffic.members
+    link = UnitLink(1, StoredSetPoint(traffic.of("handle"), member.profile.line, 0), 0, image, 0)
+    for stood_ns in (LARGEST_AGE_NS - 1, LARGEST_AGE_NS, LARGEST_AGE_NS + 1, 10**12, -5):
+        link.begin()
+        link.latch_ns = 0
+        link.finish(stood_ns, 0, None)
+        age_ns, flags, _ = AXIS_HEADER.unpack_from(image)
+        assert (age_ns, flags) == (max(0, min(stood_ns, LARGEST_AGE_NS)), 0)

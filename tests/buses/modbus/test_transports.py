@@ -169,6 +169,21 @@ def test_tcp_connects_again() -> None:
         ends.ours.send(b"x")
 
 
+def test_tcp_looks_up_the_name_of_a_drive_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name server that is gone answers after seconds, and a drive with torque would wait for them."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        ours = TcpTransport("modbus-tcp:drive", ("localhost", listener.getsockname()[1]), CLOCK)
+        lookups = list[object]()
+        monkeypatch.setattr(socket, "getaddrinfo", lambda *name, **_: lookups.append(name))
+        for _ in range(2):
+            ours.reopen()
+            ours.send(b"x")
+        assert lookups == []
+        listener.close()
+        with pytest.raises(BusError, match="cannot connect to modbus-tcp:drive"):
+            ours.reopen()
+
+
 def test_a_peer_that_takes_nothing_is_told_and_octets_do_not_wait() -> None:
     for ends in tcp_ends():
         for _ in range(2):

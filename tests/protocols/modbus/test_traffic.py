@@ -227,6 +227,17 @@ class TestGuard:
     def test_covers_five_periods_in_whole_milliseconds(self, rate: float, seconds: float) -> None:
         assert traffic_of(planned(TCP, rate)).guard("handle") == pytest.approx(seconds)
 
+    @pytest.mark.parametrize(("deadline", "seconds"), [(0.05, 1.0), (1.0, 1.0), (1.6, 2.0)])
+    def test_in_a_register_of_seconds_is_no_shorter_than_it_is_told(self, deadline: float, seconds: float) -> None:
+        """0 s would be no watchdog at all."""
+        assert GENERIC.watchdog is not None
+        time = replace(GENERIC.watchdog.time, unit="s")
+        own = replace(GENERIC, watchdog=replace(GENERIC.watchdog, deadline=deadline, time=time))
+        plan = planned(TCP, 500.0, own)
+        assert traffic_of(plan).guard("handle") == seconds
+        written = traffic_of(plan).guarding("handle", plan.axes[0].rig)
+        assert f"register 0204h = {1e3 * seconds:.0f} ms, in s" in written
+
     def test_is_written_with_its_reactions_the_set_up_and_the_mode(self) -> None:
         assert GENERIC.watchdog is not None
         watchdog = replace(GENERIC.watchdog, writes=(WrittenRegister(0x0210, DataType.UINT16, value=3),))
