@@ -106,6 +106,8 @@ TESTS: dict[int, dict[str, str]] = {
     81: {
         "never raises a permitted torque": "tests/api/test_twin.py::test_a_twin_raises_no_permitted_torque",
     },
+    85: {},
+    86: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 
