@@ -24,10 +24,11 @@ READY, SHOWN = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL
 (RIG,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 TOO_SLOW = re.compile(
     r"^(tripped|failed)  .*((s after|Tripped before) enabling: .*; torque is off|uses the processor|"
-    r"missed the master's heartbeat\), before enabling. No torque was applied)",
+    r"missed the master's heartbeat\), before enabling. No torque was applied|: no answer$)",
     re.M,
 )
-"""How a run ends on a computer that has no time for it: the drive is proved or enabled, or no period is punctual."""
+"""How a run ends on a computer that has no time for it: the drive is proved or enabled, no period is punctual, or the
+simulated drive beside it does not answer in time."""
 
 
 def started(command: str, folder: Path, port: int) -> "subprocess.Popen[str]":

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from haptic_fieldbus.api import plan
+from tests.cli.test_beside_guide import TOO_SLOW
 from tests.docker.buildah import Buildah
 from tests.docker.host_base import lay_out
 from tests.peers.hosts import free_port, require_multicast
@@ -26,8 +27,6 @@ HEALTHY_WITHIN = 60.0
 COMPOSERS = (["docker", "compose"], ["docker-compose"], ["podman", "compose"], ["podman-compose"])
 HOST_BASE = "localhost/host-base"
 SLIM = "docker.io/library/python:3.13-slim"
-ENDED_EARLY = "torque is off"
-"""In the sentence that says why: without rights of real time a busy machine is too late for a fresh link."""
 
 
 def services(*files: str) -> dict[str, dict[str, Any]]:
@@ -95,7 +94,7 @@ def test_compose_renders_a_wall() -> None:
     environment = {**os.environ, "SECONDS_TO_RENDER": str(SECONDS)}
     done = subprocess.run(up, env=environment, capture_output=True, text=True, check=False)
     subprocess.run([*composer, "-f", str(DOCKER / "compose.yaml"), "down"], capture_output=True, check=False)
-    assert done.returncode == 0 or ENDED_EARLY in done.stdout, done.stdout + done.stderr
+    assert done.returncode == 0 or TOO_SLOW.search(done.stdout), done.stdout + done.stderr
     assert "ready" in done.stdout
     assert "result" in done.stdout
 
@@ -167,8 +166,8 @@ class TestBuildah:
                 ended.callback(started[name].terminate)
                 await_health(buildah, name, both[name], started[name])
             said, _ = started["loop"].communicate(timeout=120.0)
-            assert started["loop"].returncode == 0 or ENDED_EARLY in said
-            assert "result" in said
+            assert started["loop"].returncode == 0 or TOO_SLOW.search(said), said
+            assert started["loop"].returncode or "result" in said
         said, _ = started["drive"].communicate(timeout=60.0)
         assert said.startswith("ready      maxon_epos4, node 1")
 
