@@ -215,8 +215,8 @@ def draft_axis(
     if limits.effort < effort_unit * (1.0 - 1e-9):
         effort = scene_axis.workspace.effort_unit
         raise PlanError(
-            f"axis {scene_axis.name}: at most {rounded(limits.effort)} {effort} are permitted, but one step of the "
-            f"torque of {profile.title} is {rounded(effort_unit)} {effort}. No force is possible"
+            f"axis {scene_axis.name}: one step of the torque of {profile.title} is {rounded(effort_unit)} {effort}; "
+            f"expected at most the limit of the axis, {rounded(limits.effort)} {effort}, or no force is possible"
         )
     check_places(scene, scene_axis.name, rig, elements, limits)
     return AxisPlan(

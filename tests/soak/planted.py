@@ -44,8 +44,8 @@ PLANTED = (
     Planted(
         "no slew limit",
         "haptic_fieldbus/cycle/safety.py",
-        "largest_change = limits.effort, limits.slew * period",
-        "largest_change = limits.effort, math.inf",
+        "largest_change = whole_steps(limits.effort, least), limits.slew * period",
+        "largest_change = whole_steps(limits.effort, least), math.inf",
     ),
     Planted(
         "no fade-in",
@@ -56,7 +56,7 @@ PLANTED = (
     Planted(
         "no force limit",
         "haptic_fieldbus/cycle/safety.py",
-        "effort, largest_change = limits.effort, limits.slew * period",
+        "effort, largest_change = whole_steps(limits.effort, least), limits.slew * period",
         "effort, largest_change = 3.0 * limits.effort, limits.slew * period",
     ),
     Planted(
