@@ -568,8 +568,8 @@ GUARDS = {
     ),
     "a change that would throw the handle": Guard(
         "haptic_fieldbus/cycle/cycle.py",
-        "if any(throw() for throw in throws):",
-        "if False:",
+        "calm = -1 if throws() else calm",
+        "pass",
         ("tests/system/test_live_changes.py::test_a_wall_that_is_moved_past_the_handle_waits_instead_of_throwing_it",),
     ),
     "the question before torque": Guard(

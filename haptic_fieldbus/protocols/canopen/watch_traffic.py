@@ -132,8 +132,7 @@ def silence(section: LinkLossSection, rate: float, node_heartbeat_ms: int) -> fl
     """
     if section.life_guarding:
         return guard_time(section, rate)
-    heartbeat = node_heartbeat_ms * 1e-3
-    return max(LOST_HEARTBEATS * heartbeat, heartbeat + 2.0 / rate)
+    return max(LOST_HEARTBEATS * node_heartbeat_ms * 1e-3, node_heartbeat_ms * 1e-3 + 2.0 / rate)
 
 
 def bits_a_second(profile: CanopenProfile, rate: float, proofs: float, node_heartbeat_ms: int) -> float:
