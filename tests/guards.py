@@ -114,7 +114,7 @@ GUARDS = {
     ),
     "force at the start": _cycle(
         "axis",
-        "if abs(self.state.force) > largest:",
+        "if abs(self.state.force) > self.largest_step:",
         "if False:",
         "test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do",
     ),
