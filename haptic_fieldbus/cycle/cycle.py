@@ -150,7 +150,7 @@ class Cycle:
         elements would throw a handle: while a force would change by more than a scene may ask for in its first period.
         Elements that are equal in both plans keep their state. Each changed element starts afresh and is faded in over
         `periods`, while the old one is faded out. A changed coupling, and an element with a memory, has no force at
-        rest that would tell what it does. So it is first rendered for `periods` without acting.
+        rest that would tell what it does. So another one like it is first rendered for `periods` without acting.
         """
         exchanges, changes = [], {}
         trial = 0
@@ -158,17 +158,18 @@ class Cycle:
             axis = self.axes[new.name]
             both = enumerate(zip(old.elements, new.elements, strict=True))
             fields = {place: axis.field_of(to) for place, (was, to) in both if to != was}
-            tried = {place: field for place, field in fields.items() if has_no_rest(new.elements[place])}
+            tried = {at: axis.field_of(new.elements[at]) for at in fields if has_no_rest(new.elements[at])}
             changes[new.name] = axis.changed_by(old.elements, new.elements, tried)
             exchanges.append((axis, fields, new.elements))
             trial = periods if tried else trial
         couplings = enumerate(zip(before.scene.couplings, after.scene.couplings, strict=True))
         pairs = {place: self._pair(to, after.period) for place, (was, to) in couplings if to != was}
+        tried_pairs = {place: self._pair(after.scene.couplings[place], after.period) for place in pairs}
         trial, calm = periods if pairs else trial, 0
 
         def throws() -> bool:
             steps = {name: change() for name, change in changes.items()}
-            for place, pair in pairs.items():
+            for place, pair in tried_pairs.items():
                 forces = zip(after.scene.couplings[place].axes, pair(), self._last_pair(place), strict=True)
                 for name, force, last in forces:
                     steps[name] += force - last

@@ -145,6 +145,8 @@ class RampingChange:
     """Latch instant of the last period with the old values alone."""
     periods: int
     """Length of the ramp in periods."""
+    due: float = 0.0
+    """Time from which the change was tried [s from operation enabled]: a repeated run has it scheduled for that."""
 
 
 def plan_change(

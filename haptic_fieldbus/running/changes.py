@@ -62,6 +62,8 @@ class Changes:
         self._force = False
         self._free_ns = 0
         """End of the last ramp, from operation enabled."""
+        self._due_ns: int | None = None
+        """Time from which the first waiting change has tried to begin, from operation enabled."""
 
     @property
     def scene(self) -> Scene:
@@ -147,12 +149,15 @@ class Changes:
         # Half a period of tolerance makes the change begin with the period nearest to its time.
         if coming_ns + period_ns // 2 < max(self._free_ns, round(change.time * 1e9)):
             return
+        if self._due_ns is None:
+            self._due_ns = coming_ns
         if not self.waiting[0].begin():
             return
         self.waiting.popleft()
         periods = self._periods(period_ns)
         self._free_ns = coming_ns + periods * period_ns
-        self.applied.append(RampingChange(change, coming_ns * 1e-9, after_ns, periods))
+        self.applied.append(RampingChange(change, coming_ns * 1e-9, after_ns, periods, self._due_ns * 1e-9))
+        self._due_ns = None
 
     def _periods(self, period_ns: int) -> int:
         """Return the length of a ramp in periods, at least 1."""

@@ -210,7 +210,7 @@ class Session:
         """Add what only the run could tell to its provenance: drives, changes, and its length if it stopped."""
         facts = {} if self._bus is None else self._bus.facts
         drives = {name: {"title": each.title, **vars(each.identity)} for name, each in facts.items()}
-        changes = [(each.time, each.change.settings) for each in report.changes]
+        changes = [(each.due, each.change.settings) for each in report.changes]
         early = 0 < report.cycles < max(1, round(self.duration * self.plan.rate)) and cycle.trip is None
         periods = report.cycles if early and (stepped or report.interrupted) else None
         led = () if self._leading is None else self._leading.acted
