@@ -185,6 +185,15 @@ def test_a_change_is_made_as_by_run(tmp_path: Path) -> None:
     assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
 
 
+def test_a_change_of_a_memory_is_tried_in_a_repeated_run_from_the_same_instant(tmp_path: Path) -> None:
+    change = [(0.05, {"sprung_mass.stiffness": 150.0})]
+    made = run("sprung_mass", duration=0.3, record=tmp_path / "a.csv", changes=change, hand="guide")
+    assert [each.time for each in made.changes] == [pytest.approx(0.05 + 0.101)], "a ramp later"
+    again = repeat(tmp_path / "a.csv", record=tmp_path / "b.csv")
+    assert again.changes == made.changes
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
 def test_a_change_that_is_refused_leaves_the_session_running() -> None:
     with session("wall", duration=0.05) as live:
         next(live)
