@@ -234,7 +234,7 @@ class RunOptions(SceneOptions):
             if self.scene is None:
                 raise UsageError("no scene: expected SCENE or --from FILE")
             return
-        beside = ("source", "record", "plot", "as_json", "yes", "anonymous", *OF_A_VIEW)
+        beside = ("source", "record", "plot", "as_json", "yes", "anonymous", "verbose", *OF_A_VIEW)
         given = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
         names = {"scene": "SCENE", "settings": "--set", "axes": "--axis"}
         wrong = [names.get(name, f"--{name.replace('_', '-')}") for name in given if name not in beside]
