@@ -34,7 +34,7 @@ def check_view(host: str) -> None:
     """Raise UsageError when no page can be served there."""
     wrong = []
     if find_spec("nicegui") is None:
-        wrong.append("the view needs NiceGUI; in a checkout, run: pip install '.[view]'")
+        wrong.append("the view needs nicegui; in a checkout, run: pip install '.[view]'")
     if host in EVERYWHERE:
         wrong.append(f'host "{host}": give the address or the name of one interface of this computer')
     if wrong:

@@ -124,6 +124,10 @@ def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> errors.Hapt
     """Return the exception for a trip: time, cause, advice; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
     cause, advice = CAUSES[trip.kind](trip, axis)
+    if trip.kind is TripKind.POSITION and not plan.rig.source:
+        advice += (
+            " Without a rig file it is that of the shipped bench; simulate --write-rig FILE writes one to widen it."
+        )
     if len(plan.axes) > 1:
         cause = f"axis {trip.axis}: {cause}"
     if trip.kind is TripKind.START_FORCE:

@@ -11,6 +11,7 @@ from typing import cast
 
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.closed_loop import stiffness_of
+from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.margins.limit import Obstacle
 from haptic_fieldbus.numerals import (
     KEY_WIDTH,
@@ -158,9 +159,18 @@ def recommended_limits(axis: AxisPlan) -> str:
     return f"for the first runs write [axis.{axis.name}.limits] {missing}" if missing else ""
 
 
+WORDS = {
+    "pulses that show the sign": "pulses of the motor direction check",
+    "force until the sign is seen": "force until the motor direction is confirmed",
+    "pulses that ask the encoder": "pulses that test the encoder",
+    "scene beside its place after gaps": "largest displacement of the scene after feedback gaps",
+}
+"""Limits whose words for people are others than the name for scripts."""
+
+
 def _text(row: LimitRow) -> str:
     time = f" after {exactly(row.time)} s" if row.time else ""
-    return f"{row.name} {in_unit(row.value, row.unit).rstrip()}{time}"
+    return f"{WORDS.get(row.name, row.name)} {in_unit(row.value, row.unit).rstrip()}{time}"
 
 
 # A plan in rows, for the text and the JSON object; the keys of the object are a contract.
@@ -360,7 +370,7 @@ def verdict_texts(plan: Plan) -> Iterator[str]:
     if axis is not None and stability is not None:
         yield verdict_text(stability)
         yield from (f"nominal: {text}" for text in nominal_texts(stability))
-        yield from worst_texts(stability, axis.workspace)
+        yield from worst_texts(stability, axis.workspace, axis.group)
 
 
 def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
@@ -382,15 +392,16 @@ def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
     yield from (text for _, text in own_law_texts(stability, workspace))
 
 
-def worst_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
+def worst_texts(stability: Stability, workspace: Workspace, group: Group | None) -> Iterator[str]:
     """Yield the worst case of the open values, at which the limit was found; nothing if there is none."""
     effort, travel = workspace.effort_unit, workspace.length_unit
     mass = "kg" if workspace is Workspace.LINEAR else "kg·m²"
+    names = [f"{each.name}: " for each in group.members] if group and len(group.members) > 1 else [""]
     at = [
-        f"mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "
-        f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, delay {rounded(1e3 * each.delay)} ms"
+        f"{name}mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "
+        f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, delay without torque loop {rounded(1e3 * each.delay)} ms"
         + (f", coupling {rounded(each.coupling)} times as stiff" if each.coupling != 1.0 else "")
-        for each in stability.limit.judged_at
+        for name, each in zip(names, stability.limit.judged_at, strict=False)
     ]
     if at and math.isfinite(stability.limit.value):
         yield f"worst case: {'; '.join(at)}"

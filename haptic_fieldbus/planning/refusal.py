@@ -127,7 +127,7 @@ def _exceeded(plan: Plan, group: Group, stability: Stability, *, caveat: bool = 
         known = caveat_text(stability) if caveat else ""
         return f"this scene is unstable on this bench{'' if always else ' for some of the values that are open'}{known}"
     asked = f"{rounded_limit(stability.stiffness)} {per}"
-    if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
+    if group.stiffest is not None and len(plan.scene.elements) > 1:
         asked += f" of {group.stiffest.name}"
     if not limit.value:
         return (

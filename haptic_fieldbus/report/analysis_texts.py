@@ -236,7 +236,7 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     yield from (OutputRow("assumed", [text]) for text in assumed_texts(assumed))
     yield OutputRow(key="assumed", value=list(assumed))
     yield OutputRow("limit", [limit_text(stability)])
-    yield OutputRow("", worst_texts(stability, space))
+    yield OutputRow("", worst_texts(stability, space, judgement.group))
     yield OutputRow("nominal", _nominal(judgement))
     yield OutputRow("radius", [f"spectral radius {rounded(stability.spectral_radius, 9)} (below 1 decays)"])
     yield OutputRow("place", place_texts(stability, space))
@@ -323,4 +323,5 @@ def _nominal(judgement: Judgement) -> Iterator[str]:
     if less.stable is not None and less.passive is not None:
         # With stated friction, passivity is told once, with its condition.
         passive = "" if passivity_condition(judgement.stability) else f", {passive_to(less.passive, unit)}"
-        yield f"with {exactly(UNCERTAIN)} times the friction: stable {up_to(less.stable, unit)}{passive}"
+        share = f"with {exactly(UNCERTAIN)} times damping and Coulomb friction"
+        yield f"{share}: stable {up_to(less.stable, unit)}{passive}"

@@ -120,6 +120,7 @@ class Changes:
                     plan_change(plan, planned[-1].plan if planned else plan, settings, force=force, time=time)
                 )
             except HapticFieldbusError as error:
+                error.args = (str(error).replace("--set ", f"--change {exactly(time)}:"),)
                 error.add_note(f"requested by the change at {exactly(time)} s")
                 raise
         self._running, self._planned, self._force = plan, tuple(planned), force

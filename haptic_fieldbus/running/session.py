@@ -286,7 +286,9 @@ class Session:
 
             proved = questions(plan, due)
         unseen = [f"Not detected: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]
-        question = "\n".join([*heard, *unseen, *proved, *(_warning(plan, name, bus) for name in bus.facts)])
+        question = "\n".join(
+            [*heard, *unseen, *proved, *(_warning(plan, name, bus) for name in bus.facts), "Enable torque?"]
+        )
         if self.confirm is None or not self.confirm(question):
             raise UsageError("not enabled: a real drive needs a confirmation (add --yes in scripts)")
 

@@ -156,7 +156,10 @@ def _name_elements(document: Document) -> dict[int, str]:
     for index, table in tables.items():
         kind = table.get("kind")
         if not isinstance(kind, str) or not _is_known(document, index, kind):
-            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), kind_names())}")
+            document.refuse(
+                ("element", index, "kind"),
+                f"a kind of element, see docs/reference/elements.md{suggestion(str(kind or ''), kind_names())}",
+            )
             continue
         if "name" not in table and given.count(kind) > 1:
             document.fault(

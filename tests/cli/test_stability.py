@@ -69,7 +69,7 @@ def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command)
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
         "scene", "device", "delay", "assumed", "limit", "nominal", "radius", "verdict",
     ]  # fmt: skip
-    assert "with 0.7 times the friction: stable to 1044 N/m, passive to 1006 N/m" in out
+    assert "with 0.7 times damping and Coulomb friction: stable to 1044 N/m, passive to 1006 N/m" in out
     assert "verdict    passive: " in out
     assert "limit      750 N/m; 600 is inside, margin 1.25" in out
 
@@ -120,7 +120,7 @@ def test_above_the_limit_nothing_is_called_passive(command: Command) -> None:
     assert "verdict    stable: above the limit; small motions decay with the nominal values" in out
     assert [line for line in out.splitlines() if "passive" in line] == [
         "           passive to 1437 N/m",
-        "           with 0.7 times the friction: stable to 1044 N/m, passive to 1006 N/m",
+        "           with 0.7 times damping and Coulomb friction: stable to 1044 N/m, passive to 1006 N/m",
     ]
     run = command("run", *asked, "--set", "wall.position=0.001", "--duration", "1")
     assert (run.status, "passive" in run.out) == (0, False)

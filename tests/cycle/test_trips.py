@@ -19,6 +19,7 @@ from tests.cases import every
 @every("kind", TripKind)
 def test_every_kind_of_trip_has_an_exception_and_a_cause(kind: TripKind) -> None:
     plan = plan_of(profile=VELOCITY_ONLY if kind is TripKind.DRIFT else PROFILE)
+    plan = replace(plan, rig=replace(plan.rig, source="rig.toml"))
     error = trip_error(Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan, 1_000_000_000)
     assert isinstance(error, TRIP_ERRORS[kind])
     cause, advice = CAUSES[kind](Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan.axes[0])
@@ -65,6 +66,7 @@ def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> N
     trip = Trip(TripKind.POSITION, "handle", 0, 0.1234, 0.1)
     words = "Tripped before enabling: position 0.1234 m, beyond the limit of 0.1 m; torque is off. "
     advice = "Move the handle back. The travel is axis.handle.limits.position of the rig."
+    advice += " Without a rig file it is that of the shipped bench; simulate --write-rig FILE writes one to widen it."
     assert str(trip_error(trip, plan_of(), None)) == words + advice
 
 

@@ -139,7 +139,7 @@ class TestRefusal:
     def test_names_the_limit_and_settings_that_are_stable(self) -> None:
         asked: dict[str, float | str | bool] = {"shaft.stiffness": 3000.0}
         with pytest.raises(
-            UnstableSceneError, match="3000 N/m exceeds the limit of 371 N/m on this bench, at "
+            UnstableSceneError, match="3000 N/m of shaft exceeds the limit of 371 N/m on this bench, at "
         ) as refused:
             haptic_fieldbus.run("virtual_shaft", settings=asked)
         assert refused.value.limit == 371.0

@@ -294,8 +294,8 @@ for call in (
 def test_without_the_extras_all_else_works_and_they_are_named(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines() == [
-        'this needs mcap, of the extra "data": pip install mcap',
-        *['this needs pyarrow, of the extra "data": pip install pyarrow'] * 2,
+        "this needs mcap; in a checkout, run: pip install '.[data]'",
+        *["this needs pyarrow; in a checkout, run: pip install '.[data]'"] * 2,
     ], done.stderr
 
 

@@ -26,7 +26,7 @@ def test_the_limits_of_a_scene_say_so() -> None:
     assert "none: stable at any stiffness (damping stated, not measured); 200 N/m asked" in lines
     assert "stable with no limit" in lines
     assert not [line for line in lines if line.startswith("worst case")]
-    assert "with 0.7 times the friction: stable with no limit" in lines
+    assert "with 0.7 times damping and Coulomb friction: stable with no limit" in lines
 
 
 def test_a_plan_says_so() -> None:

@@ -138,7 +138,7 @@ class TestUsedLikeOurs:
     def test_nothing_is_imported_for_scenes_without_it(self, tmp_path: Path) -> None:
         for name in scene_names():
             load_scene(name)
-        with pytest.raises(SceneError, match='"clai"; expected a kind of element; nearest: clay'):
+        with pytest.raises(SceneError, match=r'"clai"; expected a kind of element, see .*; nearest: clay'):
             load_scene(write(tmp_path, CLAY.replace('"clay"', '"clai"')))
         assert "clay" in kind_names()
         assert not {"clay_elements", "own_memory"} & set(sys.modules)

@@ -194,17 +194,18 @@ def test_a_faulty_file_is_told_before_a_setting_that_it_may_have_caused(tmp_path
         (
             'kind = "wall"',
             'kind = "pendulm"',
-            'line 5: element[0].kind: "pendulm"; expected a kind of element; nearest: pendulum',
+            'line 5: element[0].kind: "pendulm"; expected a kind of element, see docs/reference/elements.md; '
+            "nearest: pendulum",
         ),
         (
             'kind = "wall"',
             "",
-            "line 4: element[0].kind: missing; expected a kind of element",
+            "line 4: element[0].kind: missing; expected a kind of element, see docs/reference/elements.md",
         ),
         (
             'kind = "wall"',
             "kind = [1]",
-            "line 5: element[0].kind: [1]; expected a kind of element",
+            "line 5: element[0].kind: [1]; expected a kind of element, see docs/reference/elements.md",
         ),
         (
             'name = "left"',

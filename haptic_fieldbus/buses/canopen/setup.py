@@ -84,7 +84,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
         check_rating(node.label, axis, str(entry), "current", node.read(entry) * 1e-3, axis.rig.rated_current, "A")
     told.extend(_other_counts(node, profile, axis))
     if shown:
-        yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
+        yield f"Set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
     yield from told
     warning = first_enabling(profile)
     if warning:

@@ -127,7 +127,7 @@ class TestCommissioning:
 
     def test_what_the_tool_has_set_is_shown_and_not_written(self) -> None:
         bench = self.bench(5000).open()
-        assert "set by the tool: rated current 5000 mA, thermal time constant 40" in bench.bus.facts["handle"].changes
+        assert "Set by the tool: rated current 5000 mA, thermal time constant 40" in bench.bus.facts["handle"].changes
         assert order(bench, "3001h:01", "3001h:04") == []
 
     def test_a_drive_that_was_never_commissioned_is_refused_untouched_and_the_person_sent_to_the_tool(self) -> None:
