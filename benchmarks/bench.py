@@ -120,7 +120,7 @@ def main() -> int:
     asked = parser.parse_args()
     figures = [figure for figure in FIGURES if asked.only in figure.name]
     if not figures:
-        parser.error(f"--only {asked.only}: expected a part of one of: {'; '.join(each.name for each in FIGURES)}")
+        parser.exit(2, f"--only {asked.only}: expected a part of one of: {'; '.join(each.name for each in FIGURES)}\n")
     found = measured(figures, SHORT_ROUNDS if asked.short else ROUNDS)
     patience = PATIENCE if asked.short else 1.0
     if asked.short:

@@ -1,7 +1,7 @@
 """The virtual environment of a scene as a linear system: matrices, poles and transfer functions.
 
 In continuous time it is ż = A z + B u, F = C z + D u, with the virtual states z, the inputs u = (x, v), position and
-velocity of the puck, and the force F on it. An element that is not linear stands as in sustained contact, where it is
+velocity of the handle, and the force F on it. An element that is not linear stands as in sustained contact, where it is
 stiffest; couplings are felt with the other axis held. The discrete system x[n] → F[n] is the one that the loop runs and
 that stability is judged with: virtual states by the method, memories of elements by their own exact step, velocity by
 the estimator.

@@ -1,6 +1,6 @@
-"""The open loop: the force of a scene for a prescribed motion of the puck, as in a lecture.
+"""The open loop: the force of a scene for a prescribed motion of the handle, as in a lecture.
 
-The puck starts at rest, with virtual masses at rest at its position. A step moves it at the first sample, t = 0, and
+The handle starts at rest, with virtual masses at rest at its position. A step moves it at the first sample, t = 0, and
 finds the masses at rest at the old position. Nothing is fed back, so a growth comes from the method alone.
 """
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.numerics.estimators import Estimator
     from haptic_fieldbus.numerics.integrators import Integrator
 
-# Prescribed motions of the puck: a step, a ramp, a sine, or the rows of a file.
+# Prescribed motions of the handle: a step, a ramp, a sine, or the rows of a file.
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ STATE_NAMES = ("position", "velocity")
 
 @dataclass(frozen=True, kw_only=True)
 class OpenLoop:
-    """The prescribed motion of the puck."""
+    """The prescribed motion of the handle."""
 
     input: str | Path = DEFAULT_MOTION
     """The motion: step, ramp, sine@HZ, or a file with the columns time and position."""
@@ -130,7 +130,7 @@ class OpenLoop:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Time [s], position of the puck [m or rad] and force on it [N or N·m], each of shape `(n_samples,)`."""
+    """Time [s], position of the handle [m or rad] and force on it [N or N·m], each of shape `(n_samples,)`."""
 
     time: Array = field(repr=False)
     position: Array = field(repr=False)

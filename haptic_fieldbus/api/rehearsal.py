@@ -32,7 +32,9 @@ def rehearsal(task: Task, trial: Trial) -> Iterator[Rig]:
     for name, axis in selection.rig.axis.items():
         profile = load_profile(axis.profile, task.profiles)
         if profile.drive.protocol != DEFAULT_PROTOCOL:
-            raise UsageError(f"{axis.profile} uses {profile.drive.protocol}; rehearse supports CANopen only")
+            raise UsageError(
+                f"{axis.profile} uses {profile.drive.protocol}; rehearse supports CANopen only; use --drive maxon_epos4"
+            )
         # Each hand waits for the force, and is where the scene holds its axis.
         holding = hand.after(trial.fade_in) if hand is not None and selection.scene.holds(name) else None
         # The power of a real drive has to be cut by somebody: that is not taken for granted here.

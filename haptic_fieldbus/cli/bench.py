@@ -7,17 +7,19 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
 from haptic_fieldbus.cli.options import (
     BENCH,
+    BUSES,
     DRIVE,
     RENDERING,
     JsonOption,
     ProfilesOption,
     note_assumed_bitrate,
+    option,
     option_field,
     options_of,
     refuse_beside_rig,
@@ -42,9 +44,7 @@ KEYS = ("node", "vendor_id", "product_code", "revision", "serial", "name", "prof
 class BusOptions:
     """Options of a command that needs a bus alone."""
 
-    bus: str | None = option_field(
-        "BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, told=DEFAULT_BUS
-    )
+    bus: str | None = option_field("BUS", BUSES, BENCH, told=DEFAULT_BUS)
     rig: Path | None = option_field("FILE", "Rig file whose buses are examined.", BENCH)
     profiles: ProfilesOption = None
     as_json: JsonOption = False
@@ -152,7 +152,11 @@ Shown = Callable[[Mapping[str, "View"]], None]
 class WatchOptions(DriveOptions):
     """Options of `watch`."""
 
+    rig: Path | None = option_field("FILE", "Rig file whose drives are shown.", BENCH)
     duration: float | None = option_field("S", "Duration of watching; default: until Ctrl-C.", RENDERING)
+    as_json: Annotated[
+        bool, option(None, "Print one JSON object per second, each on its own line.", None, "--json")
+    ] = False
 
 
 @options_of(WatchOptions)

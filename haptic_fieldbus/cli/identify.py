@@ -93,7 +93,8 @@ def identify(options: IdentifyOptions) -> None:
     show(note_assumed_bitrate(options.bus), sys.stderr)
     task = given_by(options, BenchTask)
     if options.dry_run:
-        _announce(bounds_of(task).lines(), options)
+        lines = list(bounds_of(task).lines())
+        show_result([OutputRow("move", lines)], {"move": lines}, as_json=options.as_json)
         return
     if not sys.stdin.isatty():
         never_wait()

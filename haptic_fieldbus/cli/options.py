@@ -129,7 +129,13 @@ JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing els
 VerboseOption = Annotated[bool, option(None, "Print all details.", None, "--verbose", "-v")]
 ProfilesOption = Annotated[
     str | None,
-    option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
+    option(
+        "DIR",
+        "Folder of your own drive profiles.",
+        BENCH,
+        "--profiles",
+        default="the folder in the environment variable HAPTIC_FIELDBUS_PROFILES",
+    ),
 ]
 PlotOption = Annotated[Path | None, option("PATH", "File of the picture: .png, .svg or .pdf.", OUTPUT)]
 
@@ -222,8 +228,11 @@ class RunOptions(SceneOptions):
     """Options of `run`: a scene and how it is rendered, or a file that says both."""
 
     scene: Annotated[
-        str | None, typer.Argument(metavar="[SCENE]", help="A scene of the library by name, or a scene file.")
+        str | None, typer.Argument(metavar="SCENE", help="A scene of the library by name, or a scene file.")
     ] = None  # type: ignore[assignment]
+    duration: float | None = option_field(
+        "S", "Duration of the run, from enabling on; 3600 if a page shows it.", RENDERING, told=DEFAULT_DURATION
+    )
     source: Path | None = option_field(
         "FILE", "Repeat the run of a recording, picture or JSON object in simulation.", OUTPUT, "--from"
     )

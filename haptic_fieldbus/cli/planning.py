@@ -22,7 +22,7 @@ from haptic_fieldbus.cli.options import (
     options_of,
 )
 from haptic_fieldbus.cli.screen import plain, print_json, show
-from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
+from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, exactly, rounded
 
@@ -84,13 +84,16 @@ MOTION_DURATION = f"{exactly(DEFAULT_MOTION_DURATION)}, or the duration of the f
 class ResponseOptions(SceneOptions):
     """Further options of `response`."""
 
-    input: str = option_field("MOTION", "Motion of the puck: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION)
+    input: str = option_field(
+        "MOTION", "Motion of the handle: step, ramp, sine@HZ or FILE.csv.", default=DEFAULT_MOTION
+    )
     amplitude: float = option_field(
         "M",
         "Amplitude of the motion: end value of a ramp after one second, factor for a file.",
         default=DEFAULT_AMPLITUDE,
         parser=number,
     )
+    rate: float | None = option_field("HZ", "Rate of the samples.", RENDERING, told=exactly(DEFAULT_RATE))
     duration: float | None = option_field("S", "Duration of the motion.", RENDERING, told=MOTION_DURATION)
     model: bool = option_field(
         None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"

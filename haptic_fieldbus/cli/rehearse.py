@@ -10,12 +10,14 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.bench import look
-from haptic_fieldbus.cli.options import OUTPUT, SceneOptions, check_plot, option_field, options_of
+from haptic_fieldbus.cli.options import BENCH, OUTPUT, RENDERING, SceneOptions, check_plot, option_field, options_of
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import check_free, write
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 WATCHED = 8.0
 """Time for which the handle is watched [s]; it moves back and forth once."""
@@ -42,6 +44,9 @@ class RehearseOptions(SceneOptions):
             show_default=False,
         ),
     ] = SCENE
+    drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DEFAULT_DRIVE)
+    rate: float | None = option_field("HZ", "Loop rate in Hz.", RENDERING, told=exactly(DEFAULT_RATE))
+    yes: bool = option_field(None, "Answer the questions with yes.", None, "--yes")
     write_rig: Path | None = option_field(
         "FILE", "Save the rig file with the watchdog proof and the confirmed directions.", OUTPUT
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptic_fieldbus.cli.failures import print_object
 from haptic_fieldbus.cli.options import JsonOption, option
 from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_REPORT
@@ -21,13 +22,17 @@ if TYPE_CHECKING:
 
 LABEL_WIDTH = 44
 """Longest label beside the progress bar [characters]."""
+NO_FIGURE = 2
+"""Exit status of the benchmarks without a figure to measure."""
 
 
 def report(
     out: Annotated[
         Path, option("DIR", "Folder for index.html, figures and report.json.", default=DEFAULT_REPORT)
     ] = Path(DEFAULT_REPORT),
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer steps and shorter runs; takes under a minute.")] = False,
+    quick: Annotated[
+        bool, option(None, "Fewer steps and shorter runs; takes under a minute.", None, "--quick")
+    ] = False,
     only: Annotated[str | None, typer.Option(metavar="NAME", help="Run only this section, problem or case.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -65,7 +70,7 @@ def report(
 
 
 def bench(
-    short: Annotated[bool, typer.Option("--short", help="Fewer rounds; takes under a minute.")] = False,
+    short: Annotated[bool, option(None, "Fewer rounds; takes under a minute.", None, "--short")] = False,
     only: Annotated[str, typer.Option(metavar="WORD", help="Measure only figures whose name contains WORD.")] = "",
     as_json: JsonOption = False,
 ) -> None:
@@ -77,7 +82,10 @@ def bench(
 
     # In a process of its own, which has loaded nothing yet.
     program = [sys.executable, str(profile_folder().parent / "benchmarks" / "bench.py"), "--only", only]
-    raise typer.Exit(subprocess.call([*program, *["--short"] * short, *["--json"] * as_json]))
+    status = subprocess.call([*program, *["--short"] * short, *["--json"] * as_json])
+    if as_json and status == NO_FIGURE:
+        print_object(UsageError(f'--only "{only}": no figure has this word in its name'))
+    raise typer.Exit(status)
 
 
 def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":

@@ -14,7 +14,6 @@ from haptic_fieldbus.cli.options import (
     HANDS,
     OUTPUT,
     SIMULATION,
-    JsonOption,
     ProfilesOption,
     note_assumed_bitrate,
     option,
@@ -56,7 +55,9 @@ def simulate(
     seed: Annotated[int, option("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
     write_rig: Annotated[Path | None, option("FILE", "Write a rig file for `run` with these drives.", OUTPUT)] = None,
-    as_json: JsonOption = False,
+    as_json: Annotated[
+        bool, option(None, "Print one JSON object per drive, each on its own line.", None, "--json")
+    ] = False,
 ) -> None:
     """Host simulated drives for other programs, in real time, until Ctrl-C. `run --bus sim` needs none."""
     from haptic_fieldbus.protocols.catalogue import load_rig

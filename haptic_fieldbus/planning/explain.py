@@ -399,7 +399,8 @@ def worst_texts(stability: Stability, workspace: Workspace, group: Group | None)
     names = [f"{each.name}: " for each in group.members] if group and len(group.members) > 1 else [""]
     at = [
         f"{name}mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "
-        f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, delay without torque loop {rounded(1e3 * each.delay)} ms"
+        f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, "
+        f"delay without torque loop {rounded(1e3 * each.delay)} ms"
         + (f", coupling {rounded(each.coupling)} times as stiff" if each.coupling != 1.0 else "")
         for name, each in zip(names, stability.limit.judged_at, strict=False)
     ]

@@ -140,7 +140,7 @@ def draw_response(response: Response, title: str) -> Figure:
     drawn = figure(7.6 if velocities else 5.6, 10.0, few, [told])
     panels = list(drawn.subplots(3 if velocities else 2, 1, sharex=True))
     positions = {name: value for name, value in response.states.items() if name not in velocities}
-    _panel(panels[0], response, {"puck": response.position, **positions}, units.per_length)
+    _panel(panels[0], response, {"handle": response.position, **positions}, units.per_length)
     dress(panels[0], "position", "", f"position [{units.length}]")
     if velocities:
         _panel(panels[1], response, {name: response.states[name] for name in velocities}, units.per_length)
@@ -151,7 +151,7 @@ def draw_response(response: Response, title: str) -> Figure:
         extreme = float(response.force[np.argmax(np.abs(response.force))])
         beyond = f", an impulse of {rounded(extreme)} {units.effort} goes beyond the frame"
         panels[-1].set_ylim(shown)
-    dress(panels[-1], f"{units.effort_name} on the puck{beyond}", "time [s]", f"{units.effort_name} [{units.effort}]")
+    dress(panels[-1], f"{units.effort_name} on the handle{beyond}", "time [s]", f"{units.effort_name} [{units.effort}]")
     for panel in panels:
         panel.margins(x=0)
         low, high = panel.get_ylim()
@@ -166,10 +166,10 @@ def _period(response: Response) -> float:
 
 
 def _panel(panel: Axes, response: Response, shown: dict[str, Array], per_length: float) -> None:
-    """Draw the puck and virtual states."""
-    colours = {"puck": BLUE, **dict(zip((name for name in shown if name != "puck"), cycle(COLOURS), strict=False))}
+    """Draw the handle and virtual states."""
+    colours = {"handle": BLUE, **dict(zip((name for name in shown if name != "handle"), cycle(COLOURS), strict=False))}
     for name, values in shown.items():
-        label = name if name == "puck" else f"virtual {name}"
+        label = name if name == "handle" else f"virtual {name}"
         panel.plot(*thin(response.time, per_length * values), color=colours[name], linewidth=1.6, label=label)
 
 

@@ -86,7 +86,7 @@ def model_lines(model: EnvironmentModel) -> list[Line]:
     """Return lines on the continuous and the discrete system, and on the growth of each method."""
     order = model.continuous.space.order
     states = f"{order} virtual states z" if order else "no virtual states"
-    inputs = "position x and velocity v of the puck"
+    inputs = "position x and velocity v of the handle"
     lines = [("model", f"axis {model.axis}: {states}, inputs {inputs}, output F on it; SI")]
     lines += _lines("continuous", "dz/dt = A z + B (x, v), F = C z + D (x, v)", model.continuous, "s")
     lines += [("", _natural(pole)) for pole in model.continuous.poles.tolist() if pole.imag > 0.0]
