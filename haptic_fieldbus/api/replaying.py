@@ -100,4 +100,6 @@ def shown(found: RecordedRun) -> Result:
         )
     rate = provenance.conditions.rate if provenance else (len(table) - 1) / max(float(times[-1]), 1e-9)
     scene = provenance.scene_name if provenance else found.path.name
-    return Result(scene, "", provenance.bus if provenance else "", rate, traces=tuple(traces), provenance=provenance)
+    titles = dict.fromkeys(str(each["title"]) for each in provenance.drives.values()) if provenance else ()
+    bus, drive = provenance.bus if provenance else "", ", ".join(titles)
+    return Result(scene, drive, bus, rate, cycles=len(table), traces=tuple(traces), provenance=provenance)

@@ -436,8 +436,10 @@ def change_text(time: float, settings: Mapping[str, object]) -> str:
 
 def periods_text(result: Result) -> str:
     """Return the number of periods, and the numbers of missed and late ones."""
-    missed, timing = result.missed_cycles or 0, result.timing
-    words = f"{result.cycles or 0} periods, {missed or 'none'} missed"
+    timing = result.timing
+    words = f"{result.cycles or 0} periods"
+    if result.missed_cycles is not None:
+        words += f", {result.missed_cycles or 'none'} missed"
     if timing is None or timing.lateness_us is None or not timing.late:
         return words
     return f"{words}, {timing.late} late (max {milliseconds(1e-6 * timing.lateness_us.max)})"

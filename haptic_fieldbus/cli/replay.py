@@ -79,6 +79,7 @@ def replay(
         lines += [] if found.complete else [("", "cut off: read up to the last whole part")]
         lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}")] if origin else []
         lines += [("written", str(target)) for target in targets]
+        lines += [] if plot is None else [("plot", str(plot))]
         lines += [("compare", str(difference or "all set-points are the same"))] if compare else []
         show(lines)
     sys.stdout.flush()

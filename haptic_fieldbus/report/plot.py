@@ -82,7 +82,7 @@ def draw_law(panel: Axes, trace: Trace, elements: Sequence[object], effort: floa
         for number, well in enumerate(wells(places, law)):
             label = "detent" if not number else None
             panel.axvline(well * units.per_length, color=GREEN, linewidth=1.0, linestyle=":", label=label)
-    _path(panel, trace.position, trace.force, units, SKY, 3.0, "rendered")
+    _path(panel, trace.position, trace.force, units, SKY, 3.0, "commanded" if trace.ideal is None else "rendered")
     asked = trace.force
     if trace.ideal is not None:
         _path(panel, trace.position, trace.ideal, units, INK, 0.9, "ideal")
@@ -282,7 +282,7 @@ def _draw_position(panel: Axes, trace: Trace, units: AxisUnits, per_second: floa
 
 def _draw_force(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     times = trace.times * per_second
-    _line(panel, times, trace.force, SKY, 3.0, "rendered")
+    _line(panel, times, trace.force, SKY, 3.0, "commanded" if trace.ideal is None else "rendered")
     if trace.ideal is not None:
         _line(panel, times, trace.ideal, INK, 0.9, "ideal")
     if pushes_back(trace):

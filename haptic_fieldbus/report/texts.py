@@ -154,7 +154,8 @@ def _signals(mapped: Iterable[MappedSignal]) -> str:
 
 def key_figures(result: Result) -> str:
     """Return the line below the title of a picture."""
-    parts = [f"{result.scene} on {result.drive}, {result.bus}, {exactly(result.rate)} Hz", periods_text(result)]
+    place = ", ".join(filter(None, [result.drive, result.bus, f"{exactly(result.rate)} Hz"]))
+    parts = [f"{result.scene} on {place}", periods_text(result)]
     if result.torque_error is not None:
         parts.append(error_sizes(result.torque_error))
     return " · ".join(filter(None, [*parts, load_text(result)]))

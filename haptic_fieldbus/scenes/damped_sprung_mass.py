@@ -1,8 +1,8 @@
-"""A virtual mass, connected to the handle (the puck) by a spring and a damper.
+"""A virtual mass, connected to the handle by a spring and a damper.
 
-With the held puck at x and the mass at p, F = k·(p − x) + b·(ṗ − ẋ) on the puck, positive towards positive x, and m·p̈
+With the handle at x and the mass at p, F = k·(p − x) + b·(ṗ − ẋ) on the handle, positive towards positive x, and m·p̈
 = −F − d·ṗ. The `damping` b acts beside the spring and is felt in the hand; the `drag` d acts between mass and ground,
-and is felt only through the spring. On a held puck the mass has ω_n = √(k/m), ζ = (b + d)/(2·√(k·m)).
+and is felt only through the spring. On a held handle the mass has ω_n = √(k/m), ζ = (b + d)/(2·√(k·m)).
 
 In continuous time the element stores m·ṗ²/2 + k·(p − x)²/2 and dissipates b·(ṗ − ẋ)² + d·ṗ²: it is passive. Sampled and
 held, it leaks about half and at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the
@@ -41,7 +41,7 @@ class DampedSprungMass:
 
     @property
     def dynamics(self) -> StateSpace:
-        """States (position, velocity) of the mass, inputs (position, velocity) of the puck, output the force on it."""
+        """States (position, velocity) of the mass, inputs (position, velocity) of the handle, output its force."""
         k, b, m = self.stiffness, self.damping, self.mass
         return StateSpace(
             a=np.array([[0.0, 1.0], [-k / m, -(b + self.drag) / m]]),

@@ -1,8 +1,8 @@
-"""A virtual mass, connected to the handle (the puck) by a spring.
+"""A virtual mass, connected to the handle by a spring.
 
-With the held puck at x and the mass at p, the spring pulls the mass with k·(x − p) and the puck with F = k·(p − x),
+With the handle at x and the mass at p, the spring pulls the mass with k·(x − p) and the handle with F = k·(p − x),
 positive towards positive x. With q = ṗ: ṗ = q, q̇ = (k/m)·(x − p), so ω_n = √(k/m). Mass and spring start at rest at
-the position of the puck.
+the position of the handle.
 
 The continuous undamped oscillator is only marginally stable: every integrator that adds energy makes it grow, forward
 Euler at every period (|λ| = √(1 + k·T²/m)).
@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class SprungMass:
-    """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad] to the puck."""
+    """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad] to the handle."""
 
     axis: str
     stiffness: Stiffness
@@ -31,7 +31,7 @@ class SprungMass:
 
     @property
     def dynamics(self) -> StateSpace:
-        """States (position, velocity) of the mass, inputs (position, velocity) of the puck, output the force on it."""
+        """States (position, velocity) of the mass, inputs (position, velocity) of the handle, output its force."""
         stiffness, mass = self.stiffness, self.mass
         return StateSpace(
             a=np.array([[0.0, 1.0], [-stiffness / mass, 0.0]]),

@@ -31,6 +31,8 @@ def test_a_dry_run_says_what_would_move_and_changes_nothing(rig: Path, command: 
     assert ended.status == 0
     assert "axis handle: the handle moves by itself, from -0.1 m to 0.1 m" in ended.out
     assert "25 % of rated torque" in ended.out
+    told = json.loads(command("identify", "--rig", rig, "--dry-run", "--json").out)
+    assert any("25 % of rated torque" in line for line in told["move"])
     assert rig.read_text(encoding="utf-8") == before
 
 

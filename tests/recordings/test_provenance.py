@@ -130,7 +130,7 @@ def test_run_from_takes_every_file_that_a_run_leaves(command: Command, tmp_path:
         sources.append(tmp_path / f"a{suffix}")
         command("run", "wall", "--duration", "0.05", "--plot", str(sources[-1]))
     for source in sources:
-        finished = command("run", "--from", str(source), "--record", str(tmp_path / "b.log"))
+        finished = command("run", "-v", "--from", str(source), "--record", str(tmp_path / "b.log"))
         assert (finished.status, finished.err) == (0, ""), source
         assert (tmp_path / "a.log").read_bytes() == (tmp_path / "b.log").read_bytes(), source
 

@@ -54,7 +54,7 @@ def test_without_a_law_only_the_paths_are_drawn() -> None:
     panel = Figure().subplots()
     draw_law(panel, trace, [], None, UNITS[Workspace.LINEAR])
     assert len(panel.lines) == 1
-    assert panel.get_legend_handles_labels()[1] == ["rendered"]
+    assert panel.get_legend_handles_labels()[1] == ["commanded"]
     draw_law(panel, trace, [Wall("handle", 600.0, position=0.02)], None, UNITS[Workspace.LINEAR])
     assert {"force at rest", "wall"} <= set(panel.get_legend_handles_labels()[1])
 

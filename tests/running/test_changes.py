@@ -93,6 +93,7 @@ def test_a_schedule_with_an_impossible_change_is_refused_and_says_which() -> Non
     with pytest.raises(UnstableSceneError, match="90000 N/m exceeds the limit") as refused:
         changes.check(PLAN, 10.0, force=False)
     assert refused.value.__notes__ == ["requested by the change at 2 s"]
+    assert "Inside the limit: --change 2:wall.stiffness=870." in str(refused.value)
 
 
 def test_force_lets_both_schedule_and_requests_pass() -> None:
