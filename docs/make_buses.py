@@ -43,8 +43,8 @@ haptic-fieldbus run wall --bus sim-modbus-rtu@115200 --hand {hand} --set wall.st
 
 - **The library's wall of 600 N/m needs CANopen or Modbus TCP.** On a serial line it is refused, and the message states
   a stable value. `--set wall.stiffness=max/2` sets half of the limit. At 115200 bit/s, a push of 6 N then moves the
-  handle more than 80 mm into the wall, beyond the 0.1 m of the bench. The run reports this
-  (`handle from 0 to …, … deep in wall`, in JSON `travel`). With `--hand tap` the handle stays within the bench.
+  handle more than 80 mm into the wall, beyond the 0.1 m of the bench, and the run ends with a trip (exit status 3).
+  With `--hand tap` the handle stays within the bench.
 - **Ten times the bit rate does not give ten times the stiffness.** At 1 Mbit/s the characters of a period take only a
   third of a millisecond. Silence and the drive's answer time take the rest. If your drive needs less silence than the
   1.75 ms of the standard, set `silence` in the rig and in the profile. This gains more than a faster line.
