@@ -10,7 +10,15 @@ import haptic_fieldbus
 from haptic_fieldbus.drive.rig import Limits, Rig
 from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.numerals import MORE, in_unit, shortened
-from haptic_fieldbus.planning.explain import LimitRow, Reaction, explain, limit_rows, plan_json, recommended_limits
+from haptic_fieldbus.planning.explain import (
+    WORDS,
+    LimitRow,
+    Reaction,
+    explain,
+    limit_rows,
+    plan_json,
+    recommended_limits,
+)
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.wall import Wall
@@ -117,7 +125,7 @@ def test_the_plan_shows_every_limit_in_words_and_in_json(profile: object) -> Non
     expected = list(limit_rows(plan.axes[0], plan.period))
     assert [entry["limit"] for entry in shown if isinstance(entry, dict)] == [row.name for row in expected]
     for row in expected:
-        assert f"{row.name} {in_unit(row.value, row.unit)}".rstrip() in text
+        assert f"{WORDS.get(row.name, row.name)} {in_unit(row.value, row.unit)}".rstrip() in text
     assert {row.reaction for row in expected} == set(Reaction)
 
 
