@@ -14,7 +14,6 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from inspect import getsource
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -35,12 +34,12 @@ from haptic_fieldbus.defaults import (
     DEFAULT_SEED,
     DEFAULT_STEPS,
 )
+from haptic_fieldbus.documents.own_parts import OwnName, content_digest
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, require
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.request import LARGEST_SEED, LONGEST, Task
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.recordings.provenance import digest
 from haptic_fieldbus.running.ending import SIGNALS, EndSignals, ended_by_signals
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
@@ -344,25 +343,24 @@ def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest
     inputs = {
         "engine": asked.engine,
         "points": {"kind": points.kind, "values": points.values, "count": points.count},
-        "scene": repr(found.scene) if scene is None else scene.text,
+        "scene": content_digest(found.scene) if scene is None else scene.text,
         "settings": part,
         "rig": text_of_rig(found.rig, files).text,
         "profiles": {each.name: each.sha256 for each in files.values()},
-        "rendering": {"rate": task.rate, "method": task.method, "estimator": task.estimator, "axes": task.axes},
+        "rendering": {
+            "rate": task.rate, "method": _told(task.method), "estimator": _told(task.estimator), "axes": task.axes,
+        },
         "seed": trial.seed,
         "run": None
         if asked.engine != "full"
-        else {name: getattr(trial, name) for name in ("duration", "hand", "fade_in", "force")},
+        else {name: _told(getattr(trial, name)) for name in ("duration", "hand", "fade_in", "force")},
         "steps": asked.steps if asked.engine == "loop" else None,
-        "measure": None if asked.measure is None else _source_of(asked.measure),
+        "measure": None if asked.measure is None else content_digest(asked.measure),
         "version": versions().get("haptic-fieldbus"),
-    }
+    }  # fmt: skip
     return job, inputs
 
 
-def _source_of(measure: Measure) -> str:
-    """Return the digest of the text of a function; its name where the text cannot be had."""
-    try:
-        return digest(getsource(measure))
-    except (OSError, TypeError):
-        return getattr(measure, "__qualname__", type(measure).__qualname__)
+def _told(value: Any) -> Any:
+    """Return an input for the manifest: of an object of Python its name and digest."""
+    return f"{value} {content_digest(value.part)}" if isinstance(value, OwnName) else value

@@ -5,12 +5,17 @@ named, and not before. A fault in it becomes one sentence with package and entry
 what does not use it. An object of Python travels as `OwnName`, wherever the name of a shipped part would.
 """
 
+import inspect
+import os
 import pickle
 import sys
 from collections.abc import Callable, Container, Iterable
 from contextlib import redirect_stdout
 from functools import cache
+from hashlib import sha256
+from io import BytesIO
 from traceback import walk_tb
+from types import CodeType, FunctionType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from haptic_fieldbus.errors import UsageError, wrong_kind
@@ -51,6 +56,63 @@ class OwnName(str):
         except Exception:  # a foreign object may raise anything
             return str, (str(self),)
         return OwnName, (str(self), self.part)
+
+
+class _Content(pickle.Pickler):
+    """Writes an object with the content of its functions and classes, of which pickle writes the name alone."""
+
+    def __init__(self, file: BytesIO) -> None:
+        super().__init__(file)
+        self.fast = True  # equal values are written alike, whether they are one object or several
+        self._begun: list[object] = []
+
+    def reducer_override(self, part: Any) -> Any:
+        if isinstance(part, CodeType):
+            values = [sorted(map(repr, each)) if isinstance(each, frozenset) else each for each in part.co_consts]
+            return tuple, ((part.co_code, part.co_names, values),)
+        kinds = part.__mro__ if isinstance(part, type) else ()
+        if not isinstance(part, FunctionType) and not any(each.__module__ not in _WITHOUT_TEXT for each in kinds):
+            return NotImplemented
+        if any(part is each for each in self._begun):
+            return tuple, ((part.__qualname__,),)
+        self._begun.append(part)
+        if isinstance(part, FunctionType):
+            cells = [each.cell_contents for each in part.__closure__ or ()]
+            return tuple, ((part.__code__, cells, part.__defaults__, part.__kwdefaults__, vars(part), _used(part)),)
+        if "<locals>" in part.__qualname__:
+            raise TypeError(f"{part.__qualname__}: its text does not tell what surrounds it")
+        texts = [inspect.getsource(each) for each in kinds if each.__module__ not in _WITHOUT_TEXT]
+        return tuple, ((part.__qualname__, texts),)
+
+
+_WITHOUT_TEXT = sys.stdlib_module_names
+"""Modules whose classes are known by their names."""
+
+
+def _used(function: FunctionType) -> dict[str, Any]:
+    """Return the constants, functions and classes of its module that a function names."""
+
+    def names(code: CodeType) -> set[str]:
+        return {*code.co_names}.union(*(names(each) for each in code.co_consts if isinstance(each, CodeType)))
+
+    found = {name: function.__globals__.get(name) for name in sorted(names(function.__code__))}
+    constant = (int, float, complex, str, bytes, tuple)
+    return {
+        name: each
+        for name, each in found.items()
+        if isinstance(each, constant)
+        or (isinstance(each, FunctionType | type) and each.__module__ == function.__module__)
+    }
+
+
+def content_digest(part: Any) -> str:
+    """Return a digest of the content and the code of an object, a new one each time where that cannot be known."""
+    file = BytesIO()
+    try:
+        _Content(file).dump(part)
+    except Exception:  # a foreign object may raise anything
+        return f"unknown {os.urandom(16).hex()}"
+    return sha256(file.getvalue()).hexdigest()
 
 
 def name_of(part: Any) -> Any:

@@ -8,13 +8,15 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,10 +27,15 @@ from hypothesis import strategies as st
 from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
 from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.api.sweep_folder import SweepPoints
+from haptic_fieldbus.documents.own_parts import OwnName, content_digest
 from haptic_fieldbus.drive.rig import Identified
 from haptic_fieldbus.margins.closed_loop import environment_of
+from haptic_fieldbus.numerics.estimators import Estimator
+from haptic_fieldbus.numerics.estimators.estimator import EstimatorSetup
+from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.sim.hand import Hand, Piece
 
 WALLS = {"wall.stiffness": [50.0, 600.0, 2500.0, 60000.0], "wall.damping": [0.0, 3.0, 40.0]}
 
@@ -376,6 +383,115 @@ def test_a_folder_with_other_inputs_is_refused_and_names_them(tmp_path: Path) ->
     with pytest.raises(UsageError, match=r"other inputs \(points\)"):
         sweep("wall", {"wall.stiffness": [401.0]}, out=out, workers=1)
     assert equal(first, Sweep.read(out))
+
+
+def mean_of(number: int) -> Estimator:
+    """Mean velocity over so many periods, always by the same name."""
+
+    def start(setup: EstimatorSetup) -> Callable[[float], float]:
+        seen: list[float] = []
+
+        def step(position: float) -> float:
+            seen[:] = [*(seen or [position] * number), position]
+            return (seen[-1] - seen.pop(0)) / (number * setup.period)
+
+        return step
+
+    def system(setup: EstimatorSetup) -> StateSpace:
+        share = 1.0 / (number * setup.period)
+        moved, first, last = np.eye(number, k=-1), np.eye(number)[:, :1], -share * np.eye(number)[-1:]
+        return StateSpace(moved, first, last, np.array([[share]]))
+
+    return Estimator("mine", "mean velocity", start, system)
+
+
+def test_two_estimators_of_one_name_have_verdicts_of_their_own() -> None:
+    """The single judgement, and the eigenvalues that it is of, decide which is stable."""
+    points = {"wall.damping": [20.0, 200.0]}
+    found = []
+    for number in (1, 40):
+        estimator = mean_of(number)
+        found.append([row["growth"] for row in rows(sweep("damped_wall", points, estimator=estimator, workers=1))])
+        for damping, grown in zip(points["wall.damping"], found[-1], strict=True):
+            group = judge_scene(Task("damped_wall", estimator=OwnName("mine", estimator),
+                                     settings={"wall.damping": damping})).group  # fmt: skip
+            assert grown == pytest.approx(group.loop.growth(group.environment()), rel=1e-9)
+    assert found[0] != pytest.approx(found[1], rel=1e-6)
+
+
+def travelled(result: Result, unit: float) -> dict[str, float]:
+    return {"travelled": unit * result.travel[0].highest}
+
+
+class Travelled:
+    def __init__(self, unit: float) -> None:
+        self.unit = unit
+
+    def __call__(self, result: Result) -> dict[str, float]:
+        return travelled(result, self.unit)
+
+
+def travelled_in(unit: float) -> Callable[[Result], dict[str, float]]:
+    def measure(result: Result) -> dict[str, float]:
+        return {"travelled": unit * result.travel[0].highest}
+
+    return measure
+
+
+def pushed(force: float) -> Hand:
+    return Hand("mine", (Piece(0.0, force),))
+
+
+RUNS: dict[str, Any] = {"engine": "full", "duration": 0.05}
+OF_ONE_NAME: dict[str, Callable[[float], dict[str, Any]]] = {
+    "a partial": lambda value: {**RUNS, "measure": partial(travelled, unit=value)},
+    "an object": lambda value: {**RUNS, "measure": Travelled(value)},
+    "a closure": lambda value: {**RUNS, "measure": travelled_in(value)},
+    "a hand": lambda value: {**RUNS, "hand": pushed(value)},
+    "an estimator": lambda value: {"estimator": mean_of(round(value))},
+}
+
+
+@pytest.mark.parametrize("made", OF_ONE_NAME.values(), ids=OF_ONE_NAME)
+def test_a_folder_of_another_object_of_the_same_name_is_refused(
+    made: Callable[[float], dict[str, Any]], tmp_path: Path
+) -> None:
+    points = {"wall.stiffness": [200.0]}
+    first = sweep("damped_wall", points, out=tmp_path / "out", workers=1, **made(3.0))
+    assert first.computed == 1
+    assert sweep("damped_wall", points, out=tmp_path / "out", workers=1, **made(3.0)).computed == 0
+    with pytest.raises(UsageError, match="holds a sweep with other inputs"):
+        sweep("damped_wall", points, out=tmp_path / "out", workers=1, **made(9.0))
+
+
+def test_a_folder_is_not_taken_up_for_an_object_that_nobody_can_look_into(tmp_path: Path) -> None:
+    class Local(Travelled):
+        pass
+
+    for measure in (Local(1.0), partial(travelled, unit=cast(float, threading.Lock()))):
+        assert content_digest(measure) != content_digest(measure)
+    sweep("wall", {"wall.stiffness": [200.0]}, out=tmp_path / "out", workers=1, measure=Local(1.0), **RUNS)
+    with pytest.raises(UsageError, match=r"other inputs \(measure\)"):
+        sweep("wall", {"wall.stiffness": [200.0]}, out=tmp_path / "out", workers=1, measure=Local(1.0), **RUNS)
+
+
+WITH_A_DIGEST = """
+from haptic_fieldbus.documents.own_parts import content_digest
+UNIT = {unit}
+def scaled(value):
+    return [UNIT * each for each in value]
+def measure(result):
+    return {{"a": scaled([1.0]), "b": result.verdict in {{"x", "y", "zz"}}}}
+print(content_digest(measure))
+"""
+
+
+def test_a_measure_is_known_again_by_another_process_and_by_the_constants_that_it_uses() -> None:
+    def told(unit: float) -> str:
+        program = [sys.executable, "-c", WITH_A_DIGEST.format(unit=unit)]
+        return subprocess.run(program, check=True, capture_output=True, text=True).stdout
+
+    assert told(1.0) == told(1.0) != told(2.0)
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
