@@ -23,6 +23,8 @@ from haptic_fieldbus.recordings.provenance import METADATA
 TOPIC, PACKAGE, MESSAGE = "run", "haptic_fieldbus", "Period"
 DOUBLE, OPTIONAL, TEXT = 1, 1, 2
 """Type double and label optional of a field; wire type of a text (descriptor.proto)."""
+CUT = "cut off"
+"""Key of the metadata of a file whose rows are those of a recording that was cut off."""
 
 
 def varint(value: int) -> bytes:
@@ -64,7 +66,9 @@ def _tags(columns: int) -> list[bytes]:
 class McapFile:
     """A new MCAP file of rows; raises OSError, or UsageError without the library."""
 
-    def __init__(self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str) -> None:
+    def __init__(
+        self, path: Path, columns: Sequence[str], units: Mapping[str, str], provenance: str, *, cut: bool = False
+    ) -> None:
         require("mcap", "data")
         from mcap.writer import CompressionType, Writer
 
@@ -73,7 +77,7 @@ class McapFile:
         self._writer.start(profile="", library="haptic-fieldbus")
         self._tell(provenance)
         schema = self._writer.register_schema(f"{PACKAGE}.{MESSAGE}", "protobuf", descriptor(columns))
-        told = {"columns": json.dumps(list(columns)), "units": json.dumps(dict(units))}
+        told = {"columns": json.dumps(list(columns)), "units": json.dumps(dict(units))} | ({CUT: "true"} if cut else {})
         self._channel = self._writer.register_channel(TOPIC, "protobuf", schema, told)
         self._tags = _tags(len(columns))
         self._pack = struct.Struct("<" + "".join(f"{len(tag)}sd" for tag in self._tags)).pack
@@ -128,6 +132,7 @@ def read_mcap(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str
                 complete = complete or isinstance(record, Footer)
         except (McapError, ValueError, struct.error):  # cut off, or torn
             complete = False
+    complete = complete and CUT not in told
     if not told:
         raise UsageError(f"{path}: no MCAP file of a run, or cut off before its first chunk")
     try:

@@ -183,9 +183,17 @@ def side_file(path: Path) -> Path:
     return path.with_name(path.name + SIDE_SUFFIX)
 
 
-def write_beside(path: Path, provenance: Provenance) -> None:
-    """Write the provenance beside a recording; raises OSError."""
+COUNTED = (".csv", ".log")
+"""Suffixes of recordings that do not tell by themselves whether they have their end."""
+
+
+def write_beside(path: Path, provenance: Provenance, count: int | None = None) -> None:
+    """Write the provenance beside a recording, with the number of its rows or frames once it is complete.
+
+    Raises OSError.
+    """
     target = side_file(path)
     new = target.with_name(target.name + ".new")
-    new.write_text(json.dumps(provenance.to_json(), indent=1) + "\n", encoding="utf-8")
+    table = provenance.to_json() | ({"count": count} if path.suffix in COUNTED else {})
+    new.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     new.replace(target)

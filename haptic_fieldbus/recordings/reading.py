@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE, check_regular, read_octets
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
-from haptic_fieldbus.recordings.mcap import McapFile, read_mcap
+from haptic_fieldbus.recordings.mcap import CUT, McapFile, read_mcap
 from haptic_fieldbus.recordings.provenance import MARK, METADATA, PICTURES, Provenance, digest, side_file, write_beside
 from haptic_fieldbus.recordings.tables import UNIT, arrow_table, column_units, heading, row_line
 
@@ -157,15 +157,16 @@ class RecordedRun:
         if path.suffix == ".csv":
             path.write_bytes(heading(list(self.columns)) + b"".join(row_line(row) for row in table.tolist()))
             if self.provenance is not None:
-                write_beside(path, self.provenance)
+                write_beside(path, self.provenance, len(table) if self.complete else None)
         elif path.suffix == ".mcap":
             text = "" if self.provenance is None else self.provenance.text()
-            file = McapFile(path, list(self.columns), self.units, text)
+            file = McapFile(path, list(self.columns), self.units, text, cut=not self.complete)
             for first in range(0, len(table), 1000):
                 file.take(table[first : first + 1000].tobytes())
             file.close(text)
         elif path.suffix == ".parquet":
-            written = self.to_arrow()
+            written, cut = self.to_arrow(), {} if self.complete else {CUT: "true"}
+            written = written.replace_schema_metadata({**(written.schema.metadata or {}), **cut})
             from pyarrow import parquet
 
             parquet.write_table(written, path)
@@ -190,8 +191,11 @@ def read_recording(path: str | Path) -> RecordedRun:
 
 
 def _of(path: Path, columns: Mapping[str, Any], complete: bool) -> RecordedRun:
-    """Return a recording with the provenance of the file beside it."""
-    provenance = read_provenance(path) if side_file(path).is_file() else None
+    """Return a recording with the provenance of the file beside it, which may tell the number of its rows or frames."""
+    told = _read(path, _found, "no provenance in it") if side_file(path).is_file() else None
+    provenance = None if told is None else checked(told, path)
+    if told is not None and "count" in told:
+        complete &= told["count"] is not None and len(next(iter(columns.values()))) >= told["count"]
     return RecordedRun(path, dict(columns), column_units(columns, provenance), provenance, complete)
 
 
@@ -222,7 +226,7 @@ def _parquet(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]
     units = {each.name: each.metadata[UNIT].decode() for each in table.schema if UNIT in (each.metadata or {})}
     text = (table.schema.metadata or {}).get(METADATA.encode(), b"").decode()
     columns = {name: table[name].to_numpy().astype(float) for name in table.column_names}
-    return columns, units, text, True
+    return columns, units, text, CUT.encode() not in (table.schema.metadata or {})
 
 
 HOLDERS = {".mcap": read_mcap, ".parquet": _parquet}
@@ -246,11 +250,11 @@ def _blf(path: Path) -> RecordedRun:
 
     try:
         with path.open("rb") as stream:
-            frames = [(each.timestamp, str(each.channel), each.arbitration_id, bytes(each.data))
-                      for each in BLFReader(stream)]  # fmt: skip
+            reader = BLFReader(stream)
+            frames = [(each.timestamp, str(each.channel), each.arbitration_id, bytes(each.data)) for each in reader]
     except (BLFParseError, struct.error, zlib.error) as error:
         raise ValueError(error) from error
-    return _frames(path, frames, complete=True)
+    return _frames(path, frames, complete=reader.file_size == path.stat().st_size)  # it is written at the end
 
 
 def _frames(path: Path, frames: Sequence[tuple[float, str, int, bytes]], *, complete: bool) -> RecordedRun:

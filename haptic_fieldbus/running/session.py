@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -25,10 +25,10 @@ from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.known_bench import check_measured_drive
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
-from haptic_fieldbus.recordings.provenance import Provenance, write_beside
+from haptic_fieldbus.recordings.provenance import COUNTED, Provenance, write_beside
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.loop import UNCONFIRMED, Caller, Steps, enabling_time, finished, loop_steps
-from haptic_fieldbus.running.rows import Rows
+from haptic_fieldbus.running.rows import ROW_SUFFIXES, Rows
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
@@ -126,9 +126,11 @@ class Session:
         except OSError as error:
             raise UsageError(f"cannot record to {self.record}: {error.strerror}") from error
         assessment: Assessment | None = None
+        faults: list[str] = []
         started = perf_counter()
         try:
             with self._accounted(report, cycle, caller), place as site, _rights(plan) as self._host:
+                faults = site.faults
                 self._bus = bus = next(iter(site.buses.values())) if len(site.buses) == 1 else BusGroup(site.buses)
                 run = Run(
                     plan, self.bus_name, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand
@@ -173,12 +175,14 @@ class Session:
             raise
         finally:
             rows.close(self.provenance)
+            # A recording of frames tells why it ended before the run; else that of rows does.
+            faults = [*faults, *([] if rows.fault is None else [rows.fault.strerror or str(rows.fault)])]
+            if not faults:
+                self._keep_count()
             if report.released:
                 ending.freed()
         stopped = ending.stopped(report, duration)
         result = assessment.finish(perf_counter() - started)
-        # A recording of frames tells why it ended before the run; else that of rows does.
-        faults = [*site.faults, *([] if rows.fault is None else [rows.fault.strerror or str(rows.fault)])]
         told = [f"the recording {self.record} ended before the run: {fault}" for fault in faults[:1]]
         fault = faults[0] if faults else None
         if self.looks_back and report.enabled_at_ns is not None:
@@ -225,6 +229,14 @@ class Session:
         """Write the provenance beside a record whose format cannot hold it; raises OSError."""
         if self.provenance is not None and self.record is not None and self.record.suffix != ".mcap":
             write_beside(self.record, self.provenance)
+
+    def _keep_count(self) -> None:
+        """Write the number of rows or frames beside a record that is complete; without it, it counts as cut off."""
+        if self.provenance is None or self.record is None or self.record.suffix not in COUNTED:
+            return
+        with suppress(OSError), self.record.open("rb") as file:
+            lines = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+            write_beside(self.record, self.provenance, lines - (self.record.suffix in ROW_SUFFIXES))
 
     def _confirmed(self, bus: Bus) -> dict[str, str]:
         """Inspect the drives without writing to them, ask, and return the axes whose watchdogs are due.

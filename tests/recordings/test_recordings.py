@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,9 +68,9 @@ def test_the_library_of_mcap_decodes_each_period_by_its_schema(recorded: Path) -
         assert message.log_time == rows["t_ns"][row]
         assert period.handle_position == rows["handle.position"][row]
         assert period.handle_target_torque == rows["handle.target torque"][row]
-    assert metadata[-1] == json.loads(side_file(of(recorded, ".csv")).read_text()) | {
-        "date": metadata[-1]["date"]
-    }  # fmt: skip
+    beside = json.loads(side_file(of(recorded, ".csv")).read_text())
+    assert beside.pop("count") == len(rows)
+    assert metadata[-1] == beside | {"date": metadata[-1]["date"]}
 
 
 def test_pyarrow_and_pandas_read_the_parquet_file(recorded: Path) -> None:
@@ -138,6 +139,50 @@ def test_a_text_that_was_cut_off_is_read_up_to_its_last_whole_line(recorded: Pat
         assert found.provenance is None
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
+def test_a_recording_that_ends_between_two_lines_is_not_complete(suffix: str, recorded: Path, tmp_path: Path) -> None:
+    """As after a kill: the file ends with a whole piece, and beside it stands the provenance from before the run."""
+    path = tmp_path / f"run{suffix}"
+    octets, beside = of(recorded, suffix).read_bytes(), side_file(of(recorded, suffix)).read_text()
+    path.write_bytes(octets)
+    side_file(path).write_text(beside)
+    assert read_recording(path).complete
+    if suffix == ".blf":
+        # https://bitbucket.org/tobylorenz/vector_blf: the size of the file stands at octet 16 of its header.
+        path.write_bytes(octets[:16] + struct.pack("<Q", 144) + octets[24:])
+        assert not read_recording(path).complete
+        return
+    path.write_bytes(octets[: octets.rindex(b"\n", 0, -1) + 1])
+    assert not read_recording(path).complete
+    path.write_bytes(octets)
+    side_file(path).write_text(json.dumps(json.loads(beside) | {"count": None}))
+    assert not read_recording(path).complete
+    older = json.loads(beside)
+    del older["count"]
+    side_file(path).write_text(json.dumps(older))
+    assert read_recording(path).complete
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet"])
+def test_a_copy_of_a_recording_that_was_cut_off_is_not_complete(suffix: str, recorded: Path, tmp_path: Path) -> None:
+    for complete in (True, False):
+        source = replace(read_recording(of(recorded, ".csv")), complete=complete)
+        source.write(tmp_path / f"{complete}{suffix}")
+        assert read_recording(tmp_path / f"{complete}{suffix}").complete is complete
+
+
+def test_a_full_disk_leaves_no_complete_recording(tmp_path: Path) -> None:
+    program = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000));"
+        "from haptic_fieldbus import run;"
+        "[run('wall', duration=0.5, record='lim' + each) for each in ('.csv', '.log')]"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, capture_output=True)
+    for suffix in (".csv", ".log"):
+        found = read_recording(tmp_path / f"lim{suffix}")
+        assert (len(found) > 50, found.complete) == (True, False)
+
+
 def test_another_process_writes_the_same_file(recorded: Path, tmp_path: Path) -> None:
     """As on a real bus: rows go through a pipe."""
     from haptic_fieldbus.assessing.loop_report import Record
@@ -185,7 +230,7 @@ def test_a_cut_file_is_written_anew_with_its_index(recorded: Path, command: Comm
     done = command("replay", str(source), "--repair")
     assert "cut off" in done.out
     mended = read_recording(tmp_path / "run.repaired.mcap")
-    assert mended.complete
+    assert not mended.complete
     assert len(mended) == len(read_recording(source)) > 100
     with (tmp_path / "run.repaired.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary() is not None
