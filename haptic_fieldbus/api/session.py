@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from haptic_fieldbus.api import Trial, prepare_run
-from haptic_fieldbus.api.arguments import asked_of
+from haptic_fieldbus.api.arguments import KINDS, asked_of
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.power import PowerState
@@ -101,6 +101,8 @@ def effort_scene(
     for name, value in (("stiffness", stiffness), ("damping", damping)):
         if value is not None and not (isinstance(value, int | float) and 0.0 <= value < math.inf):
             raise wrong_kind(f"session() {name}", "a number of 0 or more", value)
+    if rig is not None and not KINDS["rig"][1](rig):
+        raise wrong_kind("session() rig", KINDS["rig"][0], rig)
     found = load_rig(rig, profiles) if isinstance(rig, str | Path) else rig
     axis, *others = ["handle"] if found is None else found.axis
     if others:
@@ -257,6 +259,8 @@ class LiveSession:
         In virtual time the change is judged at once, and refused by what `Changes.request` raises. On a real bus
         another thread judges it, since that takes longer than a period: what it raises is raised by the next period.
         """
+        if not isinstance(name, str):
+            raise wrong_kind("set() name", "a name such as wall.stiffness", name)
         if self._run is None or self._steps is None:
             raise UsageError("a session is changed inside its block, while it runs")
         if not self._aside:
@@ -334,6 +338,10 @@ def session(
     """
     if (scene is None) == (effort is None):
         raise UsageError("session() takes either a scene or effort=")
+    if scene is not None and (stiffness is not None or damping is not None or needs != ("position",)):
+        raise UsageError("session() stiffness, damping, needs: only with effort=; use settings= for those of a scene")
+    if not isinstance(yes, bool):
+        raise wrong_kind("session() yes", "True or False", yes)
     share = math.inf
     if effort is not None:
         scene = effort_scene(effort, needs, rig, profiles, stiffness, damping)

@@ -329,3 +329,28 @@ def test_a_real_bus_needs_a_yes(tmp_path: Path) -> None:
     """It is told before anything is written; here the bench is unknown already."""
     with pytest.raises(PlanError, match="bench"), session("wall", bus="udp_multicast:239.74.163.2@1000000"):
         pass
+
+
+@pytest.mark.parametrize("given", [{"stiffness": 300.0}, {"damping": 1.0}, {"needs": ("velocity",)}], ids=str)
+def test_the_figures_of_an_effort_are_refused_beside_a_scene(given: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="only with effort=; use settings="):
+        session("wall", **given)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"yes": "no"}, r"session\(\) yes: expected True or False, not 'no'"),
+        ({"effort": lambda feedback: 0.0, "rig": 3}, r"session\(\) rig: expected the path of a rig file"),
+    ],
+)
+def test_arguments_of_the_wrong_kind_are_named(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        session(**({} if "effort" in given else {"scene": "wall"}), **given)
+
+
+def test_a_parameter_that_is_set_has_a_name() -> None:
+    with session("wall", duration=0.01) as live:
+        next(live)
+        with pytest.raises(TypeError, match=r"set\(\) name: expected a name such as wall\.stiffness"):
+            live.set(3, 1.0)  # type: ignore[arg-type]
