@@ -342,6 +342,10 @@ FLICK = {Workspace.LINEAR: 1.0, Workspace.ROTARY: 20.0}
 """Velocity at the start [m/s or rad/s], far above an encoder count a period."""
 
 
+AT_REST = 1e-9
+"""Relative growth of an excursion that counts as rounding."""
+
+
 def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
     """Return whether each loop grew, its growth a period, and its farthest excursions, of all and at the end."""
     rows, shared, alone = _begun(job, points)
@@ -406,7 +410,9 @@ def _simulated(loops: Sequence[SimulatedLoop], steps: int) -> dict[int, Row]:
     _, second, _, last = ended.peaks
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.where(ended.diverged, math.inf, np.nan_to_num((last / second) ** (2.0 / steps)))
-    grew, peak = ended.diverged | (last > second), ended.peaks.max(axis=0)
+    # Within a count nothing pushes back: the handle creeps to its place of rest, outwards too.
+    farther = (last > second * (1.0 + AT_REST)) & (last > [plant.resolution for plant in plants])
+    grew, peak = ended.diverged | farther, ended.peaks.max(axis=0)
     return _done([each.at for each in loops], grew=grew, growth=growth, peak=peak, last=last)
 
 

@@ -318,6 +318,17 @@ def test_a_loop_does_not_depend_on_the_loops_beside_it() -> None:
     assert together.outcomes == {"done": 20, "refused": 10, "tripped": 0}
 
 
+@pytest.mark.parametrize("steps", [1000, 1500, 4000, 9000, 10000, 11000])
+def test_a_loop_that_has_come_to_rest_has_not_grown(steps: int) -> None:
+    """Its matrix has no eigenvalue beyond 1, and its handle rests within a count of the encoder."""
+    (row,) = rows(sweep("knob_menu", {"rate": [1000.0]}, engine="loop", steps=steps, workers=1))
+    (judged,) = rows(sweep("knob_menu", {"rate": [1000.0]}, workers=1))
+    assert judged["growth"] < 1.0
+    assert row["grew"] is False
+    (member,) = judge_scene(Task("knob_menu")).group.members
+    assert row["last"] < member.plant.resolution
+
+
 @pytest.mark.parametrize(
     ("scene", "words"),
     [("sprung_mass", "nothing holds the handle"), ("virtual_shaft", "one axis with a rigid shaft")],
