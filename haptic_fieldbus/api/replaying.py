@@ -18,6 +18,8 @@ if TYPE_CHECKING:  # most runs change nothing
 
 SENT = (Signal.CONTROLWORD.value, Signal.TARGET_TORQUE.value)
 """Columns that went to the drives."""
+WORKSPACES = {each.length_unit: each for each in Workspace}
+"""Workspaces by the unit of their positions."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,7 @@ def shown(found: RecordedRun) -> Result:
     traces = []
     for name in names:
         position = found[f"{name}.position"]
-        rotary = found.units.get(f"{name}.position") == "rad"
-        workspace = Workspace.ROTARY if rotary else Workspace.LINEAR
+        workspace = WORKSPACES.get(found.units.get(f"{name}.position"))
         traces.append(
             Trace(name, workspace, times, position, found[f"{name}.command"], sample_times=times, samples=position)
         )

@@ -189,7 +189,8 @@ class Trace:
     """
 
     axis: str
-    workspace: Workspace
+    workspace: Workspace | None
+    """None: a recording without provenance does not tell."""
     times: Array
     position: Array
     force: Array
@@ -288,7 +289,8 @@ class Result:
             known = f"expected one of {', '.join(names)}" if names else "the run has no traces"
             raise UsageError(f"axis {axis}: {known}")
         trace = self.traces[0 if axis is None else names.index(axis)]
-        length, effort = trace.workspace.length_unit, trace.workspace.effort_unit
+        space = trace.workspace
+        length, effort = ("", "") if space is None else (space.length_unit, space.effort_unit)
         columns = {"time": trace.times, "position": trace.position, "force": trace.force, "ideal": trace.ideal}
         columns |= {f"{name}.position": position for name, position in trace.virtual.items()}
         units = dict.fromkeys(columns, length) | {"time": "s", "force": effort, "ideal": effort}

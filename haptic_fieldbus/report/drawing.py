@@ -65,6 +65,7 @@ class AxisUnits:
 
 
 UNITS = {
+    None: AxisUnits("m or rad", 1.0, "N or N·m", "force"),
     Workspace.LINEAR: AxisUnits("mm", 1e3, "N", "force"),
     Workspace.ROTARY: AxisUnits("°", 180 / np.pi, "N·m", "torque"),
 }

@@ -17,7 +17,9 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from haptic_fieldbus import RecordedRun, UsageError, compare_recording, read_provenance, read_recording, repeat, run
+from haptic_fieldbus.api.replaying import shown
 from haptic_fieldbus.recordings.provenance import side_file
+from haptic_fieldbus.report.plot import draw_run
 from tests.cli.command import Command
 
 DURATION, FADE_IN = 0.6, 0.1
@@ -235,6 +237,18 @@ def test_a_cut_file_is_written_anew_with_its_index(recorded: Path, command: Comm
     with (tmp_path / "run.repaired.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary() is not None
     assert command("replay", str(of(recorded, ".csv")), "--repair").status == 2
+
+
+def test_a_recording_without_units_is_drawn_without_them(tmp_path: Path) -> None:
+    """A rotary one: its positions are those of the file, and no axis says millimetres."""
+    run("knob_menu", duration=0.3, record=tmp_path / "knob.csv")
+    for beside, label, factor in ((True, "position [°]", 180.0 / np.pi), (False, "position [m or rad]", 1.0)):
+        if not beside:
+            side_file(tmp_path / "knob.csv").unlink()
+        found = read_recording(tmp_path / "knob.csv")
+        panel = draw_run(shown(found)).axes[0]
+        assert panel.get_ylabel() == label
+        assert float(np.max(panel.lines[0].get_ydata())) == pytest.approx(factor * found["knob.position"].max())
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".parquet", ".csv"])
