@@ -95,7 +95,7 @@ def shown(found: RecordedRun) -> Result:
     traces = []
     for name in names:
         position = found[f"{name}.position"]
-        workspace = WORKSPACES.get(found.units.get(f"{name}.position"))
+        workspace = WORKSPACES.get(found.units.get(f"{name}.position", ""))
         traces.append(
             Trace(name, workspace, times, position, found[f"{name}.command"], sample_times=times, samples=position)
         )

@@ -340,13 +340,13 @@ def test_the_figures_of_an_effort_are_refused_beside_a_scene(given: dict[str, An
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"yes": "no"}, r"session\(\) yes: expected True or False, not 'no'"),
+        ({"scene": "wall", "yes": "no"}, r"session\(\) yes: expected True or False, not 'no'"),
         ({"effort": lambda feedback: 0.0, "rig": 3}, r"session\(\) rig: expected the path of a rig file"),
     ],
 )
 def test_arguments_of_the_wrong_kind_are_named(given: dict[str, Any], words: str) -> None:
     with pytest.raises(TypeError, match=words):
-        session(**({} if "effort" in given else {"scene": "wall"}), **given)
+        session(**given)
 
 
 def test_a_parameter_that_is_set_has_a_name() -> None:
