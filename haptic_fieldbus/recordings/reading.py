@@ -6,6 +6,7 @@ import struct
 import zlib
 from base64 import b64decode
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -151,27 +152,38 @@ class RecordedRun:
         require("pandas", "data")
         return self.to_arrow().to_pandas()
 
-    def write(self, path: Path) -> None:
-        """Write the rows as .csv, .mcap or .parquet; raises OSError or UsageError."""
-        table = self.table()
-        if path.suffix == ".csv":
-            path.write_bytes(heading(list(self.columns)) + b"".join(row_line(row) for row in table.tolist()))
-            if self.provenance is not None:
+    def write(self, path: str | Path) -> None:
+        """Write the rows as .csv, .mcap or .parquet, the whole file or none; raises UsageError."""
+        path, table = Path(path), self.table()
+        if path.suffix not in ROWS:
+            raise UsageError(f"{path}: expected one of {', '.join(ROWS)}")
+        new = path.with_name(f"{path.name}.new")
+        try:
+            self._write_as(path.suffix, new, table)
+            if path.suffix == ".csv" and self.provenance is not None:
                 write_beside(path, self.provenance, len(table) if self.complete else None)
-        elif path.suffix == ".mcap":
+            new.replace(path)
+        except OSError as error:
+            with suppress(OSError):
+                new.unlink()
+            raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+    def _write_as(self, suffix: str, path: Path, table: NDArray[np.float64]) -> None:
+        """Write the rows in the format of a suffix; raises OSError, or UsageError without the library of it."""
+        if suffix == ".csv":
+            path.write_bytes(heading(list(self.columns)) + b"".join(row_line(row) for row in table.tolist()))
+        elif suffix == ".mcap":
             text = "" if self.provenance is None else self.provenance.text()
             file = McapFile(path, list(self.columns), self.units, text, cut=not self.complete)
             for first in range(0, len(table), 1000):
                 file.take(table[first : first + 1000].tobytes())
             file.close(text)
-        elif path.suffix == ".parquet":
+        else:
             written, cut = self.to_arrow(), {} if self.complete else {CUT: "true"}
             written = written.replace_schema_metadata({**(written.schema.metadata or {}), **cut})
             from pyarrow import parquet
 
             parquet.write_table(written, path)
-        else:
-            raise UsageError(f"{path}: expected one of {', '.join(ROWS)}")
 
 
 def read_recording(path: str | Path) -> RecordedRun:

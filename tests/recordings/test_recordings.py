@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -171,6 +172,23 @@ def test_a_copy_of_a_recording_that_was_cut_off_is_not_complete(suffix: str, rec
         source = replace(read_recording(of(recorded, ".csv")), complete=complete)
         source.write(tmp_path / f"{complete}{suffix}")
         assert read_recording(tmp_path / f"{complete}{suffix}").complete is complete
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet"])
+def test_a_file_that_cannot_be_written_is_named_and_not_left_torn(suffix: str, recorded: Path, tmp_path: Path) -> None:
+    found = read_recording(of(recorded, ".csv"))
+    found.write(str(tmp_path / f"text{suffix}"))
+    assert len(read_recording(tmp_path / f"text{suffix}")) == len(found)
+    with pytest.raises(UsageError, match=f"run{suffix}: cannot be written: .*No such file or directory"):
+        found.write(tmp_path / "none" / f"run{suffix}")
+    program = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000));"
+        "from haptic_fieldbus import read_recording; read_recording(sys.argv[1]).write(sys.argv[2])"
+    )
+    words = [sys.executable, "-c", program, str(of(recorded, ".csv")), str(tmp_path / f"full{suffix}")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert re.search(f"UsageError: .*full{suffix}: cannot be written: .*File too large", done.stderr)
+    assert not list(tmp_path.glob("full*"))
 
 
 def test_a_full_disk_leaves_no_complete_recording(tmp_path: Path) -> None:
