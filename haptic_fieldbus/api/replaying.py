@@ -1,15 +1,18 @@
 """A recording as a regression test of a controller: its feedback through today's cycle, period by period."""
 
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from haptic_fieldbus.api.provenance import repeated
 from haptic_fieldbus.assessing.result import Result, Trace
 from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.selection import load, select
-from haptic_fieldbus.recordings.reading import RecordedRun, read_recording
+from haptic_fieldbus.recordings.reading import RecordedRun, check_rows, read_recording
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -18,6 +21,7 @@ if TYPE_CHECKING:  # most runs change nothing
 
 SENT = (Signal.CONTROLWORD.value, Signal.TARGET_TORQUE.value)
 """Columns that went to the drives."""
+RAW = "the raw value of a drive"
 WORKSPACES = {each.length_unit: each for each in Workspace}
 """Workspaces by the unit of their positions."""
 
@@ -65,13 +69,20 @@ def compare_recording(recording: str | Path | RecordedRun) -> FirstDifference | 
     if missing:
         raise UsageError(f"{found.path}: today's plan needs {', '.join(missing)}, not recorded")
     decoded = [names.index(name) for name in decoded_columns(plan)]
+    for name in decoded_columns(plan):
+        values = found[name]
+        check_rows(found.path, name, values, (np.trunc(values) == values) & (np.abs(values) < 2.0**63), RAW)
     sent = [(names.index(name), at) for at, name in enumerate(columns(plan)) if name.rpartition(".")[2] in SENT]
     cycle = Cycle(plan)
     if changes is not None:
         changes.open(cycle)
     enabled_ns: int | None = None
     for number, row in enumerate(table.tolist()):
-        cycle.step(plan.image.input.pack(*(int(row[place]) for place in decoded)))
+        try:
+            octets = plan.image.input.pack(*(int(row[place]) for place in decoded))
+        except struct.error as error:
+            raise UsageError(f"{found.path}: row {number + 2}: {error}; expected {RAW}") from error
+        cycle.step(octets)
         now = cycle.row
         for place, at in sent:
             if row[place] != now[at]:
@@ -94,6 +105,10 @@ def shown(found: RecordedRun) -> Result:
         raise UsageError(f"{found.path}: there is nothing to draw")
     traces = []
     for name in names:
+        if f"{name}.position" not in found.columns:
+            raise UsageError(f"{found.path}: no column {name}.position, so there is nothing to draw")
+        for column in (f"{name}.position", f"{name}.command"):
+            check_rows(found.path, column, found[column], np.isfinite(found[column]), "a finite number")
         position = found[f"{name}.position"]
         workspace = WORKSPACES.get(found.units.get(f"{name}.position", ""))
         traces.append(

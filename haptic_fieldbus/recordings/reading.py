@@ -213,14 +213,26 @@ def _of(path: Path, columns: Mapping[str, Any], complete: bool) -> RecordedRun:
 
 def _csv(path: Path) -> RecordedRun:
     octets = path.read_bytes()
-    whole = octets[: octets.rfind(b"\n") + 1].decode()
+    whole = octets[: octets.rfind(b"\n") + 1].decode("utf-8-sig")
     head, _, body = whole.partition("\n")
-    names = head.split(",")
+    names = head.rstrip("\r").split(",")
+    if names[0] != "t_ns" or len({*names}) < len(names):
+        raise UsageError(f'{path}: row 1: "{head[:40]}"; expected names of columns, each once, the first of them t_ns')
     table = np.loadtxt(StringIO(body), delimiter=",", ndmin=2) if body else np.empty((0, len(names)))
     if table.shape[1] != len(names):
         raise ValueError(f"{table.shape[1]} values in a line, {len(names)} names")
     columns = {name: table[:, place] for place, name in enumerate(names)}
+    with np.errstate(invalid="ignore"):
+        rising = np.isfinite(table[:, 0]) & (np.diff(table[:, 0], prepend=-np.inf) > 0.0)
+    check_rows(path, "t_ns", columns["t_ns"], rising, "a finite time, later than that of the row before")
     return _of(path, columns, len(whole) > 0 and octets.endswith(b"\n"))
+
+
+def check_rows(path: Path, column: str, values: NDArray[Any], good: NDArray[np.bool_], expected: str) -> None:
+    """Raise UsageError for the first value of a column that is not as expected; row 1 is that of the names."""
+    if not good.all():
+        row = int(np.argmin(good))
+        raise UsageError(f"{path}: row {row + 2}, column {column}: {values[row]:g}; expected {expected}")
 
 
 def _held(path: Path) -> RecordedRun:

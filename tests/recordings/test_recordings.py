@@ -313,6 +313,65 @@ def test_what_cannot_be_compared_is_said(recorded: Path, tmp_path: Path) -> None
         compare_recording(RecordedRun(found.path, columns, found.units, found.provenance, complete=True))
 
 
+OF_A_DRAWING = "t_ns,handle.command,handle.position\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "row 1.*the first of them t_ns"),
+        ("time,position\n0,1\n1,2\n", "row 1.*the first of them t_ns"),
+        ("t_ns,t_ns\n0,1\n5,6\n", "row 1.*each once"),
+        ("t_ns,x\nnan,1\n1,2\n", "row 2, column t_ns: nan; expected a finite time"),
+        ("t_ns,x\n0,1\ninf,2\ninf,2\n", "row 3, column t_ns: inf; expected a finite time"),
+        ("t_ns,x\n1000000,1\n0,2\n", "row 3, column t_ns: 0; expected a finite time, later than"),
+    ],
+)
+def test_a_table_that_is_no_recording_names_row_and_column(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(UsageError, match=f"a.csv: {words}"):
+        read_recording(tmp_path / "a.csv")
+
+
+def test_a_table_of_another_program_is_read_with_its_mark_and_its_ends_of_lines(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbft_ns,handle.position\r\n0,2\r\n1000000,3\r\n")
+    found = read_recording(tmp_path / "a.csv")
+    assert list(found.columns) == ["t_ns", "handle.position"]
+    assert found["handle.position"].tolist() == [2.0, 3.0]
+    assert found.rows
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t_ns,handle.command\n0,1\n1000000,2\n", "no column handle.position"),
+        (OF_A_DRAWING + "0,1,2\n1000000,nan,3\n", "row 3, column handle.command: nan; expected a finite number"),
+        (OF_A_DRAWING + "0,1,inf\n1000000,1,3\n", "row 2, column handle.position: inf; expected a finite number"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said(text: str, words: str, command: Command, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    done = command("replay", str(tmp_path / "a.csv"), "--plot", str(tmp_path / "a.png"))
+    assert (done.status, re.search(words, done.err) is not None) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.nan, r"row 42, column handle\.statusword: nan; expected the raw value of a drive"),
+        (np.inf, r"row 42, column handle\.statusword: inf"),
+        (1e30, r"row 42, column handle\.statusword: 1e\+30"),
+        (0.5, r"row 42, column handle\.statusword: 0\.5"),
+        (70000.0, "row 42: .*expected the raw value of a drive"),
+    ],
+)
+def test_a_raw_value_that_no_drive_sends_is_not_compared(value: float, words: str, recorded: Path) -> None:
+    found = read_recording(of(recorded, ".csv"))
+    found["handle.statusword"][40] = value
+    with pytest.raises(UsageError, match=words):
+        compare_recording(found)
+
+
 def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
     for name, octets, message in (
         ("a.txt", b"", "expected a recording"),
