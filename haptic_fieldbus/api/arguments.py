@@ -82,13 +82,13 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     "rate": ("a number in Hz", _is_number),
     **dict.fromkeys(("duration", "fade_in", "delay"), ("a number in s", _is_number)),
     **dict.fromkeys(("mass", "damping", "coulomb", "resolution", "amplitude"), ("a number", _is_number)),
-    **dict.fromkeys(("node", "seed"), ("a whole number", _is_whole)),
+    **dict.fromkeys(("node", "seed", "sample", "steps", "chunk", "workers"), ("a whole number", _is_whole)),
     **dict.fromkeys(("force", "prove", "anonymous"), ("True or False", lambda value: isinstance(value, bool))),
     "method": ("a name or an Integrator", lambda value: _is_part(value, "numerics.integrators", "Integrator")),
     "estimator": ("a name or an Estimator", lambda value: _is_part(value, "numerics.estimators", "Estimator")),
     "hand": ("a name or a Hand", lambda value: _is_part(value, "sim.hand", "Hand")),
-    **dict.fromkeys(("drive", "bus", "zero"), ("a name", _is_name)),
-    **dict.fromkeys(("profiles", "record", "input", "file"), ("a path", lambda value: isinstance(value, PATH))),
+    **dict.fromkeys(("drive", "bus", "zero", "engine", "scheduler"), ("a name", _is_name)),
+    **dict.fromkeys(("profiles", "record", "input", "file", "out"), ("a path", lambda value: isinstance(value, PATH))),
     "faults": ("a path, random@SEED or a list of faults", _is_faults),
     # Into a list `Changes` looks itself; most runs do not import it.
     "changes": (
@@ -96,7 +96,8 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
         lambda value: isinstance(value, list | tuple) or hasattr(value, "scheduled"),
     ),
     "live": ("a Live", lambda value: hasattr(value, "follow") and hasattr(value, "begin")),
-    **dict.fromkeys(("confirm", "instruct", "announce"), ("a function", callable)),
+    **dict.fromkeys(("confirm", "instruct", "announce", "measure"), ("a function", callable)),
+    "executor": ("an Executor", lambda value: callable(getattr(value, "submit", None))),
     "progress": ("a function, True or False", lambda value: isinstance(value, bool) or callable(value)),
 }
 """Expected kind of each argument by its name: in words, and as a test. None is accepted where it is the default."""

@@ -20,12 +20,19 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import Trial, run_task
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweep_folder import Columns, Rows, Value
+from haptic_fieldbus.api.sweep_folder import NUMBERS, Columns, Rows, Value, is_value, plain
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, PlanError, SafetyTripError, UsageError
+from haptic_fieldbus.errors import (
+    DriveFaultError,
+    HapticFieldbusError,
+    PlanError,
+    SafetyTripError,
+    UsageError,
+    wrong_kind,
+)
 from haptic_fieldbus.margins.closed_loop import environment_of
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.linear import ROUNDING
@@ -430,16 +437,28 @@ def _ran(job: SweepJob, point: Point) -> Row:
         result = run_task(task_at(job, point), replace(job.trial, **asked))
     except (SafetyTripError, DriveFaultError) as error:
         known = error.result if isinstance(error.result, Result) else None
-        return {"outcome": TRIPPED, "message": str(error), **({} if known is None else _figures(job, known))}
+        return {"outcome": TRIPPED, "message": str(error), **({} if known is None else _figures(job, known, point))}
     except HapticFieldbusError as error:
         return _refused(error)
     if result.stopped is not None:  # a run takes a signal as its end, and the sweep must not take it as its figures
         raise KeyboardInterrupt(result.stopped.message)
-    return {"outcome": DONE, **_figures(job, result)}
+    return {"outcome": DONE, **_figures(job, result, point)}
 
 
-def _figures(job: SweepJob, result: Result) -> Row:
-    return dict((job.measure or run_figures)(result))
+def _figures(job: SweepJob, result: Result, point: Point) -> Row:
+    """Return the figures of a run; raises TypeError or UsageError for those of a `measure` that are no part of a row."""
+    found = (job.measure or run_figures)(result)
+    if not isinstance(found, Mapping):
+        raise wrong_kind("measure", "a mapping of figures by their names", found)
+    for name, value in found.items():
+        if not isinstance(name, str) or name in {"outcome", "message", *point}:
+            raise UsageError(
+                f"measure: figure {name!r}: expected a name that is neither outcome, message nor a parameter"
+            )
+        fits = value is None or (is_value(plain(value)) and not (isinstance(value, str) and name in NUMBERS))
+        if not fits:
+            raise wrong_kind(f"measure: {name}", "a number, a text, True, False or None", value)
+    return dict(found)
 
 
 def run_figures(result: Result) -> dict[str, Any]:

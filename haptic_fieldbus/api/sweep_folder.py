@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from haptic_fieldbus.api.arguments import KINDS
 from haptic_fieldbus.documents.edits import sync_folder
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.provenance import digest
@@ -46,6 +47,10 @@ LARGEST_COUNT = 10**9
 """Largest number of points."""
 LONGEST_LIST = 10**7
 """Largest number of values of one parameter; more belong into a hypercube."""
+LARGEST_WHOLE = 2**63 - 1
+"""Largest whole number of a column."""
+EXPECTED = {name: KINDS[name] for name in ("rate", "method", "estimator", "hand", "seed", "duration", "fade_in")}
+"""Expected kinds of the values of the parameters that are arguments of `run`."""
 Given = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -125,6 +130,16 @@ def _type_of(values: Iterable[Value | None]) -> str:
     return "int64" if kinds == {int} else "float64"
 
 
+def plain(value: Any) -> Any:
+    """Return a number of NumPy, also in an array of its own, as one of Python; anything else as it is."""
+    return value.item() if hasattr(value, "item") and getattr(value, "size", 1) == 1 else value
+
+
+def is_value(value: object) -> bool:
+    """Return whether a column can hold a value: a number, a text, True or False."""
+    return isinstance(value, float | str) or (isinstance(value, int) and abs(value) <= LARGEST_WHOLE)
+
+
 def _values(name: str, given: Any) -> tuple[Value, ...]:
     """Return the values of a parameter as plain numbers, texts, True and False; raises TypeError for others."""
     if not isinstance(name, str) or not name:
@@ -133,11 +148,13 @@ def _values(name: str, given: Any) -> tuple[Value, ...]:
         raise wrong_kind(f"points: {name}", "a list of values", given)
     if isinstance(given, Sized) and len(given) > LONGEST_LIST:
         raise UsageError(f"points: {name}: {len(given)} values; expected at most {LONGEST_LIST}")
-    plain = tuple(each.item() if hasattr(each, "item") else each for each in given)
-    for each in plain:
-        if not isinstance(each, int | float | str):
+    found = tuple(map(plain, given))
+    for each in found:
+        if not is_value(each):
             raise wrong_kind(f"points: {name}", "a number, a text, True or False", each)
-    return plain
+        if name in EXPECTED and not EXPECTED[name][1](each):
+            raise wrong_kind(f"points: {name}", EXPECTED[name][0], each)
+    return found
 
 
 def _hypercube(columns: Mapping[str, tuple[Any, ...]], sample: int, seed: int) -> SweepPoints:
@@ -261,9 +278,9 @@ class SweepFolder:
 
         arrays, types = {}, {**self.points.types, **TYPES}
         for name, values in {**self.points.columns(*self.bounds(chunk)), **rows}.items():
-            plain = [each.item() if hasattr(each, "item") else each for each in values]
-            wanted = types.get(name) or _type_of(plain)
-            texts = plain if wanted != "string" else [each if each is None else str(each) for each in plain]
+            known = [*map(plain, values)]
+            wanted = types.get(name) or _type_of(known)
+            texts = known if wanted != "string" else [each if each is None else str(each) for each in known]
             arrays[name] = pyarrow.array(texts, type=getattr(pyarrow, wanted)())
         table = pyarrow.table(arrays).replace_schema_metadata({METADATA: self.digest})
         _write_whole(self.file(chunk), lambda new: parquet.write_table(table, new))

@@ -165,6 +165,24 @@ def test_a_measure_that_fails_ends_the_sweep() -> None:
         sweep("wall", {"seed": [1, 2]}, engine="full", duration=0.05, measure=wrong, workers=1)
 
 
+@pytest.mark.parametrize(
+    ("figures", "words"),
+    [
+        (3, "measure: expected a mapping of figures"),
+        ({"outcome": 1.0}, "measure: figure 'outcome': expected a name that is neither"),
+        ({"seed": 7}, "measure: figure 'seed'"),
+        ({4: 7}, "measure: figure 4"),
+        ({"felt": [1.0, 2.0]}, "measure: felt: expected a number"),
+        ({"felt": np.ones(2)}, "measure: felt: expected a number"),
+        ({"felt": 2**80}, "measure: felt: expected a number"),
+        ({"growth": "much"}, "measure: growth: expected a number"),
+    ],
+)
+def test_figures_that_are_no_part_of_a_row_name_the_measure(figures: Any, words: str) -> None:
+    with pytest.raises((TypeError, UsageError), match=words):
+        sweep("wall", {"seed": [1]}, engine="full", duration=0.05, measure=lambda _: figures, workers=1)
+
+
 def test_a_measure_that_cannot_be_sent_says_so_before_it_runs() -> None:
     with pytest.raises(UsageError, match=r"measure: cannot be sent to another process.*or workers=1"):
         sweep("wall", {"seed": [1, 2]}, engine="full", duration=0.05, measure=lambda _: {}, workers=2)
@@ -243,11 +261,36 @@ def test_what_no_point_could_have_is_refused_before_anything_is_computed(
         ({"wall.stiffness": "600"}, "points: wall.stiffness: expected a list of values"),
         ({"wall.stiffness": [None]}, "points: wall.stiffness: expected a number"),
         ({1: [1.0]}, "expected the name of a parameter"),
+        ({"wall.stiffness": [2**80]}, "points: wall.stiffness: expected a number"),
+        ({"wall.stiffness": np.ones((2, 2))}, "points: wall.stiffness: expected a number"),
+        ({"rate": ["fast"]}, r"points: rate: expected a number in Hz, not 'fast' \(str\)"),
+        ({"method": ["rk4", 3]}, r"points: method: expected a name or an Integrator, not 3 \(int\)"),
+        ({"estimator": [3.0]}, "points: estimator: expected a name"),
     ],
 )
 def test_points_of_the_wrong_kind_name_the_argument(points: Any, words: str) -> None:
     with pytest.raises(TypeError, match=words):
         sweep("wall", points)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"executor": 3}, "executor: expected an Executor, not 3"),
+        ({"sample": 2.5}, "sample: expected a whole number"),
+        ({"steps": "9"}, "steps: expected a whole number, not '9'"),
+        ({"chunk": 1.5}, "chunk: expected a whole number"),
+        ({"workers": 1.5}, "workers: expected a whole number"),
+        ({"out": 3}, "out: expected a path"),
+        ({"engine": []}, "engine: expected a name"),
+        ({"scheduler": 3}, "scheduler: expected a name"),
+        ({"engine": "full", "measure": 3}, "measure: expected a function"),
+    ],
+    ids=str,
+)
+def test_options_of_the_wrong_kind_name_the_argument(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(TypeError, match=rf"sweep\(\) {words}"):
+        sweep("wall", {"wall.stiffness": [600.0]}, **given)
 
 
 # The engine `loop`.
