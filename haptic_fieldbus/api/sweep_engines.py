@@ -446,7 +446,7 @@ def _ran(job: SweepJob, point: Point) -> Row:
 
 
 def _figures(job: SweepJob, result: Result, point: Point) -> Row:
-    """Return the figures of a run; raises TypeError or UsageError for those of a `measure` that are no part of a row."""
+    """Return the figures of a run; raises TypeError or UsageError for those of a `measure` that no row can hold."""
     found = (job.measure or run_figures)(result)
     if not isinstance(found, Mapping):
         raise wrong_kind("measure", "a mapping of figures by their names", found)

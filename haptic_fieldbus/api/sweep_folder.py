@@ -248,6 +248,15 @@ class SweepFolder:
                 left.unlink(missing_ok=True)
         return found
 
+    @classmethod
+    def known(cls, path: Path) -> "SweepFolder":
+        """Return a folder as its manifest tells; raises UsageError for a folder without one."""
+        found = _manifest(path)
+        asked = found["inputs"]["points"]
+        values = {name: asked["values"][name] for name in found["names"]}
+        points = SweepPoints(asked["kind"], values, found["points"], found["inputs"]["seed"])
+        return cls(path, points, found["chunk"], found["digest"])
+
     @property
     def chunks(self) -> range:
         return range(-(-self.points.count // self.chunk))
@@ -287,9 +296,11 @@ class SweepFolder:
 
 
 def _manifest(path: Path) -> dict[str, Any]:
-    """Return the content of a manifest; raises UsageError for a folder without one."""
+    """Return the content of a manifest; raises UsageError for a folder without one, and for one that is damaged."""
     try:
         found = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        if not all(type(found[key]) is int and found[key] > 0 for key in ("points", "chunk")):
+            raise ValueError
         return {key: found[key] for key in ("digest", "points", "chunk", "names", "units", "inputs")}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(f"{path}: no {MANIFEST} of a sweep ({type(error).__name__})") from None
@@ -317,10 +328,10 @@ class Sweep:
 
     @classmethod
     def read(cls, path: str | Path) -> "Sweep":
-        """Return the sweep of a folder, complete or not; raises UsageError when it is none."""
-        found = _manifest(Path(path))
-        count = -(-found["points"] // found["chunk"])
-        whole = len([*Path(path).glob("chunk-*.parquet")]) == count
+        """Return the sweep of a folder, complete or not; raises UsageError when it is none, and without pyarrow."""
+        require("pyarrow", "data")
+        found, folder = _manifest(Path(path)), SweepFolder.known(Path(path))
+        whole = all(map(folder.is_whole, folder.chunks))
         names, units = tuple(found["names"]), found["units"]
         return cls(Path(path), found["inputs"]["engine"], found["points"], names, whole, units=units)
 
@@ -329,16 +340,21 @@ class Sweep:
         require("pyarrow", "data")
         from pyarrow import parquet
 
-        for file in sorted(self.path.glob("chunk-*.parquet")):
-            with parquet.ParquetFile(file) as opened:
+        folder = SweepFolder.known(self.path)
+        for chunk in filter(folder.is_whole, folder.chunks):
+            with parquet.ParquetFile(folder.file(chunk)) as opened:
                 known = opened.schema_arrow.names
                 yield opened.read(columns=None if columns is None else [name for name in columns if name in known])
 
     def to_arrow(self, columns: Sequence[str] | None = None) -> "pyarrow.Table":
-        """Return all rows as one table of Arrow; raises UsageError without pyarrow."""
+        """Return all rows as one table of Arrow, empty before the first chunk; raises UsageError without pyarrow."""
         tables = list(self.tables(columns))
         import pyarrow
 
+        if not tables:
+            types = SweepFolder.known(self.path).points.types | {name: TYPES[name] for name in ("outcome", "message")}
+            fields = [(name, getattr(pyarrow, kind)()) for name, kind in types.items() if name in (columns or types)]
+            return pyarrow.schema(fields).empty_table()
         return pyarrow.concat_tables(tables, promote_options="permissive")
 
     def to_frame(self) -> "pandas.DataFrame":

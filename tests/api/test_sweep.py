@@ -548,6 +548,31 @@ def test_a_measure_is_known_again_by_another_process_and_by_the_constants_that_i
     assert told(1.0) == told(1.0) != told(2.0)
 
 
+def test_a_folder_that_is_damaged_is_read_up_to_what_is_whole(tmp_path: Path) -> None:
+    out, points = tmp_path / "out", {"wall.stiffness": np.linspace(1.0, 3000.0, 40), "rate": [1000]}
+    whole = rows(sweep("wall", points, out=out, chunk=10, workers=1))
+    chunks = sorted(out.glob("chunk-*.parquet"))
+    stray = out / "chunk-000009.parquet"
+    stray.write_bytes(chunks[0].read_bytes())
+    assert (Sweep.read(out).complete, rows(Sweep.read(out))) == (True, whole)
+    chunks[1].write_bytes(chunks[1].read_bytes()[:100])
+    found = Sweep.read(out)
+    assert not found.complete
+    assert rows(found) == whole[:10] + whole[20:]
+    assert sum(found.outcomes.values()) == 30
+    for each in chunks:
+        each.unlink()
+    found = Sweep.read(out)
+    assert found.to_arrow().schema.names == ["wall.stiffness", "rate", "outcome", "message"]
+    assert [str(each) for each in found.to_arrow().schema.types] == ["double", "int64", "string", "string"]
+    assert (len(found.to_frame()), found.stable_fraction) == (0, None)
+    manifest = json.loads((out / "manifest.json").read_text())
+    for key, value in (("chunk", 0), ("chunk", "x"), ("points", 0)):
+        (out / "manifest.json").write_text(json.dumps(manifest | {key: value}))
+        with pytest.raises(UsageError, match=r"no manifest\.json of a sweep"):
+            Sweep.read(out)
+
+
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     points = {"wall.stiffness": [400.0]}
