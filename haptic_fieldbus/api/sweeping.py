@@ -30,6 +30,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_DURATION,
     DEFAULT_ENGINE,
     DEFAULT_FADE_IN,
+    DEFAULT_HAND,
     DEFAULT_NODE,
     DEFAULT_SEED,
     DEFAULT_STEPS,
@@ -38,13 +39,13 @@ from haptic_fieldbus.documents.own_parts import OwnName, content_digest
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, require
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.planning.request import LARGEST_SEED, LONGEST, Task
+from haptic_fieldbus.planning.request import LONGEST, Task, check_fade_in, check_request
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.running.ending import SIGNALS, EndSignals, ended_by_signals
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.hand import Hand, hand_named
 
 if TYPE_CHECKING:
     from haptic_fieldbus.numerics.estimators import Estimator
@@ -330,8 +331,11 @@ def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest
         raise UsageError(f"bus {found.bus.text}: a sweep runs simulated drives alone; expected sim")
     if asked.engine == "full" and not 0.0 < trial.duration <= LONGEST:
         raise UsageError(f"duration {exactly(trial.duration)}: expected a time above 0 s, at most {exactly(LONGEST)} s")
-    if not 0 <= trial.seed <= LARGEST_SEED:
-        raise UsageError(f"seed {trial.seed}: expected a whole number from 0 to {LARGEST_SEED}")
+    check_request(rate=task.rate, seed=trial.seed, duration=LONGEST)
+    check_fade_in(trial.fade_in)
+    hand_named(trial.hand or DEFAULT_HAND)
+    if twice := sorted({*points.values} & {*(task.settings or {})}):
+        raise UsageError(f"{', '.join(twice)}: given both as a setting and as points; expected one of them")
     part = {} if found.part is None else {found.part: dict(task.settings or {})[found.part]}
     own = replace(
         task, scene=found.scene, rig=found.rig, settings=part, drive=None, bus=None, node=DEFAULT_NODE, zero=None

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.cli.options import (
     OF_A_VIEW,
@@ -20,6 +21,9 @@ from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import percent, rounded
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.api.sweep_folder import Sweep
 
 POINTS = "Points"
 TOLD = ("points", "computed", "wall_s", "loop_steps_per_s", "stable_fraction", "outcomes")
@@ -88,12 +92,19 @@ def sweep(options: SweepOptions) -> None:
     before = f", {there} of them before" if there else ""
     speed = f", {rounded(found.loop_steps_per_s / 1e6)} million steps a second" if found.loop_steps_per_s else ""
     lines = [("points", f"{found.points}{before}, in {rounded(found.wall_s or 0.0)} s{speed}")]
-    lines += [(name, str(count)) for name, count in found.outcomes.items() if name != "done" and count]
-    share = found.stable_fraction
-    lines += [] if share is None else [("stable", f"{percent(share)} of the points that were not refused")]
+    told_of = ((name, count) for name, count in found.outcomes.items() if name != "done" and count)
+    lines += [(name, f"{count}; {_first_message(found, name)}") for name, count in told_of]
+    share, good = found.stable_fraction, "not tripped" if found.engine == "full" else "stable"
+    lines += [] if share is None else [(good, f"{percent(share)} of the points that were not refused")]
     lines += [("rows", str(found.path))]
     lines += [] if options.plot is None else [("plot", str(options.plot))]
     show(lines)
+
+
+def _first_message(found: "Sweep", outcome: str) -> str:
+    """Return the first line of the message of the first point with an outcome."""
+    rows = (row for table in found.tables(("outcome", "message")) for row in table.to_pylist())
+    return "first: " + str(next(row["message"] for row in rows if row["outcome"] == outcome)).partition("\n")[0]
 
 
 def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
@@ -132,6 +143,7 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
 
     if (
         how not in ([], ["log"])
+        or not all(map(isfinite, ends))
         or not 0 < count <= LONGEST_LIST
         or (how and not drawn and not all(each > 0.0 for each in ends))
     ):

@@ -47,6 +47,13 @@ def test_a_sample_and_refused_points_are_told(command: Command, tmp_path: Path) 
         (("--grid", "rate"), '--grid "rate": expected NAME=LO:HI:N'),
         (("--grid", "rate=1:2"), '--grid "rate=1:2": expected NAME=LO:HI:N'),
         (("--grid", "rate=0:2:3:log"), '--grid "rate=0:2:3:log": expected'),
+        (("--grid", "rate=1:inf:3"), '--grid "rate=1:inf:3": expected'),
+        (("--grid", "rate=nan:2", "--sample", "3"), '--grid "rate=nan:2": expected'),
+        (
+            ("--grid", "wall.stiffness=1:2:3", "--set", "wall.stiffness=5"),
+            "wall.stiffness: given both as a setting and",
+        ),
+        (("--grid", "wall.stiffness=1:2:3", "--rate", "0"), "rate 0: expected a rate above 0"),
         (("--grid", "rate=1:2:1e9"), '--grid "rate=1:2:1e9": expected'),
         (("--grid", "rate=1:2:3", "--grid", "rate=1:2:3"), "--grid rate: given twice"),
         (("--grid", "rate=1:2:3", "--sample", "3"), '--grid "rate=1:2:3": expected NAME=LO:HI, or'),
@@ -108,3 +115,13 @@ def test_a_sweep_that_is_stopped_goes_on(ending: int, status: int, tmp_path: Pat
     assert "Traceback" not in process.communicate(timeout=60.0)[1]
     assert process.returncode == status
     assert not Sweep.read(tmp_path / "rows").complete
+
+
+def test_the_reason_of_a_refusal_is_told_and_a_run_is_not_called_stable(command: Command, tmp_path: Path) -> None:
+    grid = ("--grid", "wall.stiffness=100,90000", "--engine", "full", "--duration", 0.1, "--workers", 1)
+    lines = dict(printed(command("sweep", "wall", *grid, "--out", tmp_path / "a").out))
+    assert lines["refused"].startswith("1; first: ")
+    assert "exceeds the limit" in lines["refused"]
+    lines = dict(printed(command("sweep", "wall", *grid, "--out", tmp_path / "b", "--force").out))
+    assert "stable" not in lines
+    assert lines["not tripped"].endswith("of the points that were not refused")
