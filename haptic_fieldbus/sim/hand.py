@@ -10,8 +10,9 @@ On a linear mechanism, hand and handle move in metres. On a rotary one the hand 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 from haptic_fieldbus.documents.own_parts import entry_point_names, foreign_part
 from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
@@ -141,12 +142,31 @@ GROUP = "haptic_fieldbus.hands"
 """Entry points of other packages; each names a `Hand`."""
 
 
+QUICKEST = 1e9
+"""Largest rate of a motion that can be simulated [1/s]."""
+
+
 def hand_faults(hand: Hand) -> Iterator[str]:
     """Yield each reason why a hand cannot be simulated."""
+    if not isinstance(hand.name, str) or not hand.name or HANDS.get(hand.name, hand) != hand:
+        yield f"name is {hand.name!r}; expected a text that no shipped hand has"
+    pieces = hand.pieces if isinstance(hand.pieces, Sequence) else (hand.pieces,)
+    if strange := [each for each in pieces if not isinstance(each, Piece)]:
+        yield f"pieces has {strange[0]!r}; expected objects of Piece"
+        return
+    for part in (hand, *pieces):
+        for name, value in vars(part).items():
+            if name not in ("name", "pieces") and not (
+                isinstance(value, Real) or (value is None and name == "release")
+            ):
+                yield f"{name} is {value!r}; expected a number"
+                return
     for name, zero in (("mass", False), ("stiffness", False), ("damping", True), ("angular_frequency", True)):
         value = getattr(hand, name)
         if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
             yield f"{name} is {value}; expected a finite number {'from 0 up' if zero else 'above 0'}"
+    if hand.mass > 0.0 and not max(hand.damping / hand.mass, math.sqrt(abs(hand.stiffness) / hand.mass)) <= QUICKEST:
+        yield f"mass is {hand.mass}; expected more: with damping and stiffness it moves at more than {QUICKEST:g} 1/s"
     starts = [piece.start for piece in hand.pieces]
     if starts != sorted(set(starts)) or any(start < 0.0 for start in starts):
         yield f"its pieces start at {starts} s; expected times from 0 up, each later than the one before"

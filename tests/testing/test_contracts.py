@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptic_fieldbus import UsageError, run
 from haptic_fieldbus.numerics.estimators import ESTIMATORS, estimator_named
 from haptic_fieldbus.numerics.estimators.estimator import EstimatorSetup
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -224,12 +225,26 @@ def test_a_method_that_breaks_a_clause_is_told(changes: dict[str, Any], fault: s
         ({"pieces": (Piece(1.0, 2.0), Piece(0.5, 2.0))}, "each later than the one before"),
         ({"pieces": (Piece(0.0, float("nan")),)}, "not a finite number"),
         ({"release": -1.0}, "release is -1.0 s"),
+        ({"release": "1"}, "release is '1'; expected a number"),
+        ({"name": "push"}, "name is 'push'; expected a text that no shipped hand has"),
+        ({"name": 3}, "name is 3; expected a text"),
+        ({"mass": "1"}, "mass is '1'; expected a number"),
+        ({"mass": 1e-300}, "mass is 1e-300; expected more"),
+        ({"pieces": ((0.0, 1.0),)}, "pieces has (0.0, 1.0); expected objects of Piece"),
+        ({"pieces": None}, "pieces has None; expected objects of Piece"),
+        ({"pieces": (Piece("0", 1.0),)}, "start is '0'; expected a number"),  # type: ignore[arg-type]
     ],
 )
 def test_a_hand_that_cannot_be_simulated_is_told(changes: dict[str, Any], fault: str) -> None:
     with pytest.raises(AssertionError) as caught:
         check_hand(replace(Hand("mine"), **changes))
     assert fault in str(caught.value)
+
+
+@pytest.mark.parametrize("changes", [{"mass": "1"}, {"mass": 1e-300}, {"pieces": ((0.0, 1.0),)}], ids=str)
+def test_a_run_refuses_a_hand_that_the_check_refuses(changes: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=r'hand "mine": (mass|pieces) '):
+        run("wall", duration=0.01, hand=replace(Hand("mine"), **changes))
 
 
 @pytest.mark.parametrize(
