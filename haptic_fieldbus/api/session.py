@@ -22,7 +22,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
-from haptic_fieldbus.errors import UsageError, wrong_kind
+from haptic_fieldbus.errors import UnstableSceneError, UsageError, wrong_kind
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.planning.live_changes import Change
@@ -217,7 +217,12 @@ class LiveSession:
         """
         if self._run is not None:
             raise UsageError("this session has been used; make a new one")
-        self._run, place = prepare_run(self._task, self._trial, share=self._share)
+        try:
+            self._run, place = prepare_run(self._task, self._trial, share=self._share)
+        except UnstableSceneError as error:
+            if isinstance(self._task.scene, Scene) and isinstance(self._task.scene.elements[0], OwnEffort):
+                error.args = (str(error).replace(f"--set {EFFORT}.", ""),)  # it has arguments, no parameters
+            raise
         self._aside = not self._run.plan.simulated
         self._steps = self._run.steps(place, self._caller)
         self._advance()

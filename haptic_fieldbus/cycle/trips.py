@@ -15,6 +15,7 @@ from haptic_fieldbus.planning.limits import HELD_POWER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import raising
 from haptic_fieldbus.scenes.own_faults import blamed
+from haptic_fieldbus.scenes.registry import kind_of
 from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import LinkFlag
 
@@ -207,7 +208,9 @@ def _not_finite(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _scene_failed(trip: Trip, axis: AxisPlan) -> Told:
-    return f"the scene failed: {trip.detail}", "Correct the element; `haptic-fieldbus scenes check` tests it."
+    known = all(kind_of(type(element)) for element in axis.elements)
+    advice = "Correct the element; `haptic-fieldbus scenes check` tests it." if known else "Correct its code."
+    return f"the scene failed: {trip.detail}", advice
 
 
 def _start(trip: Trip, axis: AxisPlan) -> Told:

@@ -354,3 +354,17 @@ def test_a_parameter_that_is_set_has_a_name() -> None:
         next(live)
         with pytest.raises(TypeError, match=r"set\(\) name: expected a name such as wall\.stiffness"):
             live.set(3, 1.0)  # type: ignore[arg-type]
+
+
+def test_the_advice_for_an_effort_names_the_arguments_of_a_session() -> None:
+    with pytest.raises(UnstableSceneError) as refused:
+        session(effort=lambda feedback: -1e5 * feedback.position, stiffness=1e5, duration=0.1).__enter__()
+    assert re.search(r"(^|\W)stiffness=\d", str(refused.value))
+    assert "--set" not in str(refused.value)
+    with (
+        pytest.raises(SafetyTripError) as failed,
+        session(effort=lambda feedback: 1 / 0, stiffness=10.0, duration=0.1) as live,
+    ):
+        list(live)
+    assert "Correct its code." in str(failed.value)
+    assert "scenes check" not in str(failed.value)
