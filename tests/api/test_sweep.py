@@ -99,6 +99,15 @@ def test_random_walls_on_random_benches_have_the_verdicts_of_single_ones() -> No
     assert kinds == {"passive", "stable", "unstable"}
 
 
+def test_growth_has_the_free_handle_beside_the_contact() -> None:
+    """Outside of a damped wall the handle decays by its own friction, exp(-b·T/m) a period, and more slowly."""
+    group = judge_scene(Task("damped_wall", settings={"wall.damping": 100.0})).group
+    plant = group.members[0].plant
+    (row,) = rows(sweep("damped_wall", {"wall.damping": [100.0]}, workers=1))
+    assert row["growth"] == pytest.approx(math.exp(-plant.damping * group.period / plant.mass), rel=1e-9)
+    assert row["growth"] > stability("damped_wall", settings={"wall.damping": 100.0}).spectral_radius
+
+
 def test_other_scenes_have_a_plan_a_point_and_the_bench_is_a_parameter() -> None:
     points = {"sprung_mass.mass": [0.05, 2.0], "rig.handle.viscous_damping": [1e-6, 1e-4]}
     found = rows(sweep("sprung_mass", points, workers=1))
