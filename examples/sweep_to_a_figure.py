@@ -16,6 +16,7 @@ found = sweep(
     "wall",
     {"wall.stiffness": np.geomspace(10.0, 30000.0, 60), "wall.damping": np.linspace(0.0, 20.0, 40)},
     out=Path(folder.name, "walls"),
+    workers=1,  # with more, a script on Windows or macOS needs `if __name__ == "__main__":`
 )
 print(f"{found.points} points, {found.stable_fraction or 0.0:.0%} of them stable")
 
@@ -30,6 +31,7 @@ stable = frame[frame["verdict"] != "unstable"].groupby("wall.damping")["wall.sti
 print(f"without damping stable up to {stable.iloc[0]:.0f} N/m, with 20 N·s/m up to {stable.iloc[-1]:.0f} N/m")
 
 # %% The same points as simulated loops, which grow where the verdict says unstable
-loops = sweep("wall", {"wall.stiffness": np.geomspace(800.0, 3000.0, 20)}, engine="loop", steps=5000).to_frame()
+simulated = sweep("wall", {"wall.stiffness": np.geomspace(800.0, 3000.0, 20)}, engine="loop", steps=5000, workers=1)
+loops = simulated.to_frame()
 print(f"simulated loops grow from {loops[loops['grew']]['wall.stiffness'].min():.0f} N/m")
 folder.cleanup()

@@ -61,6 +61,8 @@ CONNECTING = 10.0
 """Time in which a scheduler must answer [s]."""
 AHEAD = 32
 """Chunks that an executor of somebody else holds at once."""
+FORKS = sys.platform == "linux"
+"""Whether processes begin as copies; others import the script that called once more."""
 LOOK_EVERY = 0.5
 """Time between two looks for a signal, and of a process for the one that began it [s]."""
 
@@ -99,7 +101,7 @@ class _Here(Executor):
 def _workers(count: int) -> Iterator[Executor]:
     """Yield an executor of so many processes, none of which outlives the block."""
     before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
+    context = multiprocessing.get_context("fork" if FORKS else None)
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker, initargs=(os.getpid(),))
     try:
         yield pool
@@ -138,9 +140,10 @@ def _computed(
                 raise KeyboardInterrupt
     except BrokenProcessPool as error:
         ending.resume()  # whoever ended all processes of a group has ended the sweep
+        unguarded = "" if FORKS else ', or the script lacks `if __name__ == "__main__":` before the sweep'
         raise HapticFieldbusError(
-            f"a process of the sweep was ended from outside, perhaps for lack of memory; ask again with {folder.path} "
-            "to go on"
+            f"a process of the sweep was ended from outside, perhaps for lack of memory{unguarded}; ask again with "
+            f"{folder.path} to go on"
         ) from error
     finally:
         if lent:  # own processes are ended, and a pool that loses them must not meet a cancelled future (CPython 3.11)

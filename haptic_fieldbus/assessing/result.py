@@ -185,8 +185,8 @@ class Trace:
     If the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
     the force of the scene in continuous time. Otherwise (real drives, short runs) `position` is decoded, `force` is
     commanded, and `ideal` is None. `times` and the arrays over it have the shape `(n_times,)`. A simulated run of more
-    than 30000 periods is reduced to the extremes of bins. A run on real drives keeps the last 300000 periods. A simulated
-    run that is longer than its fade-in begins with the end of it, as its error does.
+    than 30000 periods is reduced to the extremes of bins, and one that is longer than its fade-in begins after it, as
+    the error does. A run on real drives keeps the last 300000 periods.
     """
 
     axis: str

@@ -654,6 +654,23 @@ def test_a_killed_sweep_goes_on_and_leaves_no_process(chunks: int, tmp_path: Pat
     assert equal(found, sweep("wall", points, chunk=400))
 
 
+UNGUARDED = """
+import multiprocessing
+from haptic_fieldbus import sweep
+from haptic_fieldbus.api import sweeping
+sweeping.FORKS = False
+multiprocessing.set_start_method("spawn", force=True)
+sweep("wall", {"wall.stiffness": [400.0, 500.0]}, workers=2)
+"""
+
+
+@pytest.mark.thorough("starts processes that import the script again")
+def test_a_script_without_a_guard_is_told_of_it_where_processes_import_it(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=False)
+    assert 'or the script lacks `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
+
+
 class Lost:
     """Sends Ctrl-C where Python takes no exception: a KeyboardInterrupt there is printed and forgotten."""
 
