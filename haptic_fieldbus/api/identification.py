@@ -158,7 +158,8 @@ def identify(
     found = found.with_warnings(*_contradictions(fit, bench.stated))
     kept = identified_of(
         fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
-        planned_delay=float(f"{bench.planned_delay:.6g}"),
+        planned_delay=float(f"{bench.planned_delay:.6g}"), axis=bench.name, simulated=bench.bus.only_simulated,
+        bus=bench.bus.route,
     )  # fmt: skip
     if write and bench.own_bus:
         found = _written(found, bench, kept)
@@ -197,6 +198,7 @@ class _Bench:
         plan = self._plan(axis)
         self.profile = plan.axes[0].profile.name
         self.planned_delay = plan.axes[0].delay.transport + plan.axes[0].delay.torque_loop
+        self.bus = plan.rig.bus[axis.bus]
         self.serial: int | None = None
         self.announced = _announced(task, self.name, axis, plan.axes[0], plan.period)
         told = self.announced
@@ -442,7 +444,7 @@ def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterat
 # The rig file.
 
 
-def identified_of(fit: ShaftFit, axis: RigAxis, **conditions: str | float | int | None) -> Identified:
+def identified_of(fit: ShaftFit, axis: RigAxis, /, **conditions: str | float | int | None) -> Identified:
     """Return what a rig keeps of a fit: its values, or its resonance; `conditions` are more keys of `Identified`."""
     resonance = float(f"{fit.resonance.value:.4g}") if fit.resonance else None
     date = datetime.now().astimezone().isoformat(timespec="seconds")

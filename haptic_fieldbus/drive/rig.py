@@ -214,6 +214,11 @@ class BusSection:
         return False
 
     @property
+    def only_simulated(self) -> bool:
+        """True when its drives are simulated, and no real bus is meant."""
+        return (self.simulated or self.rehearsed) and not self.stands_for_real
+
+    @property
     def lateness(self) -> float:
         """Time by which the simulated host of a simulated bus may be late in a period [s]."""
         return 0.0
@@ -222,6 +227,11 @@ class BusSection:
     def wires(self) -> str:
         """Key that distinguishes one pair of wires from another."""
         return f"{self.interface}:{self.channel}"
+
+    @property
+    def route(self) -> str:
+        """Wires and stated delay of the adapter: a delay that was measured holds for them."""
+        return self.wires
 
 
 @dataclass(frozen=True)
@@ -388,6 +398,13 @@ class Identified(Table):
     """Largest speed of the motor in the measurement [rad/s]."""
     residual_counts: fields.NonNegativeFloat | None = None
     """Motion that the fit leaves unexplained, root mean square [counts]."""
+    axis: Annotated[str, Len(1)] | None = field(default=None, repr=False)
+    """Name of the axis at the measurement; on another one no value counts. None: a table of an earlier version."""
+    simulated: bool = field(default=False, repr=False)
+    """True: measured on a simulated bus; on a real one no value counts."""
+    bus: Annotated[str, Len(1)] | None = field(default=None, repr=False)
+    """Interface, channel and adapter at the measurement. With others the longest delay of the profile counts too. None:
+    a table of an earlier version, as with others."""
     resonance: fields.Frequency | None = field(default=None, repr=False)
     """Resonance of an elastic shaft [Hz]. With it there is no measured value, and no limit is known unless
     `simulation.coupling` states the shaft."""

@@ -208,7 +208,7 @@ def draft_axis(
         rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
         position_steps(profile, axis),
     )
-    bench = with_evidence(known_bench(axis, profile), axis, simulated=rig.bus[axis.bus].simulated)
+    bench = with_evidence(known_bench(rig, scene_axis.name, profile), axis, simulated=rig.bus[axis.bus].simulated)
     protocol, plant = _protocol(profile, rig, axis), plant_of(bench, axis, profile, steps)
     capped = forced or bool(cap_reason(profile, axis, bench.unknown))
     limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)
@@ -251,8 +251,7 @@ def has_shipped_values(rig: Rig, name: str) -> bool:
     """Return whether an axis has the values of the shipped bench on a simulated bus; they are then exact."""
     axis, section = rig.axis[name], rig.bus[rig.axis[name].bus]
     shipped = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
-    is_simulated = (section.simulated or section.rehearsed) and not section.stands_for_real
-    return not rig.source and is_simulated and _bench_values(axis) == _bench_values(shipped)
+    return not rig.source and section.only_simulated and _bench_values(axis) == _bench_values(shipped)
 
 
 def _bench_values(axis: RigAxis) -> tuple[object, ...]:

@@ -9,13 +9,15 @@ twice the interval of 95 % is 4.8. So no correlation has to be known.
 
 Delay and lag are taken together, as they were measured: their sum decides, and one of them is long where the other is
 short. What the plan expected at the measurement is kept beside them (`planned_delay`). The difference is the share of
-drive and computer. At another rate or on another bus it is added to what the plan then expects, if it is not negative.
+drive and computer. At another rate it is added to what the plan then expects, if it is not negative. With another
+adapter, or with another stated delay of it, it is not made shorter, and the longest delay of the profile counts too.
 Without it a measured delay counts only where it is longer than the longest one of the profile.
 A control tick that the profile does not call locked may have another place in the period after each start, so up to one
 more control period is open; and the host may be late.
 
-`identify` seals its table with a digest. A table without one may be written by anybody, so its values count as stated:
-the region is then that of the interval and that of a stated value together.
+`identify` seals its table with a digest, and with it the name of the axis and whether the bus was simulated. A table
+without a digest may be written by anybody, so its values count as stated: the region is then that of the interval and
+that of a stated value together.
 """
 
 import math
@@ -24,7 +26,7 @@ from dataclasses import dataclass, fields, replace
 
 from haptic_fieldbus.drive.objects import Identity, digest_of
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import MECHANICAL, Contradicted, Identified, LinearMechanism, RigAxis
+from haptic_fieldbus.drive.rig import MECHANICAL, Contradicted, Identified, LinearMechanism, Rig, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.margins.plant import COULOMB_SHARES, DAMPING_SHARES, EXACT, INERTIA_SHARES, Range
@@ -57,6 +59,8 @@ class KnownBench:
     basis: Basis
     measured: Identified | None = None
     """Measured values that count; None when none do."""
+    is_moved: bool = False
+    """True: the bus or its adapter is not that of the measurement, or that one is unknown."""
     fault: str = ""
     """Why measured values of the rig do not count; all values are then unknown. Empty if they count."""
     evidence: str = ""
@@ -72,20 +76,22 @@ class KnownBench:
         return f"no limit is known, because {why}"
 
 
-def known_bench(axis: RigAxis, profile: DriveProfile) -> KnownBench:
+def known_bench(rig: Rig, name: str, profile: DriveProfile) -> KnownBench:
     """Return the bench of an axis; a measured value takes the place of a stated one."""
-    measured = axis.identified
+    axis = rig.axis[name]
+    measured, bus = axis.identified, rig.bus[axis.bus]
     described = measured.resonance is not None and axis.simulation.coupling is not None
     if measured == Identified() or described:
         values = (axis.inertia, axis.viscous_damping, axis.coulomb_friction)
         return KnownBench(*values, (INERTIA_SHARES, DAMPING_SHARES, COULOMB_SHARES), Basis.STATED)
-    fault = _fault(axis, profile)
+    fault = _origin_fault(rig, name) or _fault(axis, profile)
     if fault:
         return KnownBench(None, None, None, (EXACT, EXACT, EXACT), Basis.STATED, fault=fault)
     (inertia, first), (damping, second), (coulomb, third) = (_known(axis, key) for key in MECHANICAL)
     is_stated = measured.viscous_damping is None or measured.digest is None
     basis = Basis.STATED if is_stated else Basis.IDENTIFIED
-    return KnownBench(inertia, damping, coulomb, (first, second, third), basis, measured)
+    is_moved = measured.bus != bus.route and not bus.stands_for_real
+    return KnownBench(inertia, damping, coulomb, (first, second, third), basis, measured, is_moved)
 
 
 def _known(axis: RigAxis, key: str) -> tuple[float | None, Range]:
@@ -103,6 +109,20 @@ def widened(value: float, interval: Range) -> Range:
     """Return the side of the region of 99.7 % that belongs to an interval of 95 % of a value that is not negative."""
     half = WIDER * max(value - interval[0], interval[1] - value)
     return max(0.0, value - half), value + half
+
+
+def _origin_fault(rig: Rig, name: str) -> str:
+    """Return why the place of the measurement lets no value count; empty if it does."""
+    measured = rig.axis[name].identified
+    if measured.simulated and not rig.bus[rig.axis[name].bus].only_simulated:
+        return "the values of [identified] were measured on a simulated bus"
+    if measured.axis not in (None, name):
+        return f"the values of [identified] were measured on the axis {measured.axis}"
+    # A table of an earlier version has no name: two that are the same were copied.
+    others = [each for each, axis in rig.axis.items() if each != name and axis.identified.digest == measured.digest]
+    if measured.axis is None and measured.digest is not None and others:
+        return f"[identified] is that of the axis {others[0]} too"
+    return ""
 
 
 def _fault(axis: RigAxis, profile: DriveProfile) -> str:
@@ -132,9 +152,12 @@ def digest_with(axis: RigAxis, measured: Identified | Contradicted) -> str:
     """Return the digest of measured values and of the values of the axis on which they rest."""
     mechanism = axis.mechanism
     ratio = mechanism.metres_per_revolution if isinstance(mechanism, LinearMechanism) else mechanism.gear_ratio
-    own = [getattr(measured, each.name) for each in fields(measured) if each.name not in ("digest", "resonance")]
+    own = [getattr(measured, each.name) for each in fields(measured) if each.repr and each.name != "digest"]
     scales = [mechanism.kind, ratio, *(getattr(axis, key) for key in SCALES)]
-    return digest_of(_text(each) for each in (*own, *scales))
+    # Keys that an earlier version did not write are in the digest only where they are given.
+    newer = [each.name for each in fields(measured) if not each.repr and each.name != "resonance"]
+    later = [f"{key} {value}" for key in newer if (value := getattr(measured, key))]
+    return digest_of(_text(each) for each in (*own, *scales, *later))
 
 
 # What an ordinary run has shown against the values of the rig.
@@ -216,15 +239,17 @@ def measured_times(bench: KnownBench, profile: DriveProfile, delay: Delay, lags:
     measured = bench.measured
     if measured is None or measured.delay_and_lag is None or measured.delay_and_lag_interval is None:
         return None
-    planned, longest = delay.transport + delay.torque_loop, delay.range[1] + lags[1]
+    planned, (shortest, longest) = delay.transport + delay.torque_loop, map(sum, zip(delay.range, lags, strict=True))
     value = measured.delay_and_lag
-    low, high = widened(value, measured.delay_and_lag_interval)
+    low, high = _, most = widened(value, measured.delay_and_lag_interval)
     if measured.planned_delay is None or measured.digest is None:  # nobody knows how much of it is the bus, or the rate
         if high <= longest:
             return None
-        low = min(low, delay.range[0] + lags[0])
+        low = min(low, shortest)
     elif abs(further := planned - measured.planned_delay) > SAME_PLAN:
         value, low, high = max(value + further, planned), low + further, max(high + further, planned)
+    if bench.is_moved:  # another adapter may be slower than its plan says
+        low, high = min(low, shortest), max(high, most, longest)
     tick = 0.0 if profile.timing.control_tick == "sync" else profile.timing.control_period
     totals = max(low - tick, 0.0), high + tick + delay.lateness
     lag = profile.torque_lag

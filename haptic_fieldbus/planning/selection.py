@@ -210,7 +210,7 @@ def plan_task(task: Task) -> Plan:
 def select(task: Task) -> Selection:
     """Load a task and check that its stability can be judged; raises DocumentError, UsageError or PlanError."""
     found = load(task)
-    benches = {name: known_bench(axis, found.profile_of(axis)) for name, axis in found.rig.axis.items()}
+    benches = {name: known_bench(found.rig, name, found.profile_of(axis)) for name, axis in found.rig.axis.items()}
     for name, bench in benches.items():
         if bench.fault:
             raise PlanError(

@@ -137,6 +137,7 @@ def test_the_rig_keeps_its_comments_and_the_next_plan_rests_on_its_table(bench: 
     assert axis.bench.fault == ""
     assert identified.planned_delay == pytest.approx(axis.delay.transport + axis.delay.torque_loop, rel=1e-5)
     assert identified.serial is None  # that of a simulated drive is drawn
+    assert (identified.axis, identified.simulated, axis.bench.is_moved) == ("handle", True, False)
     assert plan.stability is not None
     assert plan.stability.limit.basis is Basis.IDENTIFIED
     assert 0.7 * 1492.0 <= plan.stability.limit.value <= 1492.0

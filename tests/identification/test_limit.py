@@ -33,9 +33,10 @@ def limit_after(bench: Bench, measured: Identified, factor: float, rate: float) 
     )  # fmt: skip
 
     def limit_with(planned: float | None, rate: float) -> tuple[float, float]:
-        identified = replace(measured, digest=None, planned_delay=planned)
+        section = CanSection("haptic_sim", "sim")
+        identified = replace(measured, digest=None, planned_delay=planned, bus=section.route)
         own = replace(axis, identified=replace(identified, digest=digest_with(axis, identified)))
-        rig = Rig({"b": CanSection("haptic_sim", "sim")}, {"handle": own}, "rig.toml")
+        rig = Rig({"b": section}, {"handle": own}, "rig.toml")
         plan = compile_plan(scene_of(Wall("handle", 1.0)), rig, {"p": LOCKED}, rate)
         (found,) = plan.axes
         assert found.stability is not None

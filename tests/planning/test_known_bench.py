@@ -29,6 +29,7 @@ from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.explain import explain, plan_json
 from haptic_fieldbus.planning.known_bench import (
+    KnownBench,
     as_stated,
     check_measured_drive,
     digest_with,
@@ -40,7 +41,7 @@ from haptic_fieldbus.planning.known_bench import (
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import select
-from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.bus import CanSection, StandInCanSection
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.signals import Workspace
@@ -107,10 +108,16 @@ def planned(
 ) -> Plan:
     """Return the plan of a bench with these measured values, which `seal` seals as `identify` does."""
     own = replace(AXIS, identified=measured, **axis)
+    section = CanSection(bus, "sim")
     if seal and measured.digest is None and measured != Identified():
+        measured = replace(measured, bus=measured.bus or section.route)
         own = replace(own, identified=replace(measured, digest=digest_with(own, measured)))
-    rig = Rig({"b": CanSection(bus, "sim")}, {"handle": own}, source="rig.toml")
+    rig = Rig({"b": section}, {"handle": own}, source="rig.toml")
     return compile_plan(load_scene("wall"), rig, {"p": profile}, rate)
+
+
+def bench_of(axis: RigAxis, bus: str = "haptic_sim") -> KnownBench:
+    return known_bench(Rig({"b": CanSection(bus, "sim")}, {"handle": axis}), "handle", PROFILE)
 
 
 def expecting(measured: Identified, profile: DriveProfile = PROFILE, rate: float = 1000.0) -> Identified:
@@ -216,7 +223,7 @@ def test_a_table_without_a_digest_is_judged_like_stated_values() -> None:
     assert "without digest, so judged like stated values" in text
     assert "damping stated, not measured" in text
     rough = replace(measured, viscous_damping_interval=(1e-4, 5e-4))
-    assert known_bench(replace(AXIS, identified=rough), PROFILE).shares[1] == pytest.approx((0.0, 7.0 / 3.0))
+    assert bench_of(replace(AXIS, identified=rough)).shares[1] == pytest.approx((0.0, 7.0 / 3.0))
 
 
 def test_a_bench_of_which_a_value_is_varied_is_none_that_was_measured() -> None:
@@ -318,7 +325,95 @@ def test_a_measured_inertia_below_that_of_the_load_leaves_the_bench_unknown() ->
     assert axis.plant is None
 
 
+MOVED: dict[str, dict[str, Any]] = {
+    "another adapter": {"interface": "slcan"}, "another channel": {"channel": "can1"},
+    "a stated delay of the adapter": {"adapter_latency": 5e-5}, "none any more": {"adapter_latency": None},
+}  # fmt: skip
+
+
+def limit_on(section: CanSection, own: RigAxis, rate: float) -> float:
+    return limit_of(compile_plan(load_scene("wall"), Rig({"b": section}, {"handle": own}, "r"), {"p": LOCKED}, rate))
+
+
+@pytest.mark.parametrize("change", MOVED)
+@pytest.mark.parametrize(("slow", "rate"), [(2.5e-4, 1000.0), (1e-3, 250.0)])
+def test_a_delay_that_was_measured_with_another_adapter_never_raises_the_limit(
+    change: str, slow: float, rate: float
+) -> None:
+    """The true bench keeps its slow adapter, whatever the rig says of it; the oracle knows its limit."""
+    section = CanSection("socketcan", "can0", adapter_latency=slow)
+    (planned_there,) = compile_plan(
+        load_scene("wall"), Rig({"b": section}, {"handle": AXIS}, "r"), {"p": LOCKED}, rate
+    ).axes
+    delay = planned_there.delay.transport + planned_there.delay.torque_loop
+    measured = replace(told(delay_and_lag=delay), planned_delay=delay, bus=section.route)
+    own = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    moved = replace(section, **MOVED[change])
+    limit, elsewhere = limit_on(section, own, rate), limit_on(moved, own, rate)
+    true = oracle_limit(4e-5 / RATIO**2, 1e-4 / RATIO**2, delay - 1.6e-4, 1.6e-4, 1.0 / rate)
+    assert 0.7 * true < limit < true
+    assert elsewhere <= limit
+
+
+def test_on_another_adapter_and_with_an_earlier_table_the_longest_delay_of_the_profile_counts() -> None:
+    measured = expecting(told(), LOCKED)
+    (here,) = planned(replace(measured, bus="socketcan:other"), LOCKED, bus="socketcan").axes
+    times = measured_times(here.bench, LOCKED, here.delay, (1e-4, 3e-4))
+    assert times is not None
+    assert times.totals[1] == pytest.approx(here.delay.range[1] + 3e-4 + here.delay.lateness)
+    earlier = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    assert bench_of(earlier, "socketcan").is_moved
+
+
+def test_the_simulation_in_the_place_of_a_real_bus_has_its_measured_delay() -> None:
+    measured = replace(expecting(told()), bus=CanSection("socketcan", "can0").route)
+    own = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    section = StandInCanSection("haptic_sim", "sim")
+    assert not known_bench(Rig({"b": section}, {"handle": own}), "handle", PROFILE).is_moved
+
+
 # What does not count.
+
+
+def test_what_was_measured_on_a_simulated_bus_does_not_count_on_a_real_one() -> None:
+    measured = replace(told(), simulated=True)
+    sealed = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    assert bench_of(sealed).basis is Basis.IDENTIFIED
+    assert "measured on a simulated bus" in bench_of(sealed, "socketcan").fault
+    stand_in = Rig({"b": StandInCanSection("haptic_sim", "sim")}, {"handle": sealed})
+    assert "measured on a simulated bus" in known_bench(stand_in, "handle", PROFILE).fault
+    forged = replace(sealed, identified=replace(sealed.identified, simulated=False))
+    assert "was changed after the measurement" in bench_of(forged, "socketcan").fault
+
+
+def test_what_was_measured_on_a_real_bus_counts_in_a_simulation() -> None:
+    """As in `run --bus sim`; a table of an earlier version says nothing, and counts as of a real bus."""
+    measured = told()
+    sealed = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    assert [bench_of(sealed, bus).basis for bus in ("socketcan", "haptic_sim")] == [Basis.IDENTIFIED] * 2
+
+
+def test_what_was_measured_on_another_axis_does_not_count() -> None:
+    measured = replace(told(), axis="left")
+    sealed = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    assert bench_of(sealed).fault == "the values of [identified] were measured on the axis left"
+    renamed = replace(sealed, identified=replace(sealed.identified, axis="handle"))
+    assert "was changed after the measurement" in bench_of(renamed).fault
+
+
+def test_an_earlier_table_counts_unless_two_axes_have_the_same() -> None:
+    """It has no name of an axis; nobody knows which of both was measured."""
+    sealed = replace(AXIS, identified=replace(told(), digest=digest_with(AXIS, told())))
+    assert bench_of(sealed).fault == ""
+    both = Rig({"b": CanSection("haptic_sim", "sim")}, {"handle": sealed, "right": replace(sealed, node=2)})
+    assert known_bench(both, "handle", PROFILE).fault == "[identified] is that of the axis right too"
+    assert known_bench(both, "right", PROFILE).fault == "[identified] is that of the axis handle too"
+
+
+def test_the_digest_of_an_earlier_table_is_still_that_of_its_version() -> None:
+    assert digest_with(AXIS, told()) == "67d985d470bf3975"
+    assert not {"simulated", "bus"} & {each.split("=")[0] for each in str(Identified())[11:-1].split(", ")}
+
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "another profile": ({"profile": "another"}, "were measured with the profile another"),
@@ -360,9 +455,9 @@ def test_values_that_do_not_count_leave_the_bench_unknown_and_do_not_bring_back_
 def test_an_axis_that_was_changed_after_the_measurement_is_another_bench(changes: dict[str, Any]) -> None:
     measured = told()
     sealed = replace(measured, digest=digest_with(AXIS, measured))
-    assert known_bench(replace(AXIS, identified=sealed), PROFILE).fault == ""
+    assert bench_of(replace(AXIS, identified=sealed)).fault == ""
     changed = replace(AXIS, identified=sealed, **changes)
-    assert "was changed after the measurement" in known_bench(changed, PROFILE).fault
+    assert "was changed after the measurement" in bench_of(changed).fault
 
 
 @pytest.mark.parametrize("key", ["viscous_damping", "inertia_interval", "planned_delay", "serial", "rate", "date"])
@@ -372,20 +467,20 @@ def test_every_value_of_the_table_is_sealed(key: str) -> None:
     value = getattr(sealed, key)
     other = (value[0], 1.01 * value[1]) if isinstance(value, tuple) else "now" if key == "date" else 1.01 * value
     changes: dict[str, Any] = {key: other}
-    assert known_bench(replace(AXIS, identified=replace(sealed, **changes)), PROFILE).fault
+    assert bench_of(replace(AXIS, identified=replace(sealed, **changes))).fault
 
 
 def test_a_whole_number_in_the_file_is_the_same_value() -> None:
     measured = replace(told(), rate=1000.0)
     sealed = replace(measured, digest=digest_with(AXIS, measured))
-    assert known_bench(replace(AXIS, identified=replace(sealed, rate=1000)), PROFILE).fault == ""
+    assert bench_of(replace(AXIS, identified=replace(sealed, rate=1000))).fault == ""
 
 
 def test_a_stated_coupling_brings_back_the_stated_values_of_an_elastic_bench() -> None:
     elastic = Identified(resonance=25.0, date="today", digest="any")
-    bench = known_bench(replace(AXIS, identified=elastic, simulation=Mechanics(CompliantCoupling(1.0, 1e-5))), PROFILE)
-    assert bench == known_bench(AXIS, PROFILE)
-    assert known_bench(replace(AXIS, identified=elastic), PROFILE).inertia is None
+    bench = bench_of(replace(AXIS, identified=elastic, simulation=Mechanics(CompliantCoupling(1.0, 1e-5))))
+    assert bench == bench_of(AXIS)
+    assert bench_of(replace(AXIS, identified=elastic)).inertia is None
 
 
 def test_tables_that_were_sealed_before_there_was_a_resonance_still_count() -> None:
@@ -416,10 +511,10 @@ def test_a_table_that_no_measurement_writes_is_a_fault_of_the_file(attack: str) 
 
 
 def test_another_drive_is_refused_and_one_without_a_number_is_not() -> None:
-    bench = known_bench(replace(AXIS, identified=replace(told(), serial=0x1234)), PROFILE)
+    bench = bench_of(replace(AXIS, identified=replace(told(), serial=0x1234)))
     check_measured_drive("handle", bench, Identity(serial=0x1234))
     check_measured_drive("handle", bench, Identity())
-    check_measured_drive("handle", known_bench(AXIS, PROFILE), Identity(serial=9))
+    check_measured_drive("handle", bench_of(AXIS), Identity(serial=9))
     with pytest.raises(PlanError, match=r"serial number 0x00001234, this drive has 0x00000009"):
         check_measured_drive("handle", bench, Identity(serial=9))
 
@@ -433,8 +528,8 @@ def test_what_was_measured_fills_what_the_rig_leaves_out() -> None:
 
 
 def test_an_unmeasured_bench_has_no_line_of_measured_values() -> None:
-    assert not [*measured_texts(known_bench(AXIS, PROFILE))]
+    assert not [*measured_texts(bench_of(AXIS))]
     only = Identified(inertia=5e-5, inertia_interval=(4.9e-5, 5.1e-5))
-    assert [*measured_texts(known_bench(replace(AXIS, identified=only), PROFILE))] == [
+    assert [*measured_texts(bench_of(replace(AXIS, identified=only)))] == [
         "inertia 5e-5 kg·m² ± 2 %; date unknown; without digest, so judged like stated values"
     ]

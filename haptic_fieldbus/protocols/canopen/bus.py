@@ -96,6 +96,10 @@ class CanSection(BusSection):
         """Key that distinguishes one pair of wires from another: the same channel name may exist on several hosts."""
         return f"{super().wires}{sorted(self.arguments.items())}"
 
+    @property
+    def route(self) -> str:
+        return f"{self.wires}, adapter_latency {self.adapter_latency}"
+
 
 @dataclass(frozen=True)
 class StandInCanSection(CanSection):

@@ -66,6 +66,10 @@ class ModbusSection(BusSection):
         return self.jitter or 0.0
 
     @property
+    def route(self) -> str:
+        return f"{self.wires}, round_trip {self.round_trip}"
+
+    @property
     def address(self) -> tuple[str, int]:
         """Host and port of a TCP bus, port 0 for a free one of a host of drives; raises UsageError for none."""
         host, colon, port = self.channel.rpartition(":")
