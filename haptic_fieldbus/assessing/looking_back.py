@@ -8,7 +8,8 @@ leaves much more.
 
 A hand that only holds the handle adds inertia and damping, and no window shows it. Therefore a value that is larger
 than the known one says nothing, and a smaller one contradicts it. The delay is the longest one that is open: a
-longer delay makes the damping that is seen larger. `WINDOWS` windows must contradict with three standard deviations.
+longer delay makes the damping that is seen larger. A damping wholly below 0 shows a hand that moves the handle, so its
+window does not count. `WINDOWS` windows must contradict with three standard deviations.
 
 What contradicts is noted in the rig (`drive.rig.Contradicted`), and the next plan rests on it (`planning.known_bench`).
 """
@@ -111,10 +112,12 @@ def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[
         return
     inertia = 1.0 / found[0]
     wide = SPREADS * inertia * np.array([inertia * spread[0], spread[1]])
-    yield {
-        "inertia": _estimate(inertia, wide[0], "kg·m²"),
-        "viscous_damping": _estimate(-inertia * found[1], wide[1], "N·m·s/rad"),
-    }
+    damping = -inertia * found[1]
+    if damping + wide[1] >= 0.0:  # below it something moves the handle
+        yield {
+            "inertia": _estimate(inertia, wide[0], "kg·m²"),
+            "viscous_damping": _estimate(damping, wide[1], "N·m·s/rad"),
+        }
 
 
 def _estimate(value: float, half: float, unit: str) -> Estimate:

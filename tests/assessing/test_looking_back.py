@@ -66,6 +66,21 @@ def test_a_force_that_the_record_does_not_show_leaves_no_window() -> None:
     assert shown(0.01) == []
 
 
+def test_a_hand_that_drives_the_shaft_by_its_speed_shows_no_damping_of_0() -> None:
+    """A torque along the speed is a damping below 0, -4e-4 N·m·s/rad here beside 1e-4 of the bench."""
+    bench = replace(BENCH, model=replace(BENCH.model, damping=-3e-4))
+    record = conducted(Released(bench.bounds), bench, plant_of_bench(bench)).record
+    assert list(seen_values(record, bench.model.delay + bench.model.lag)) == []
+
+
+@pytest.mark.thorough("runs a bench for 20 s")
+def test_a_hand_that_shakes_the_handle_contradicts_no_correct_bench(tmp_path: Path) -> None:
+    rig = rig_for("wall", tmp_path)
+    rig.write_text(rig.read_text(encoding="utf-8").replace("[-0.1, 0.1]", "[-0.15, 0.15]"), encoding="utf-8")
+    result = run("wall", rig, hand="shake", duration=20.0, settings={"wall.stiffness": 120.0})
+    assert not any("this run shows" in each for each in result.warnings)
+
+
 def test_a_record_that_is_too_short_or_at_rest_shows_nothing() -> None:
     record = conducted(Released(BENCH.bounds), BENCH, plant_of_bench(BENCH)).record
     assert list(seen_values(replace(record, positions=record.positions[:200], torques=record.torques[:200]), 0.0)) == []
