@@ -37,8 +37,9 @@ FIRST_COUNTS, FIRST_STEPS = 16.0, 10.0
 """Smallest swing beside which a later one is judged: in counts, and in steps of the drive's torque."""
 TURN_COUNTS = 3.0
 """Way back that shows a turning point [counts]."""
-FINGER = 2
-"""Swings in a row that a tap by hand lets grow."""
+FINGER, LET_GO = 4, 2
+"""Swings in a row that a tap by hand lets grow, two as it pushes and two as it lets go; and the first ones that decay,
+which are beside swings with the finger."""
 GENTLY = {"shortest": 0.3, "share": 0.4}
 """How the handle is led to the contact and back: shortest time [s], and share of the largest speed."""
 WELL_DAMPED = 0.9
@@ -97,7 +98,7 @@ class Tapping(GuidedMotion):
         self.growth: float | None = None
         """Largest growth per period so far; None while no swing was large enough."""
         self.rests = False
-        """Whether the handle was at rest at the end of what was listened to."""
+        """Whether the handle is at rest."""
         self.periods = 0
         """Periods since the press began."""
         self._present = 0.0
@@ -150,20 +151,27 @@ class Tapping(GuidedMotion):
 
     def _listen(self, swings: Swings, least: float = 0.0) -> Stage:
         """Press until the handle is at rest, for `least` [s] at least; raises ExperimentError when a swing grows."""
-        grown = 0
+        grown, decays = 0, list[float]()
         for _ in self._until_rest(least):
             growth = swings.take(self.place)
             if growth is not None:
-                grown = grown + 1 if growth >= 1.0 else 0
-                # A finger that taps again lets one or two swings grow.
-                if not grown or grown > (FINGER if self.by_hand else 0):
-                    self.growth = max(growth, self.growth or 0.0)
-            if self.grew:
-                raise ExperimentError(f"a swing was {rounded(growth or 0.0)} times as large as the one a period before")
+                grown, decays = (grown + 1, []) if growth >= 1.0 else (0, [*decays, growth])
+                if grown > (FINGER if self.by_hand else 0):
+                    self.growth = growth
+                    raise ExperimentError(f"a swing was {rounded(growth)} times as large as the one a period before")
+            if self.rests:  # the next tap by hand has swings of its own
+                self._keep(swings, decays)
+                swings.turns.clear()
+                grown, decays = 0, []
             yield self.press
             self._check()
-        if swings.is_large:
-            self.growth = self.growth or 0.0
+        self._keep(swings, decays)
+
+    def _keep(self, swings: Swings, decays: list[float]) -> None:
+        """Keep the largest growth of the swings of a tap; of one by hand, those after the finger has gone."""
+        free = decays[LET_GO:] or decays[-1:] if self.by_hand else decays
+        if free or swings.is_large:
+            self.growth = max([self.growth or 0.0, *free])
 
     def _swings(self, begin: float | None = None) -> Swings:
         return Swings(self.bounds.resolution, self.least, begin)
@@ -177,8 +185,8 @@ class Tapping(GuidedMotion):
             still += 1
             if abs(self.place - anchor) > moved:
                 still, anchor = 0, self.place
-            if still >= resting and number >= round(least / period):
-                self.rests = True
+            self.rests = still >= resting
+            if self.rests and number >= round(least / period):
                 return
             yield
 

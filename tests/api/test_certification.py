@@ -185,6 +185,14 @@ def test_a_bench_is_tapped_by_hand_up_to_the_limit_and_by_pulses_above_it(bench:
     assert found.onset is not None
 
 
+def test_a_finger_on_the_shipped_bench_is_no_growth() -> None:
+    """At 1000 Hz, where a swing at the limit takes 0.18 s; the onset is twice the limit there."""
+    found = certify(CertifyTask(Task("wall"), by_hand=True, share=0.5), confirm=lambda question: True)
+    assert found.contacts[-1].stiffness == pytest.approx(0.5 * found.predicted, rel=0.01)
+    assert found.seen == found.contacts[-1].stiffness
+    assert all(each.by_hand for each in found.contacts)
+
+
 # What ends a certificate.
 
 

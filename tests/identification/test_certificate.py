@@ -21,7 +21,11 @@ STEP = 0.004
 
 
 class Contact(Experiment):
-    """Taps and the wall that they tap, as the loop adds them."""
+    """Taps and the wall that they tap, as the loop adds them; a finger beside them."""
+
+    finger = 0.0
+    """Strength of the finger, as a share of the press."""
+    listened = 0
 
     def __init__(self, taps: Tapping, stiffness: float) -> None:
         super().__init__(taps.bounds)
@@ -36,14 +40,21 @@ class Contact(Experiment):
         self.stage, self.done = self.taps.stage, self.taps.done
         side = math.copysign(1.0, self.taps.press)
         depth = max(side * (position - self.taps.surface), 0.0)
-        return asked - side * self.stiffness * depth
+        self.listened += self.stage == "tap"
+        pushes = any(0 <= self.listened - at < 50 for at in (2000, 4100, 4600))
+        return asked - side * self.stiffness * depth + (self.finger * self.taps.press if pushes else 0.0)
 
 
-def tapped(bench: Bench, stiffness: float, side: float = 1.0) -> tuple[Tapping, Course]:
+def laid(bench: Bench, stiffness: float, side: float = 1.0) -> Tapping:
     model = bench.model
     taps = Tapping(bench.bounds, model.inertia, model.coulomb, model.delay + model.lag)
     taps.surface, taps.press = side * SURFACE, side * min(0.9 * bench.effort, 0.4 * stiffness * bench.bounds.high)
     taps.least = max(taps.least, 10.0 * STEP * bench.effort / stiffness)
+    return taps
+
+
+def tapped(bench: Bench, stiffness: float, side: float = 1.0) -> tuple[Tapping, Course]:
+    taps = laid(bench, stiffness, side)
     return taps, conducted(Contact(taps, stiffness), bench, plant_of_bench(bench))
 
 
@@ -86,6 +97,38 @@ def test_a_contact_above_its_onset_ends_the_taps() -> None:
     assert "times as large as the one a period before" in taps.failure
     assert taps.done
     assert taps.effort(course.angles[-1]) == 0.0
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 0.004])
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_a_finger_that_taps_shows_the_growth_of_a_free_swing(share: float, coulomb: float) -> None:
+    """It pushes while the handle swings too, which lets single swings grow; friction only makes a growth smaller."""
+    model, age = replace(LIGHT.model, coulomb=coulomb), 0.5e-3 + LIGHT.model.delay + LIGHT.model.lag
+    stiffness = share * model.damping / age
+    taps, contact = by_hand(replace(LIGHT, model=model), stiffness)
+    assert contact.listened > 9000
+    period = 2.0 * math.pi * math.sqrt(model.inertia / stiffness)
+    expected = math.exp(-(model.damping - stiffness * age) / (2.0 * model.inertia) * period)
+    assert taps.failure == ""
+    assert taps.growth is not None
+    assert taps.growth < expected + 0.02
+    assert coulomb or taps.growth == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 1e-4])
+def test_a_contact_above_its_onset_grows_beside_a_finger_too(coulomb: float) -> None:
+    taps, _ = by_hand(replace(LIGHT, model=replace(LIGHT.model, coulomb=coulomb)), 0.3)
+    assert taps.grew
+    assert "times as large as the one a period before" in taps.failure
+
+
+def by_hand(bench: Bench, stiffness: float) -> tuple[Tapping, Contact]:
+    """Tap a contact by a finger that the record does not show."""
+    taps = laid(bench, stiffness)
+    taps.by_hand, contact = True, Contact(taps, stiffness)
+    contact.finger = 0.3
+    conducted(contact, bench, plant_of_bench(bench))
+    return taps, contact
 
 
 def test_friction_that_stops_each_swing_is_no_growth() -> None:
