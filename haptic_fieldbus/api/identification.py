@@ -400,15 +400,25 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period
 
 
 def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
-    """Return the travel [m or rad], within the position limits of the rig and around their middle."""
+    """Return the travel [m or rad] within the position limits of the rig: around the handle, or around their middle."""
     limits, ratio = axis.limits.position, axis.mechanism.ratio
     if limits is None and axis.mechanism.zero != "start":
         raise UsageError("the rig has an encoder count as zero and no limits.position; state limits.position")
     half = 0.5 * (task.travel or TURNS_WITHOUT_LIMITS * 2.0 * math.pi * ratio)
     low, high = limits or (-half, half)
     wanted = min(high - low, task.travel or math.inf, LONGEST_TRAVEL * ratio)
-    middle = 0.5 * (low + high)
-    return middle - 0.5 * wanted, middle + 0.5 * wanted
+    if axis.mechanism.zero != "start":
+        middle = 0.5 * (low + high)
+        return middle - 0.5 * wanted, middle + 0.5 * wanted
+    first = min(max(-0.5 * wanted, low), high - wanted)
+    if not first + MARGIN * wanted < 0.0 < first + (1.0 - MARGIN) * wanted:
+        unit = axis.mechanism.workspace.length_unit
+        raise UsageError(
+            f"limits.position of the rig goes from {in_unit(low, unit)} to {in_unit(high, unit)}, and the handle is at "
+            "0 when the drive is enabled; expected room to both sides. State an encoder count as mechanism.zero, or "
+            "limits around 0"
+        )
+    return first, first + wanted
 
 
 def _part(record: ShaftRecord, stages: list[str], stage: str) -> ShaftRecord:

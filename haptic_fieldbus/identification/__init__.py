@@ -37,7 +37,9 @@ class Announcement:
     def lines(self) -> Iterator[str]:
         """Yield what will move, how far, how fast and how strongly."""
         low, high = (in_unit(each, self.length_unit) for each in (self.low, self.high))
-        begin = "from where it is; put it in the middle of its travel" if self.from_start else "by the rig's zero"
+        back = in_unit(-self.low, self.length_unit)
+        place = f"from where it is; put it where it can go {back} back and {high} ahead"
+        begin = place if self.from_start else "by the rig's zero"
         yield f"axis {self.axis}: the handle moves by itself, from {low} to {high} {begin}; keep hands off"
         yield (
             f"at most {in_unit(self.effort, self.effort_unit)} ({percent(self.share)} of rated torque) and "

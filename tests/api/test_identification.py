@@ -266,7 +266,31 @@ def test_the_bounds_of_a_task_stay_inside_those_of_the_rig(bench: Path) -> None:
     wide = bounds_of(BenchTask(bench, travel=5.0, effort=500.0, speed=50.0))
     assert (wide.low, wide.high, wide.effort, wide.speed) == pytest.approx((-0.02, 0.06, 2.0, 0.3))
     narrow = bounds_of(BenchTask(bench, travel=0.02))
-    assert (narrow.low, narrow.high) == pytest.approx((0.01, 0.03))
+    assert (narrow.low, narrow.high) == pytest.approx((-0.01, 0.01)), "around the handle, which is at 0 then"
+    assert "it can go 0.02 m back and 0.06 m ahead" in next(wide.lines())
+    far = bounds_of(BenchTask(bench, travel=0.07))
+    assert (far.low, far.high) == pytest.approx((-0.02, 0.05))
+
+
+def test_a_travel_from_an_encoder_zero_is_around_the_middle_of_the_limits(bench: Path) -> None:
+    text = rig_text().replace("0.05 }", "0.05, zero = 7 }").replace("[-0.1, 0.1]", "[0.0, 0.1]")
+    bench.write_text(text, encoding="utf-8")
+    told = bounds_of(BenchTask(bench, travel=0.02))
+    assert (told.low, told.high) == pytest.approx((0.04, 0.06))
+
+
+@pytest.mark.parametrize("limits", ["[0.0, 0.1]", "[-0.1, 0.0]", "[-0.004, 0.1]"])
+def test_a_handle_that_begins_at_an_end_of_its_travel_is_refused(bench: Path, limits: str) -> None:
+    bench.write_text(rig_text().replace("[-0.1, 0.1]", limits), encoding="utf-8")
+    with pytest.raises(UsageError, match="expected room to both sides"):
+        bounds_of(BenchTask(bench))
+
+
+@pytest.mark.thorough("measures a bench whose handle is near an end of its travel")
+def test_a_handle_that_begins_beside_the_middle_is_measured(bench: Path) -> None:
+    found = measured(bench, rig_text().replace("[-0.1, 0.1]", "[-0.02, 0.06]"))
+    assert fit_of(found).values["inertia"].value == pytest.approx(4e-5, rel=0.02)
+    assert max(0.05 / (2.0 * math.pi) * abs(each) for record in found.records for each in record.positions) < 0.06
 
 
 @pytest.mark.parametrize(
