@@ -15,6 +15,8 @@ from haptic_fieldbus.numerals import exactly, percent, rounded
 
 LARGEST_SHARE = 0.3
 """Half width of the interval of the ratio, of its value, up to which it says something."""
+SMALLEST_GEAR, LARGEST_GEAR = 2.0, 500.0
+"""Ratios of a gear that a rig may leave out; a smaller one is rather a torque that is wrong."""
 TOLERANCE = 0.1
 """Share by which a ratio may miss the factor of a slip: masses are weighed, and seldom sit at the very handle."""
 
@@ -57,6 +59,7 @@ class ScaleCheck:
                 yield slip
 
     def _factors(self) -> Iterator[tuple[float, str]]:
+        """Yield factors, each with the slip that makes it."""
         yield 0.25, "encoder_counts_per_revolution states lines; it is four times as many counts"
         yield 4.0, "encoder_counts_per_revolution is four times too large; it may be lines that were multiplied twice"
         yield 1e-3, "rated_torque or torque_constant is a thousand times too small; it may be mN·m divided twice"
@@ -64,9 +67,14 @@ class ScaleCheck:
         if self.gear is not None and not math.isclose(self.gear, 1.0):
             yield self.gear**4, f"mechanism.gear_ratio is the wrong way round; it is {exactly(1.0 / self.gear)}"
             yield self.gear**2, "mechanism.gear_ratio states a gear that is not between motor and handle; it is 1"
-        if self.gear == 1.0:
-            value, *_ = self.ratio
-            yield value, f"mechanism.gear_ratio leaves out a gear; it is {rounded(math.sqrt(1.0 / value), 2)}"
+
+    def _others(self) -> Iterator[str]:
+        """Yield what any ratio can be."""
+        value, *_ = self.ratio
+        yield f"if gear and counts are right, the motor gives {rounded(1.0 / value, 2)} times the stated torque"
+        gear = math.sqrt(1.0 / value)
+        if self.gear == 1.0 and SMALLEST_GEAR <= gear <= LARGEST_GEAR:
+            yield f"mechanism.gear_ratio leaves out a gear; it is {rounded(gear, 2)}"
 
     def text(self) -> str:
         """Return the result in one sentence."""
@@ -77,9 +85,7 @@ class ScaleCheck:
         found = f"the added mass was measured {rounded(value)} times as large as it is (± {spread})"
         if self.is_right:
             return f"{found}: torque, gear and counts of the rig agree with it"
-        named = list(self.slips()) or [
-            f"if gear and counts are right, the motor gives {rounded(1.0 / value, 2)} times the stated torque"
-        ]
+        named = list(self.slips()) or self._others()
         return f"{found}: {'; or '.join(named)}"
 
     def to_json(self) -> dict[str, object]:

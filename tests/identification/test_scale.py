@@ -45,6 +45,17 @@ def test_a_slip_is_named_by_its_factor(ratio: float, gear: float | None, words: 
     assert found.to_json()["ratio"] == pytest.approx(ratio)
 
 
+@pytest.mark.parametrize(("torque", "gear"), [(1.0 / 0.7, None), (0.5, None), (1.5, None), (9.0, 3.0), (49.0, 7.0)])
+def test_a_direct_drive_is_told_the_torque_and_a_gear_only_where_there_are_such_gears(
+    torque: float, gear: float | None
+) -> None:
+    """A motor that gives `torque` times the stated one is beside a gear with the root of it; gears begin at 2."""
+    text = check(1.0 / torque, 1.0).text()
+    assert "the motor gives" in text
+    assert ("leaves out a gear" in text) == (gear is not None)
+    assert gear is None or f"leaves out a gear; it is {gear:g}" in text
+
+
 @pytest.mark.parametrize("gear", [None, 1.0, 4.0])
 def test_a_rig_that_agrees_with_the_mass_is_told_so(gear: float | None) -> None:
     found = check(1.04, gear)
