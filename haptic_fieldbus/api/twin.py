@@ -24,9 +24,10 @@ from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.identification.twin import COUNT_SCALES, HoldingHand, RunFit, RunRecord, fit_run
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.known_bench import SCALES
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import load
-from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.protocols.catalogue import load_profile, load_rig, own_profile
 from haptic_fieldbus.recordings.reading import RecordedRun, read_recording
 from haptic_fieldbus.sim.hand import grip, hand_named
 
@@ -112,7 +113,7 @@ def twin(
     with repeated(found.provenance, simulated=False) as (task, conditions):
         plan = load(task).plan
     held = _hand_of(found, hand, free)
-    recorded = _axis_of(found, plan, base, axis)
+    recorded = _axis_of(found, plan, base, axis, profiles)
     name, own = recorded.name, base.axis[recorded.name]
     shipped = default_axis(own.mechanism.workspace, bus=own.bus, node=own.node, profile=own.profile)
     inertia, damping, friction = (getattr(own, key) or getattr(shipped, key) for key in MECHANICAL)
@@ -155,18 +156,24 @@ def _hand_of(found: RecordedRun, hand: str | None, free: Sequence[tuple[float, f
     return origin.conditions.hand
 
 
-def _axis_of(found: RecordedRun, plan: Plan, base: Rig, axis: str | None) -> AxisPlan:
+def _axis_of(found: RecordedRun, plan: Plan, base: Rig, axis: str | None, profiles: str | Path | None) -> AxisPlan:
     """Return the axis that is fitted; raises UsageError unless recording and rig have it, with the same scales."""
     shared = {each.name: each for each in plan.axes if each.name in base.axis}
     name = axis or (next(iter(shared)) if len(shared) == 1 else "")
     if name not in shared:
         raise UsageError(f'--axis "{name}": expected an axis of recording and rig: {", ".join(shared) or "none"}')
-    for key in ("encoder_counts_per_revolution", "mechanism", "rated_torque"):
+    stated = load_profile(own_profile(base.axis[name].profile, profiles)).name
+    if stated != shared[name].profile.name:
+        raise UsageError(
+            f"axis.{name}.profile of the rig is {stated}, that of the recorded run {shared[name].profile.name}; "
+            "expected the same bench"
+        )
+    for key in ("mechanism", *SCALES):
         if getattr(base.axis[name], key) != getattr(shared[name].rig, key):
             raise UsageError(f"axis.{name}.{key} of the rig is not that of the recorded run; expected the same bench")
-    missing = [each for each in ("position", "target torque", "statusword") if f"{name}.{each}" not in found.columns]
-    if missing or shared[name].integrates:
-        raise UsageError(f"{found.path}: expected rows of {name} with position, target torque and statusword")
+    needed = ("position", "target torque", "statusword", "flags")
+    if shared[name].integrates or any(f"{name}.{each}" not in found.columns for each in needed):
+        raise UsageError(f"{found.path}: expected rows of {name} with {', '.join(needed[:-1])} and {needed[-1]}")
     return shared[name]
 
 

@@ -130,12 +130,21 @@ def test_a_recording_that_tells_nothing_is_refused_with_the_reason(bench: Hidden
     other = replace(bench.stated, axis={"handle": replace(axis, mechanism=LinearMechanism("linear", 0.1))})
     still = replace(minute, columns={**minute.columns, "handle.statusword": 0.0 * minute["handle.statusword"]})
     less = replace(minute, columns={key: value for key, value in minute.columns.items() if "target" not in key})
+
+    def with_axis(**changes: object) -> Rig:
+        return replace(bench.stated, axis={"handle": replace(axis, **changes)})  # type: ignore[arg-type]
+
+    flagless = replace(minute, columns={key: value for key, value in minute.columns.items() if "flags" not in key})
     for found, rig, axis_name, words in (
         (replace(minute, provenance=None), bench.stated, None, "no provenance"),
         (minute, other, None, "axis.handle.mechanism of the rig is not that of the recorded run"),
         (minute, bench.stated, "knob", "expected an axis of recording and rig: handle"),
         (still, bench.stated, None, "was never enabled"),
-        (less, bench.stated, None, "expected rows of handle with position, target torque and statusword"),
+        (less, bench.stated, None, "expected rows of handle with position, target torque, statusword and flags"),
+        (flagless, bench.stated, None, "expected rows of handle with position, target torque, statusword and flags"),
+        (minute, with_axis(profile="generic_cia402_modbus"), None, "handle.profile of the rig is .* expected the same"),
+        (minute, with_axis(torque_constant=0.123), None, "axis.handle.torque_constant of the rig is not that"),
+        (minute, with_axis(peak_current=12.3), None, "axis.handle.peak_current of the rig is not that"),
     ):
         with pytest.raises(UsageError, match=words):
             twin(found, rig, axis=axis_name)
