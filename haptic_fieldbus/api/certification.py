@@ -26,7 +26,7 @@ from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.margins.closed_loop import with_parameters
 from haptic_fieldbus.numerals import in_unit, percent, rounded_down
 from haptic_fieldbus.planning.limits import BEYOND_SHARE
-from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.session import Session
@@ -95,6 +95,7 @@ class _TappedBench:
     def __init__(
         self, asked: CertifyTask, confirm: Question | None, above: Question | None, instruct: Tell | None
     ) -> None:
+        check_request(rate=asked.task.rate, seed=asked.seed)
         if not 0.0 < asked.share <= LARGEST_SHARE:
             raise UsageError(f"--share {asked.share}: expected a number above 0, up to {LARGEST_SHARE}")
         self._asked, self._confirm, self._above, self._instruct = asked, confirm, above, instruct

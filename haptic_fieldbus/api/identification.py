@@ -32,7 +32,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.known_bench import digest_with
 from haptic_fieldbus.planning.limits import SPEED_LIMIT
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.loop import Caller
@@ -186,6 +186,7 @@ class _Bench:
         progress: Tell | None = None,
     ) -> None:  # fmt: skip
         self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
+        check_request(rate=task.rate, seed=task.seed)
         _check_skipped(task)
         self.rig, self.name = _one_axis(task)
         self.without, self._added = _without_mass(task, self.name, self.rig.axis[self.name])
@@ -373,8 +374,8 @@ def _without_mass(task: BenchTask, name: str, axis: RigAxis) -> tuple[Estimate |
             f"{' and '.join(named)}: expected {wanted} alone, in {unit}: axis {name} is {axis.mechanism.kind}"
         )
     added, before = named[wanted], axis.identified
-    if not added > 0.0:
-        raise UsageError(f"{wanted} {added}: expected a number above 0")
+    if not 0.0 < added < math.inf:
+        raise UsageError(f"{wanted} {added}: expected a finite number above 0")
     if before.inertia is None or before.inertia_interval is None or before.digest != digest_with(axis, before):
         raise UsageError(f"{wanted}: the rig has no valid measurement without the mass; run identify without it first")
     return Estimate(before.inertia, *before.inertia_interval, "kg·m²"), added

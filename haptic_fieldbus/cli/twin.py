@@ -43,16 +43,22 @@ def twin(
     With --check, the exit status is 1 when a value changed.
     """
     from haptic_fieldbus.api.twin import twin as fit_twin
+    from haptic_fieldbus.planning.request import file_faults
 
     if out is not None and out.exists():
         raise UsageError(f"{out}: exists; move it away")
+    if out is not None and (wrong := file_faults("out", out, (out.suffix,))):
+        raise UsageError("\n".join(wrong))
     found = fit_twin(
         recording, rig, axis=axis, hand=hand, free=[_times(each) for each in free or ()], profiles=profiles
     )
     if check and not found.compared:
         raise UsageError(f"{rig}: no twin, since it has no [axis.{found.axis}.identified]")
     if out is not None:
-        out.write_text(found.text, encoding="utf-8")
+        try:
+            out.write_text(found.text, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f'out "{out}": {error.strerror}') from error
     rows = [*_rows(found, check), OutputRow("written", [] if out is None else [str(out)])]
     show_result(rows, found.to_json(), as_json=as_json)
     if check and found.changed:

@@ -68,6 +68,9 @@ def test_a_script_goes_above_the_limit_only_when_it_says_so(
 def test_exit_statuses_are_those_of_the_contract(rig: Path, command: Command) -> None:
     assert command("certify").status == 2
     assert command("certify", "wall", "--rig", rig, "--share", 1.5).status == 2
+    for rate in (0, "nan", -5):
+        ended = command("certify", "wall", "--rig", rig, f"--rate={rate}")
+        assert (ended.status, f"rate {rate}: expected a rate above 0" in ended.err) == (2, True)
     text = rig.read_text(encoding="utf-8").splitlines()
     rig.write_text("\n".join(line for line in text if not line.startswith("viscous_damping")), encoding="utf-8")
     ended = command("certify", "wall", "--rig", rig)

@@ -64,13 +64,17 @@ def test_a_part_is_skipped_and_not_announced(rig: Path, command: Command) -> Non
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
+        (("--rate", "0"), "rate 0: expected a rate above 0"),
+        (("--rate", "nan"), "rate nan: expected a rate above 0"),
         (("--skip", "motion"), "--skip motion: expected one of rest, friction, dynamics"),
         (("--skip", "friction", "--skip", "dynamics"), "nothing would be measured"),
         (("--skip", "dynamics", "--with-mass", "0.2"), "--skip dynamics: expected without an added mass"),
         (("--skip", "dynamics", "--plot", "bench.png"), "--skip dynamics: expected without --plot"),
     ],
 )
-def test_what_cannot_be_skipped_is_refused(rig: Path, command: Command, words: tuple[str, ...], complaint: str) -> None:
+def test_what_cannot_be_skipped_or_asked_is_refused(
+    rig: Path, command: Command, words: tuple[str, ...], complaint: str
+) -> None:
     ended = command("identify", "--rig", rig, *words)
     assert ended.status == 2
     assert complaint in ended.err

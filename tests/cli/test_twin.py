@@ -60,6 +60,7 @@ def test_a_change_is_told_by_text_and_status(folder: Path, tmp_path: Path, comma
         (["--free", "8:2"], "expected FROM:TO"),
         (["--free", "0:1"], "no bench can be fitted"),
         (["--hand", "glove"], 'no hand "glove"'),
+        (["--out", "no_such_folder/twin.toml"], "no folder no_such_folder"),
     ],
 )
 def test_a_request_without_sense_is_refused(words: list[str], told: str, folder: Path, command: Command) -> None:

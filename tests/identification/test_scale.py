@@ -133,7 +133,8 @@ def test_a_slip_of_a_bench_is_named(tmp_path: Path, slip: str, seed: int) -> Non
         (LINEAR, {"with_inertia": 1e-4}, "expected --with-mass alone, in kg: axis handle is linear"),
         (GEARED, {"with_mass": 0.1}, "expected --with-inertia alone, in kg·m²"),
         (LINEAR, {"with_mass": 0.1, "with_inertia": 1e-4}, "expected --with-mass alone"),
-        (LINEAR, {"with_mass": -0.1}, "expected a number above 0"),
+        (LINEAR, {"with_mass": -0.1}, "expected a finite number above 0"),
+        (LINEAR, {"with_mass": float("inf")}, "expected a finite number above 0"),
         (LINEAR, {"with_mass": 0.1}, "no valid measurement without the mass; run identify without it first"),
     ],
 )
