@@ -42,6 +42,8 @@ FINGER, LET_GO = 4, 2
 which are beside swings with the finger."""
 GENTLY = {"shortest": 0.3, "share": 0.4}
 """How the handle is led to the contact and back: shortest time [s], and share of the largest speed."""
+NEAR = 0.9
+"""Share of the lower end of the onset above which friction, and not damping, may have stopped the swings."""
 WELL_DAMPED = 0.9
 """Largest growth per period of a contact that is called well damped."""
 AGREES = 0.05
@@ -253,6 +255,14 @@ class Certificate:
         bench = "the bench is not the one that the rig describes; measure it with haptic-fieldbus identify"
         return f"the onset is {side} the predicted {in_unit(self.predicted, self.unit)}: {bench}"
 
+    @property
+    def nearness(self) -> str:
+        """Sentence about a stiffness that was seen damped and is near the onset or above it; empty without one."""
+        if self.onset is None or self.seen is None or self.seen <= NEAR * self.onset.low:
+            return ""
+        seen, low = (in_unit(each, self.unit) for each in (self.seen, self.onset.low))
+        return f"{seen} is near or above an onset of {low}: friction stopped its swings, and larger ones may grow"
+
     def rows(self) -> Iterator[OutputRow]:
         """Yield what text, JSON and picture show."""
         found, unit, told, seen = self.onset, self.unit, self.bench, self.seen
@@ -274,7 +284,7 @@ class Certificate:
         yield OutputRow("predicted", [f"onset {in_unit(self.predicted, unit)}"], "predicted", self.predicted)
         yield OutputRow("limit", [in_unit(self.limit, unit)], "limit", self.limit)
         yield OutputRow("ended by", [self.ended], "ended", self.ended)
-        yield OutputRow("warning", filter(None, [self.contradiction]), "unit", unit)
+        yield OutputRow("warning", filter(None, [self.contradiction, self.nearness]), "unit", unit)
         keys = ("stiffness", "growth", "by_hand")
         tapped = [{key: getattr(each, key) for key in keys} for each in self.contacts]
         yield OutputRow(key="contacts", value=tapped)

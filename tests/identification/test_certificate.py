@@ -187,6 +187,15 @@ def test_rows_are_a_text_and_a_json_object_of_the_same() -> None:
     assert certificate().contradiction == ""
 
 
+@pytest.mark.parametrize(("low", "told"), [(50.0, True), (110.0, True), (112.0, False)])
+def test_a_stiffness_near_the_onset_that_rests_by_friction_is_warned_of(low: float, told: bool) -> None:
+    """`seen` is 100 N/m here, and 0.9 of 111 N/m is 100."""
+    found = certificate(0.5, onset=Estimate(400.0, low, 800.0, "N/m"), predicted=400.0)
+    assert found.seen == 100.0
+    assert ("100 N/m is near or above an onset" in found.nearness) == told
+    assert any("friction stopped" in line for _, line in lines_of(list(found.rows()))) == told
+
+
 def test_a_predicted_onset_five_per_cent_beside_the_interval_is_a_contradiction() -> None:
     onset = Estimate(500.0, 450.0, 550.0, "N/m", "")
     for predicted, told in ((425.0, "above"), (430.0, ""), (520.0, ""), (575.0, ""), (583.0, "below")):
