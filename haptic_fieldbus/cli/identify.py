@@ -190,6 +190,8 @@ def certify(options: CertifyOptions) -> None:
 
     check_plot(options.plot)
     values = None if options.plot is None else options.plot.with_suffix(".json")
+    if values is not None and values.exists():
+        raise UsageError(f"{values}: exists; move it away")
     if wrong := file_faults("out", values, (".json",)):
         raise UsageError("\n".join(wrong))
     show(note_assumed_bitrate(options.bus), sys.stderr)

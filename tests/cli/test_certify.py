@@ -29,6 +29,10 @@ def test_it_is_told_as_text_and_on_a_page(rig: Path, tmp_path: Path, command: Co
         assert part in ended.out
     assert page.read_bytes().startswith(b"%PDF")
     assert f"out        {page}, page.json" in ended.out
+    before = page.with_suffix(".json").read_bytes()
+    ended = command("certify", "wall", "--rig", rig, *SLOW, "--out", page)
+    assert (ended.status, page.with_suffix(".json").read_bytes()) == (2, before)
+    assert "page.json: exists; move it away" in ended.err.replace("\n", "")
 
 
 @pytest.mark.thorough("certifies a bench")
