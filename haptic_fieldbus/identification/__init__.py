@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord
 from haptic_fieldbus.identification.scale import NOT_CHECKED, ScaleCheck
+from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 
 NOTICED = 0.01
@@ -103,7 +104,8 @@ class IdentifiedBench:
             "axis": self.axis, "values": values,
             "stribeck": {"torque": model.stribeck, "speed": model.stribeck_speed} if model and model.stribeck else None,
             "waves": [
-                dict(zip(("order", "cosine", "sine"), each, strict=True)) for each in (model.waves if model else ())
+                dict(zip(("order", "cosine", "sine"), each, strict=True))
+                for each in (noticed_waves(model) if model else ())
             ],
             "rate_hz": self.rate, "travel": [told.low, told.high], "speed": told.speed, "effort": told.effort,
             "torque": told.torque,
@@ -115,11 +117,16 @@ class IdentifiedBench:
         }  # fmt: skip
 
 
+def noticed_waves(model: ShaftModel) -> list[tuple[float, float, float]]:
+    """Return the torques that repeat with the angle and that people are told."""
+    return [each for each in model.waves if math.hypot(*each[1:]) > NOTICED * model.coulomb]
+
+
 def further_texts(fit: ShaftFit) -> Iterator[str]:
     """Yield what acts on the shaft beside Coulomb friction and damping, in words."""
     model, left = fit.model, rounded(fit.residual)
     least = NOTICED * model.coulomb
-    waves = [each for each in model.waves if math.hypot(*each[1:]) > least]
+    waves = noticed_waves(model)
     if model.stribeck > least:
         speed = in_unit(model.stribeck_speed, "rad/s")
         yield f"{in_unit(model.stribeck, 'N·m')} more friction at rest (Stribeck), which fades at {speed}"

@@ -47,7 +47,9 @@ def test_stribeck_friction_and_waves_are_told() -> None:
     assert found["waves"] == [{"order": 12.0, "cosine": 3e-3, "sine": -4e-3}]
     little = replace(model, coulomb=0.51)
     for other in (ShaftModel(1, 1, 1, 1, 1), little):
-        assert "nothing else seen above the 0.3 counts" in next(further_texts(replace(fit, model=other)))
+        hidden = replace(fit, model=other)
+        assert "nothing else seen above the 0.3 counts" in next(further_texts(hidden))
+        assert IdentifiedBench("handle", hidden, TOLD, 1000.0, 0.31, {}).to_json()["waves"] == []
 
 
 def test_json_holds_each_value_with_its_interval_and_what_the_rig_states() -> None:
