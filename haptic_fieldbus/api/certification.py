@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
+
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api.identification import FADE_IN, LONGEST, MeasuringLaw, Question, Tell, conduct, has_faded_in
 from haptic_fieldbus.assessing.looking_back import shaft_record
@@ -30,6 +32,7 @@ from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.session import Session
+from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.sim.hand import Hand, Piece
 
 TOP_SHARE, LARGEST_SHARE = 0.8, 0.9
@@ -89,6 +92,13 @@ def certify(
     return bench.certificate()
 
 
+def _holds(element: AnyElement) -> bool:
+    """Return whether an element has a stiffness against a constant push, as a mass behind a spring has not."""
+    told = element.linearised()
+    rest = np.linalg.lstsq(told.a, told.b[:, 0], rcond=None)[0] if told.order else np.zeros(0)
+    return abs(float(told.d[0, 0] - told.c[0] @ rest)) > 1e-6 * abs(float(told.d[0, 0]))
+
+
 class _TappedBench:
     """The bench of a certificate, and what its taps have told so far."""
 
@@ -105,6 +115,8 @@ class _TappedBench:
         if len(self.plan.axes) != 1 or group is None or group.stiffest is None or axis.integrates:
             raise UsageError("certify needs a scene of one axis with a stiffness, on a drive that reports its position")
         self.group, self.element, self.unit = group, group.stiffest, axis.workspace.stiffness_unit
+        if not _holds(self.element):
+            raise UsageError(f"certify needs a contact that holds a constant push; {self.element.name} gives way to it")
         self.limit, self.predicted = group.stability.limit.value, group.stability.stiffness_limit.stable or 0.0
         if not (self.limit > 0.0 and math.isfinite(self.predicted)):
             raise PlanError("certify needs a contact with a limit above 0; this scene has none on this bench")

@@ -95,6 +95,19 @@ def test_what_cannot_be_certified_is_refused(
         certify(CertifyTask(Task(scene, bench), **words))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("scene", ["sprung_mass", "damped_sprung_mass", "free_puck"])
+def test_a_mass_behind_a_spring_is_refused_because_it_gives_way(scene: str) -> None:
+    with pytest.raises(UsageError, match="gives way"):
+        certify(CertifyTask(Task(scene)))
+
+
+@pytest.mark.parametrize("scene", ["standard_linear_solid", "virtual_coupling", "wall"])
+def test_what_holds_a_push_is_tapped(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    stopping(monkeypatch)
+    with pytest.raises(SafetyTripError, match="stopped by the test"):
+        certify(CertifyTask(Task(scene)))
+
+
 def test_a_bench_without_a_known_limit_is_refused(bench: Path) -> None:
     text = bench.read_text(encoding="utf-8").splitlines()
     bench.write_text("\n".join(line for line in text if not line.startswith("viscous_damping")), encoding="utf-8")
