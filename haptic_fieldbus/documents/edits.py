@@ -120,13 +120,15 @@ MOST_HEADERS = 8
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _LINE = re.compile(r"[^\n]*\n|[^\n]+")
 _HEADER = re.compile(r"\s*\[")
+_COMMENTED = re.compile(r"""\s*([A-Za-z0-9_-]+)\s*=(?:[^"'#\n]|"[^"\\\n]*"|'[^'\n]*')*?([ \t]*#[^\r\n]*)""")
 _KEY = re.compile(r"\s*([A-Za-z0-9_-]+)\s*=")
 
 
 def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> str:
     """Return the text with only these values in the table at `path`; raises ValueError if that is impossible.
 
-    An existing table keeps its place, its comments and its inner tables; a new table is appended.
+    An existing table keeps its place, its comments and its inner tables; a new table is appended. A comment behind a
+    value goes with a key that is left out.
     """
     fault = fault_of_text(text)
     if fault:  # before it is parsed, which would take long
@@ -177,8 +179,10 @@ def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator
     for at in [place for place, line in enumerate(lines) if _is(line, header)][:MOST_HEADERS]:
         end = next((place for place in range(at + 1, len(lines)) if _HEADER.match(lines[place])), len(lines))
         kept = [line for line in lines[at + 1 : end] if not _KEY.match(line)]
+        comments = {found[1]: found[2] for line in lines[at + 1 : end] if (found := _COMMENTED.match(line))}
+        told = [f"{_line(key, value)}{comments.get(key, '')}{ending}" for key, value in values.items()]
         first = lines[at] if lines[at].endswith("\n") else lines[at] + ending
-        yield "".join([*lines[:at], first, *written, *kept, *lines[end:]])
+        yield "".join([*lines[:at], first, *told, *kept, *lines[end:]])
     gap = "" if not text or text.endswith("\n") else ending
     yield f"{text}{gap}{ending}{header}{ending}{''.join(written)}"
 

@@ -42,6 +42,20 @@ def test_a_table_that_is_there_keeps_its_place_its_comments_and_what_follows_it(
     )
 
 
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_a_comment_behind_a_value_stays_beside_its_new_value(ending: str) -> None:
+    old = [
+        "[axis.handle]",
+        "[axis.handle.proved]",
+        'guard = "a # b"  # cold grease',
+        "way = [1, 2]\t# two",
+        "old = 1 # gone",
+    ]
+    new = with_table(ending.join([*old, ""]), PATH, {"guard": "none", "way": [3.0], "more": 1.5})
+    told = ['guard = "none"  # cold grease', "way = [3.0]\t# two", "more = 1.5"]
+    assert new == ending.join([*old[:2], *told, ""])
+
+
 @pytest.mark.parametrize("text", ["[axis.handle]", "[axis.handle]\r\nnode = 1\r\n", "axis.handle.node = 1\n"])
 def test_line_endings_and_a_missing_last_one_stay(text: str) -> None:
     changed = with_table(text, PATH, {"guard": "none"})
