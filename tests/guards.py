@@ -710,6 +710,24 @@ GUARDS = {
             f"{BENCH}test_every_value_of_the_table_is_sealed",
         ),
     ),
+    "a bench that was measured on a simulated bus": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        "measured.simulated and not rig.bus[rig.axis[name].bus].only_simulated",
+        "False",
+        (f"{BENCH}test_what_was_measured_on_a_simulated_bus_does_not_count_on_a_real_one",),
+    ),
+    "a bench that was measured on another axis": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        "measured.axis not in (None, name)",
+        "False",
+        (f"{BENCH}test_what_was_measured_on_another_axis_does_not_count",),
+    ),
+    "a delay that was measured with another adapter": Guard(
+        "haptic_fieldbus/planning/known_bench.py",
+        "measured.bus != bus.route and not bus.stands_for_real",
+        "False",
+        (f"{BENCH}test_a_delay_that_was_measured_with_another_adapter_never_raises_the_limit",),
+    ),
     "a bench that was measured with another profile": Guard(
         "haptic_fieldbus/planning/known_bench.py",
         "measured.profile is not None and measured.profile != profile.name",
