@@ -712,7 +712,7 @@ GUARDS = {
     ),
     "a bench that was measured on a simulated bus": Guard(
         "haptic_fieldbus/planning/known_bench.py",
-        "measured.simulated and not rig.bus[rig.axis[name].bus].only_simulated",
+        "measured.simulated and not only_simulated(rig.bus[rig.axis[name].bus])",
         "False",
         (f"{BENCH}test_what_was_measured_on_a_simulated_bus_does_not_count_on_a_real_one",),
     ),

@@ -29,7 +29,7 @@ from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.known_bench import digest_with
+from haptic_fieldbus.planning.known_bench import digest_with, only_simulated
 from haptic_fieldbus.planning.limits import SPEED_LIMIT
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
@@ -158,7 +158,7 @@ def identify(
     found = found.with_warnings(*_contradictions(fit, bench.stated))
     kept = identified_of(
         fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
-        planned_delay=float(f"{bench.planned_delay:.6g}"), axis=bench.name, simulated=bench.bus.only_simulated,
+        planned_delay=float(f"{bench.planned_delay:.6g}"), axis=bench.name, simulated=only_simulated(bench.bus),
         bus=bench.bus.route,
     )  # fmt: skip
     if write and bench.own_bus:

@@ -214,11 +214,6 @@ class BusSection:
         return False
 
     @property
-    def only_simulated(self) -> bool:
-        """True when its drives are simulated, and no real bus is meant."""
-        return (self.simulated or self.rehearsed) and not self.stands_for_real
-
-    @property
     def lateness(self) -> float:
         """Time by which the simulated host of a simulated bus may be late in a period [s]."""
         return 0.0

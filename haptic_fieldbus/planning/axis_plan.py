@@ -16,7 +16,7 @@ from haptic_fieldbus.numerals import in_unit, percent, rounded
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import STATUSWORD, canonical
-from haptic_fieldbus.planning.known_bench import KnownBench, known_bench, with_evidence
+from haptic_fieldbus.planning.known_bench import KnownBench, known_bench, only_simulated, with_evidence
 from haptic_fieldbus.planning.limits import (
     GAP_SHARE,
     HOLDING_SHARE,
@@ -251,7 +251,7 @@ def has_shipped_values(rig: Rig, name: str) -> bool:
     """Return whether an axis has the values of the shipped bench on a simulated bus; they are then exact."""
     axis, section = rig.axis[name], rig.bus[rig.axis[name].bus]
     shipped = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
-    return not rig.source and section.only_simulated and _bench_values(axis) == _bench_values(shipped)
+    return not rig.source and only_simulated(section) and _bench_values(axis) == _bench_values(shipped)
 
 
 def _bench_values(axis: RigAxis) -> tuple[object, ...]:

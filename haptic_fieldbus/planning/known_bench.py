@@ -26,7 +26,7 @@ from dataclasses import dataclass, fields, replace
 
 from haptic_fieldbus.drive.objects import Identity, digest_of
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import MECHANICAL, Contradicted, Identified, LinearMechanism, Rig, RigAxis
+from haptic_fieldbus.drive.rig import MECHANICAL, BusSection, Contradicted, Identified, LinearMechanism, Rig, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.margins.plant import COULOMB_SHARES, DAMPING_SHARES, EXACT, INERTIA_SHARES, Range
@@ -111,10 +111,15 @@ def widened(value: float, interval: Range) -> Range:
     return max(0.0, value - half), value + half
 
 
+def only_simulated(bus: BusSection) -> bool:
+    """Return whether the drives of a bus are simulated, and no real bus is meant."""
+    return (bus.simulated or bus.rehearsed) and not bus.stands_for_real
+
+
 def _origin_fault(rig: Rig, name: str) -> str:
     """Return why the place of the measurement lets no value count; empty if it does."""
     measured = rig.axis[name].identified
-    if measured.simulated and not rig.bus[rig.axis[name].bus].only_simulated:
+    if measured.simulated and not only_simulated(rig.bus[rig.axis[name].bus]):
         return "the values of [identified] were measured on a simulated bus"
     if measured.axis not in (None, name):
         return f"the values of [identified] were measured on the axis {measured.axis}"
