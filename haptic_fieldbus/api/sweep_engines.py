@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import Trial, run_task
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweep_folder import NUMBERS, Columns, Rows, Value, is_value, plain
+from haptic_fieldbus.api.sweep_folder import NUMBERS, Columns, Rows, Value, is_value, python_value
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -455,7 +455,7 @@ def _figures(job: SweepJob, result: Result, point: Point) -> Row:
             raise UsageError(
                 f"measure: figure {name!r}: expected a name that is neither outcome, message nor a parameter"
             )
-        fits = value is None or (is_value(plain(value)) and not (isinstance(value, str) and name in NUMBERS))
+        fits = value is None or (is_value(python_value(value)) and not (isinstance(value, str) and name in NUMBERS))
         if not fits:
             raise wrong_kind(f"measure: {name}", "a number, a text, True, False or None", value)
     return dict(found)

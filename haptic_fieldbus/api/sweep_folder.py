@@ -130,7 +130,7 @@ def _type_of(values: Iterable[Value | None]) -> str:
     return "int64" if kinds == {int} else "float64"
 
 
-def plain(value: Any) -> Any:
+def python_value(value: Any) -> Any:
     """Return a number of NumPy, also in an array of its own, as one of Python; anything else as it is."""
     return value.item() if hasattr(value, "item") and getattr(value, "size", 1) == 1 else value
 
@@ -148,7 +148,7 @@ def _values(name: str, given: Any) -> tuple[Value, ...]:
         raise wrong_kind(f"points: {name}", "a list of values", given)
     if isinstance(given, Sized) and len(given) > LONGEST_LIST:
         raise UsageError(f"points: {name}: {len(given)} values; expected at most {LONGEST_LIST}")
-    found = tuple(map(plain, given))
+    found = tuple(map(python_value, given))
     for each in found:
         if not is_value(each):
             raise wrong_kind(f"points: {name}", "a number, a text, True or False", each)
@@ -287,7 +287,7 @@ class SweepFolder:
 
         arrays, types = {}, {**self.points.types, **TYPES}
         for name, values in {**self.points.columns(*self.bounds(chunk)), **rows}.items():
-            known = [*map(plain, values)]
+            known = [*map(python_value, values)]
             wanted = types.get(name) or _type_of(known)
             texts = known if wanted != "string" else [each if each is None else str(each) for each in known]
             arrays[name] = pyarrow.array(texts, type=getattr(pyarrow, wanted)())
