@@ -13,6 +13,7 @@ from haptic_fieldbus.margins import closed_loop
 from haptic_fieldbus.margins.passivity import Increments, sum_of_bounds, weight
 from haptic_fieldbus.margins.stiffness_map import (
     EVERYWHERE,
+    ROUNDED,
     Array,
     OwnLaw,
     ParallelStates,
@@ -26,6 +27,7 @@ from haptic_fieldbus.numerics.sampled import discretised, estimated
 from haptic_fieldbus.scenes.element import (
     Element,
     Interval,
+    StaticElement,
     Varying,
     abilities,
     is_dynamic,
@@ -148,14 +150,26 @@ class AxisElements:
             return self._nominal
         if set(changes) == {"stiffness"} and self._scales is not None:
             row, stiffness = self._scales
-            return self._nominal.scaled(row, changes["stiffness"] / stiffness)
+            scaled = self._nominal.scaled(row, changes["stiffness"] / stiffness)
+            if len(self.elements) == 1 or not scaled.hides(self._held):
+                return scaled
         if all(getattr(self.stiffest, name, None) == value for name, value in changes.items()):
             return self._nominal
         return self._terrain(self._changed(changes))
 
     def _terrain(self, elements: Sequence[Element]) -> StiffnessMap | None:
         varying = [self._at_places(each) for each in elements if _is_at_places(each)]
-        return terrain(varying, self.travel, self.effort) if varying else None
+        return terrain(varying, self.travel, self._held) if varying else None
+
+    @cached_property
+    def _held(self) -> float:
+        """Largest force of elements at places that the handle can rest against [N or N·m].
+
+        That of the motor, and what others give by themselves: the motor limits the sum.
+        """
+        sources = [each for each in self.elements if not ({Signal.POSITION, Signal.VELOCITY} & {*each.needs})]
+        constant = [each.force() for each in sources if isinstance(each, StaticElement) and not each.needs]
+        return self.effort + sum(map(abs, constant)) + sum(abilities(each).strongest for each in sources if each.needs)
 
     @cached_property
     def _nominal(self) -> StiffnessMap | None:
@@ -176,7 +190,7 @@ class AxisElements:
         varying = [each for each in self.elements if _is_at_places(each)]
         row = next(place for place, each in enumerate(varying) if each is element)
         changed = [doubled if each is element else self._at_places(each) for each in varying]
-        other = terrain(changed, self.travel, self.effort)
+        other = terrain(changed, self.travel, self._held)
         slopes = set(nominal.places.most_stiffness[row].tolist())  # np.unique would import numpy.ma
         if len(slopes) > MOST_PIECES and not np.array_equal(nominal.position, other.position):
             return None
@@ -230,11 +244,11 @@ class AxisElements:
         """Return position, stiffness and damping of the places where the motor can hold the handle, (n,) each."""
         if ground is None or not len(ground.position):
             return np.array([math.nan]), np.zeros(1), np.zeros(1)
-        within = ground.places.smallest_force <= self.effort * (1.0 + 1e-9)
+        within = ground.places.smallest_force <= self._held * ROUNDED
         if not within.any():
             return np.array([math.nan]), np.zeros(1), np.zeros(1)
         either = [
-            (each.sum(axis=0)[within], ground.places.damping_at(each, self.effort)[within])
+            (each.sum(axis=0)[within], ground.places.damping_at(each, self._held)[within])
             for each in (ground.places.least_stiffness, ground.places.most_stiffness)
         ]
         stiffness, damping = (np.concatenate(each) for each in zip(*either, strict=True))
@@ -261,15 +275,17 @@ class AxisElements:
         """Return the combinations of the elements with states; elements with virtual states are in each of them."""
         pairs = [(each, self._discrete(each)) for each in elements if not _is_at_places(each)]
         always = [space for each, space in pairs if is_dynamic(each)]
-        leaving = [space for each, space in pairs if space.order and not is_dynamic(each)]
-        chosen = list(product((True, False), repeat=len(leaving)))
+        leaving = [
+            (space, *(discretised(other, self.period, None) for other in abilities(each).other_regimes), None)
+            for each, space in pairs
+            if space.order and not is_dynamic(each)
+        ]
+        chosen = list(product(*leaving))
         if len(leaving) > MOST_COMBINED:
             chosen = [chosen[0], chosen[-1]]
         estimator = self.estimator if any(Signal.VELOCITY in each.needs for each in elements) else None
         return tuple(
-            ParallelStates(
-                (*always, *(space for space, is_on in zip(leaving, each, strict=True) if is_on)), self.period, estimator
-            )
+            ParallelStates((*always, *(space for space in each if space is not None)), self.period, estimator)
             for each in chosen
         )
 
@@ -277,7 +293,7 @@ class AxisElements:
         slope, damping = sum_of_bounds(beside.bounds)
         if ground is not None:
             # Other elements may hold the handle at places where the force of these alone would be cut.
-            effort = math.inf if any(each is None or any(each) for each in beside.bounds) else self.effort
+            effort = math.inf if any(each is None or any(each) for each in beside.bounds) else self._held
             slope += float(ground.between.slope(effort).max(initial=0.0))
             damping += float(ground.between.lossy_damping(effort).max(initial=0.0))
         if 0.0 < damping < math.inf:

@@ -117,6 +117,15 @@ class StiffnessMap:
     places: Survey
     find_between: Callable[[], Survey]
     """Function that computes `between`; the eigenvalues do not need it."""
+    is_open: bool = False
+    """Whether there is an interval before the first place."""
+
+    def hides(self, effort: float) -> bool:
+        """Return whether the handle may rest between two places, at neither of which it can."""
+        held = self.places.smallest_force <= effort * ROUNDED
+        # Without a limit of the travel the first interval lies before the first place.
+        may_hold = self.between.smallest_force[int(self.is_open) :][: len(held) - 1] <= effort
+        return bool(np.any(may_hold & ~held[:-1] & ~held[1:]))
 
     @cached_property
     def between(self) -> Survey:
@@ -125,7 +134,8 @@ class StiffnessMap:
 
     def scaled(self, row: int, factor: float) -> "StiffnessMap":
         """Return the same with `factor` times the force of one element."""
-        return StiffnessMap(self.position, self.places.scaled(row, factor), lambda: self.between.scaled(row, factor))
+        places = self.places.scaled(row, factor)
+        return StiffnessMap(self.position, places, lambda: self.between.scaled(row, factor), self.is_open)
 
 
 def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> StiffnessMap:
@@ -133,12 +143,58 @@ def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Sti
     lower, upper = travel
     marks = {place for each in elements for place in each.places(lower, upper, effort)}
     grid = sorted(place for place in {*marks, *travel} if lower <= place <= upper and math.isfinite(place))
+    if len(elements) > 1:
+        grid = sorted([*grid, *places_between(elements, grid, effort)])
     edges = [lower, *grid, upper]
     return StiffnessMap(
         np.array(grid),
         survey(elements, [(place, place) for place in grid]),
         lambda: survey(elements, [(low, high) for low, high in pairwise(edges) if low < high]),
+        bool(grid) and lower < grid[0],
     )
+
+
+ROUNDED = 1.0 + 1e-9
+"""Factor by which a force may be above the effort limit by rounding."""
+HALVINGS, MOST_PLACES = 24, 3000
+"""Largest number of halvings of an interval, and of places that are added by them."""
+
+
+def places_between(elements: Sequence[Varying], grid: Sequence[float], effort: float) -> list[float]:
+    """Return further places at which these elements together may rest.
+
+    The marks of each element alone say nothing of their sum. An interval between two marks in which the sum of the
+    forces may be small is halved until a place in it is found where the motor can hold the handle, or until the bounds
+    exclude one. It is also halved while its slope may be steeper than that of all places that were found.
+    """
+
+    def held_at(places: Sequence[float]) -> tuple[list[bool], float]:
+        found = survey(elements, [(place, place) for place in places])
+        held = found.smallest_force <= effort * ROUNDED
+        return held.tolist(), float(found.most_stiffness.sum(axis=0)[held].max(initial=0.0))
+
+    held, steepest = held_at(grid)
+    todo = [(*ends, any(known)) for ends, known in zip(pairwise(grid), pairwise(held), strict=True)]
+    more = list[float]()
+    for _ in range(HALVINGS):
+        bounds = survey(elements, [(low, high) for low, high, _ in todo])
+        may_hold = bounds.smallest_force <= effort * ROUNDED
+        steeper = bounds.most_stiffness.sum(axis=0) > STEEPER * steepest
+        todo = [
+            each
+            for each, may, is_steep in zip(todo, may_hold, steeper, strict=True)
+            if may and (is_steep or not each[2])
+        ]
+        if not todo or len(more) + len(todo) > MOST_PLACES:
+            break
+        middles = [0.5 * (low + high) for low, high, _ in todo]
+        held, slope = held_at(middles)
+        steepest, more = max(steepest, slope), [*more, *middles]
+        halves = zip(todo, middles, held, strict=True)
+        todo = [
+            half for (low, high, was), at, now in halves for half in ((low, at, was or now), (at, high, was or now))
+        ]
+    return more
 
 
 FLAT = 1e-12

@@ -265,6 +265,9 @@ class Abilities:
     phases: tuple[tuple[float, float], ...] = ()
     """Stiffness [N/m or N·m/rad] and damping [N·s/m or N·m·s/rad] in each phase of the element; (0, 0) for a phase
     without force. (): the linear model applies. For the margins."""
+    other_regimes: tuple[StateSpace, ...] = ()
+    """Linear models of an element with states in its other regimes, such as a tool that does not touch its wall; that
+    of `linearised` is the first one. For the margins."""
     by_event: bool = False
     """Whether the element gives force only for a while after an event, such as a crossing of a position; this force may
     come a little late. For the verdict on a run (`assessing.run_verdict`)."""

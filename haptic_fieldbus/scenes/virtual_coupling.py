@@ -88,6 +88,11 @@ class VirtualCoupling:
         """Return the tool in sustained contact with the wall."""
         return self._tool(self.wall_stiffness)
 
+    @property
+    def other_regimes(self) -> tuple[StateSpace, ...]:
+        """Model of the tool that does not touch the wall."""
+        return (self._tool(0.0),) if self.wall_stiffness else ()
+
 
 # A body of two states that is linear outside a surface and linear inside it, stepped exactly, crossings included.
 # In each of its two modes a period is exact for inputs on a straight line (`exact.foh`). The body is inside when its
