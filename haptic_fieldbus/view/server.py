@@ -394,10 +394,11 @@ class Hub(Source):
         threading.Thread(target=work, name="messages of the run", daemon=True).start()
 
     def vouch(self) -> None:
-        """Say to a run that requires a page that one is shown; called again and again."""
-        shown = sum(monotonic() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages)
-        if self.hello.get("required") and shown:
-            self._send({"pages": shown})
+        """Say to a run that requires a page that one is shown, and ask the pages; called again and again."""
+        if self.hello.get("required"):
+            if shown := sum(monotonic() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages):
+                self._send({"pages": shown})
+            self.tell({"alive": 1})  # rows may stand still for long, and a page draws nothing then
 
     def take(self, message: dict[str, Any], fd: int | None) -> None:
         """Take a message of the run and pass it on to the pages and their controls."""

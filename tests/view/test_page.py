@@ -202,6 +202,22 @@ def test_a_page_that_was_frozen_is_young_again_at_once_and_has_cost_no_memory(pa
     watcher.reader.close()
 
 
+def test_a_required_page_keeps_a_run_that_stands_still_and_ends_it_when_it_is_closed(
+    browser: webdriver.Chrome,
+) -> None:
+    """A page draws nothing in a pause, nor while a question waits at the terminal."""
+    browser.set_script_timeout(PATIENCE)
+    with serving("run", "wall", "--view-required", "--view-port", "0", "--hand", "none") as served:
+        opened(browser, served)
+        browser.execute_script("haptic.pause()")
+        until(browser, "haptic.state().paused")
+        browser.execute_async_script("setTimeout(arguments[0], 4000)")
+        assert served.process.poll() is None
+        assert browser.execute_script("return !haptic.state().ended")
+        browser.get("about:blank")
+        assert served.ended()[0] == 1
+
+
 def overflows(browser: webdriver.Chrome) -> Callable[[str], bool]:
     return lambda side: browser.execute_script(f"return document.documentElement.scroll{side} > window.inner{side}")
 

@@ -41,6 +41,7 @@ window.haptic = (() => {
   }
 
   function told(message) {
+    if (message.alive) { send({ alive: 1 }); return; }
     if (message.hello && message.hello.columns) {
       if (hello && hello.run !== message.hello.run) { hello = null; location.reload(); return; } // another run of this process
       const other = !hello || message.hello.columns.join() !== hello.columns.join();
