@@ -67,7 +67,7 @@ POLL = 0.25
 NEXT_SCENE = 0
 """Mark of an end after which another scene begins; a signal, and STOP, take its place."""
 MOST_CHANGES = 8
-"""Tasks that wait to be judged, from which on a further change is refused: judging takes time beside the loop."""
+"""Changes that wait to be judged or to begin, from which on a further one is refused: judging takes time."""
 REST, LONGEST_REST = 9.0, 0.5
 """Rest after a task, as a multiple of the time that it took, and at most [s]: the loop has most of the interpreter."""
 SEND_BUFFER = 1 << 20
@@ -340,6 +340,10 @@ class Live:
         above = [*above_limit(change.plan)]
         self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above}, known=told)
 
+    def _waiting(self) -> int:
+        """Return the number of changes that are accepted and have not begun."""
+        return 0 if self.changes is None else len(self.changes.waiting)
+
     def _begin_scene(self, reader: _Reader, name: str) -> None:
         try:
             self.check_scene(name)
@@ -416,8 +420,8 @@ class Live:
             self._shown.set()
             if self._page_seen < math.inf:
                 self._page_seen = monotonic()
-        elif name == "change" and self._tasks.qsize() >= MOST_CHANGES:
-            self._tell({"refused": "too many changes wait to be checked; try again"}, reader)
+        elif name == "change" and self._tasks.qsize() + self._waiting() >= MOST_CHANGES:
+            self._tell({"refused": f"{MOST_CHANGES} changes wait; try again when one of them has begun"}, reader)
         elif name == "change":
             self._tasks.put(lambda: self._change(reader, value))
         elif self._leading is not None:

@@ -169,6 +169,29 @@ def test_a_command_of_50_kilobytes_is_one_command() -> None:
     run_watched(watch)
 
 
+def in_the_wall(watcher: Watcher) -> None:
+    """Pull the handle into the wall, so that a change which moves the wall waits."""
+    enabled(watcher)
+    watcher.reader.send({"pull": ["handle", 0.03]})
+    watcher.row_where("handle.force", lambda value: value < -2.0)
+
+
+def test_eight_changes_wait_and_a_further_one_is_refused_until_one_has_begun() -> None:
+    def watch(watcher: Watcher) -> None:
+        in_the_wall(watcher)
+        for number in range(8):
+            watcher.reader.send({"change": {"wall.position": -0.05 - 0.001 * number}})
+            watcher.until("changed")
+        watcher.reader.send({"change": {"wall.position": -0.06}})
+        assert watcher.until("refused") == "8 changes wait; try again when one of them has begun"
+        watcher.reader.send({"pull": ["handle", -0.065]})
+        watcher.row_where("changes", lambda value: value == 1.0)
+        watcher.reader.send({"change": {"wall.position": -0.06}})
+        assert watcher.until("changed") == {"wall.position": -0.06}
+
+    assert not run_watched(watch, hand="none").trips
+
+
 def test_stop_ends_the_run_as_ctrl_c_does() -> None:
     result = run_watched(enabled)
     assert result.stopped is not None
