@@ -59,6 +59,7 @@ RING_TIME = 30.0
 LONGEST_RING = 120_000
 _IN_FILE = re.compile(r"^.*?\.toml: --set ")
 """Beginning of a refusal that only a command line needs."""
+_LONG_WORD = re.compile(r"(\S{100})\S+")
 PAGE_LOST = 1.0
 """Time without a page after which a run that requires one ends [s]."""
 FIRST_PAGE = 120.0
@@ -332,7 +333,8 @@ class Live:
                 raise UsageError("this run takes no changes")
             change = self.changes.request(settings)
         except (HapticFieldbusError, *NO_COMMAND) as error:
-            self._tell({"refused": _IN_FILE.sub("", " ".join(str(error).splitlines()))}, reader)
+            text = _IN_FILE.sub("", " ".join(str(error).splitlines()))
+            self._tell({"refused": _LONG_WORD.sub(r"\1…", text)}, reader)
             return
         told = self._describe(change.plan, self._plan or change.plan)
         # Counted in this order, so that a change which begins meanwhile is not counted twice.

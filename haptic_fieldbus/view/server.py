@@ -40,7 +40,7 @@ from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
-from haptic_fieldbus.running.ring import LiveReader, RingReader
+from haptic_fieldbus.running.ring import LONGEST_LINE, LiveReader, RingReader
 
 ASSETS = Path(__file__).parent / "assets"
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
@@ -490,10 +490,12 @@ class Hub(Source):
             self._choose(page)
         if page is self._steers:
             passed = {name: command[name] for name in STEERING if name in command}
-            if passed and may:
-                self._send(passed)
-            elif passed:
+            if passed and not may:
                 self.tell({"refused": "too many commands at once; try again"}, page)
+            elif len(json.dumps(passed)) >= LONGEST_LINE:  # the run would leave the server, and all its pages
+                self.tell({"refused": "the command is too long"}, page)
+            elif passed:
+                self._send(passed)
 
     def _choose(self, chosen: Page | None = None) -> None:
         """Let the page that was chosen steer, or else the only one; tell all of them."""

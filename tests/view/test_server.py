@@ -230,6 +230,20 @@ def test_a_wrong_value_of_a_page_leaves_the_server_with_its_run_and_the_page_ste
         page.close()
 
 
+def test_a_command_that_is_too_long_is_refused_and_a_long_name_is_cut() -> None:
+    """The run leaves a server that sends too long a line; as JSON, a letter may be six octets."""
+    with serving("demo", "--no-browser", "--port", "0") as served:
+        page = connected(served, "page")
+        begun(page)
+        page.send(json.dumps({"change": {"é" * 31_000: 1}}, ensure_ascii=False))
+        assert told(page, "refused") == "the command is too long"
+        page.send(json.dumps({"change": {"x" * 31_000: 1}}))
+        assert len(told(page, "refused")) < 1000
+        page.send('{"change": {"wall.stiffness": 700}}')
+        assert told(page, "changed") == {"wall.stiffness": 700}
+        page.close()
+
+
 def test_another_scene_is_begun_by_the_process_of_the_run_which_says_how_each_ended() -> None:
     with serving("demo", "--no-browser", "--port", "0") as served:
         page = connected(served, "page")
