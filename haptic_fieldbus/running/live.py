@@ -117,6 +117,8 @@ class _Reader:
 
     socket: socket.socket
     received: bytes = b""
+    pulls: bool = False
+    """Whether it has pulled a handle."""
 
     def send(self, message: Message, *, fd: int | None = None) -> None:
         """Send a line; a reader that does not take it is left, when the thread that receives sees its end."""
@@ -387,7 +389,7 @@ class Live:
         with self._lock:
             self._readers.remove(reader)
             reader.socket.close()
-        if self._leading is not None:
+        if self._leading is not None and reader.pulls:
             self._leading.let_go()
 
     def _read(self, reader: _Reader) -> bool:
@@ -439,6 +441,7 @@ class Live:
         elif name == "pull":
             axis, target = value
             _expect(axis in leading.handles and (target is None or math.isfinite(target)))
+            reader.pulls = True
             leading.pull(axis, target)
         elif name == "hand":
             _expect(value in HANDS)

@@ -212,6 +212,27 @@ def test_a_pointer_leads_the_handle_into_the_wall_and_lets_go() -> None:
     assert not run_watched(watch, hand="none").trips
 
 
+def test_the_handle_is_let_go_when_the_reader_that_pulled_it_leaves_and_by_no_other_one() -> None:
+    def watch(watcher: Watcher) -> None:
+        in_the_wall(watcher)
+        for pulls in (False, True):
+            other = LiveReader(folder() / f"{os.getpid()}.sock")
+            if pulls:
+                other.send({"pull": ["handle", 0.03]})
+            other.close()
+            for number in range(2):  # the second answer comes after the end of the other reader was seen
+                watcher.reader.send({"speed": 9.0 + number})
+                watcher.until("pace")
+            let_go.append(None in live._leading._asked.values() or not live._leading._pulls)  # type: ignore[union-attr]
+
+    let_go: list[bool] = []
+    with Live(described) as live:
+        live.time.set(speed=10.0)
+        with watched(live, watch):
+            run("wall", duration=LONG, live=live, hand="none")
+    assert let_go == [False, True]
+
+
 WRONG = [
     b'"pages": "x"', b'"pages": 1e999', b'"steps": 1e999', b'"speed": NaN', b'"speed": [1]', b'"hand": "foot"',
     b'"pull": 5', b'"pull": ["foot", 0.0]', b'"pull": [["handle"], 0.0]', b'"pull": ["handle", NaN]',
