@@ -446,7 +446,7 @@ class Live:
         elif name == "hand":
             _expect(value in HANDS)
             leading.take(value)
-            self._tell({"pace": self._pace()}, known=self._pace())
+            self._tell({"pace": self._pace(), "hand": value}, known=self._pace())
         elif name in PACE:
             number = PACE[name](value)
             _expect(math.isfinite(number))

@@ -443,10 +443,6 @@ class Hub(Source):
         finally:
             sender.cancel()
             self._pages.remove(page)
-            if self._steers is page:
-                self._steers = None
-                for axis in self.hello.get("axes", ()):
-                    self._send({"pull": [axis["name"], None]})
             self._choose()
             with contextlib.suppress(RuntimeError):
                 await websocket.close()
@@ -498,8 +494,12 @@ class Hub(Source):
                 self._send(passed)
 
     def _choose(self, chosen: Page | None = None) -> None:
-        """Let the page that was chosen steer, or else the only one; tell all of them."""
-        self._steers = chosen or self._steers or (self._pages[0] if len(self._pages) == 1 else None)
+        """Let the page that was chosen steer, or else the only one; tell all of them. The hand of another lets go."""
+        before, only = self._steers, self._pages[0] if len(self._pages) == 1 else None
+        self._steers = chosen or (before if before in self._pages else only)
+        if before not in (None, self._steers):
+            for axis in self.hello["axes"]:
+                self._send({"pull": [axis["name"], None]})
         for page in self._pages:
             self.tell({"steers": page is self._steers}, page)
             if page.client in self.controls:

@@ -306,6 +306,10 @@ def test_a_hand_chosen_on_the_page_takes_the_handle_and_the_pointer_takes_it_fro
     until(browser, "haptic.state().steers")  # the page before the refresh may leave late
     browser.execute_script("haptic.pull('handle', -0.03)")
     until(browser, "haptic.drawn.handle.position < -0.025")
+    browser.execute_script("haptic.send({speed: 0.5})")
+    until(browser, "haptic.state().speed === 0.5 && haptic.state().dragged")
+    browser.execute_script("haptic.send({hand: 'push'})")  # which takes the handle from the pointer
+    until(browser, "!haptic.state().dragged")
 
 
 def test_charts_show_chosen_columns_hold_measure_save_and_are_remembered(page: Page, tmp_path: Path) -> None:

@@ -156,6 +156,28 @@ def test_one_page_steers_and_others_look_until_it_leaves() -> None:
     assert "stopped by you" in err
 
 
+def test_the_hand_of_a_page_that_steers_no_more_lets_go() -> None:
+    with serving("demo", "--no-browser", "--port", "0") as served:
+        first = connected(served, "first")
+        hello = begun(first)
+        place, width = hello["columns"].index("handle.force"), len(hello["columns"])
+        first.send('{"pull": ["handle", 0.035]}')
+        second = connected(served, "second")
+        steers, forces = False, [0.0]
+        deadline = time.monotonic() + 60.0
+        while not steers or forces[-1] < -1.0:  # the first one answers no more, so that another one may take over
+            assert time.monotonic() < deadline
+            received = second.recv()
+            if isinstance(received, bytes):
+                forces.append(float(np.frombuffer(received)[2:].reshape(-1, width)[-1, place]))
+                second.send('{"ack": 1, "steer": 1}')
+            else:
+                steers = json.loads(received).get("steers", steers)
+        assert min(forces) < -1.0
+        for page in (first, second):
+            page.close()
+
+
 def test_a_page_that_stands_still_is_sent_one_picture_and_the_newest_rows_when_it_goes_on(served: Served) -> None:
     still, page = connected(served, "still"), connected(served, "page")
     still.send('{"steer": 1}')

@@ -41,6 +41,7 @@ window.haptic = (() => {
   }
 
   function told(message) {
+    if (message.hello || message.hand || message.steers === false) dragged = null; // the hand of this page has let go
     if (message.alive) { send({ alive: 1 }); return; }
     if (message.hello && message.hello.columns) {
       if (hello && hello.run !== message.hello.run) { hello = null; location.reload(); return; } // another run of this process
@@ -587,5 +588,5 @@ window.haptic = (() => {
   }
   start();
   return { send, change, meant, scene, arm, reset, copy, stop, pause, step, hold, span, theme, columns, saveCsv, savePng, pull, drawn,
-    rows: () => rows, pictures: () => pictures, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello }) };
+    rows: () => rows, pictures: () => pictures, shown: visible, state: () => ({ steers, ended, paused, speed, held: Boolean(held), marks, next, hello, dragged }) };
 })();
