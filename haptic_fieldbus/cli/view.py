@@ -1,8 +1,10 @@
 """Command `view`, and the option `--view` of `run`: a page in the browser that shows a run."""
 
 import contextlib
+import ipaddress
 import os
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -27,7 +29,6 @@ STARTING = 60.0
 VIEWED_DURATION = 3600.0
 """Duration of a run with a page and without `--duration` [s]."""
 ADDRESS = re.compile(r"http://\S+")
-EVERYWHERE = ("0.0.0.0", "::", "")
 
 
 def check_view(host: str) -> None:
@@ -35,10 +36,19 @@ def check_view(host: str) -> None:
     wrong = []
     if find_spec("nicegui") is None:
         wrong.append("the view needs nicegui; in a checkout, run: pip install '.[view]'")
-    if host in EVERYWHERE:
+    if _everywhere(host):
         wrong.append(f'host "{host}": give the address or the name of one interface of this computer')
     if wrong:
         raise UsageError("\n".join(wrong))
+
+
+def _everywhere(host: str) -> bool:
+    """Return whether an address stands for all interfaces, however it is written: "0" is 0.0.0.0."""
+    try:
+        found = socket.getaddrinfo(host or None, 0, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError):
+        return False  # no address at all; it is refused when the page is to be served there
+    return any(ipaddress.ip_address(str(each[4][0]).partition("%")[0]).is_unspecified for each in found)
 
 
 @contextmanager

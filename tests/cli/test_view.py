@@ -26,7 +26,7 @@ def test_without_nicegui_the_extra_is_named_and_all_else_works(
     assert command("run", "wall", "--duration", "0.05").status == 0
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", ""])
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "", "0", "0x0", "0.0", "::0"])
 def test_a_page_for_everybody_is_refused(host: str) -> None:
     with pytest.raises(UsageError, match="give the address or the name of one interface"):
         check_view(host)
