@@ -89,13 +89,23 @@ PACE: Mapping[str, Callable[[Any], Any]] = {"speed": float, "paused": bool, "ste
 """Commands that are arguments of `SimulatedTime.set`, and their kinds."""
 
 
+OTHER_FOLDER = "set XDG_RUNTIME_DIR to a folder of yours"
+LONGEST_FOLDER = 85
+"""Octets of the folder, with which the path of a socket is within the 104 of macOS; Linux has 108."""
+
+
 def folder() -> Path:
-    """Return the folder of the sockets, made if it is not there; raises UsageError where others may enter it."""
+    """Return the folder of the sockets, made if it is not there; raises UsageError where it cannot be used."""
     found = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"haptic-fieldbus-{os.getuid()}"
-    found.mkdir(mode=0o700, exist_ok=True)
+    try:
+        found.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{found}: {error.strerror}; {OTHER_FOLDER}") from error
     status = found.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077:
-        raise UsageError(f"{found} is not a folder of this user alone; remove it")
+        raise UsageError(f"{found} is not a folder of this user alone; remove it, or {OTHER_FOLDER}")
+    if len(os.fsencode(found)) > LONGEST_FOLDER:
+        raise UsageError(f"{found} is too long for the path of a socket; {OTHER_FOLDER}")
     return found
 
 

@@ -523,6 +523,21 @@ def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, monkeypatch: 
         folder()
 
 
+@pytest.mark.parametrize("inside", ["a file", "nowhere", "x" * 100])
+def test_a_folder_that_cannot_be_used_is_refused_with_its_path(
+    inside: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = tmp_path / inside
+    if inside != "nowhere":
+        base.mkdir()
+    if inside == "a file":
+        (base / f"haptic-fieldbus-{os.getuid()}").touch()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(base))
+    with pytest.raises(UsageError, match="set XDG_RUNTIME_DIR to a folder of yours") as refused:
+        folder()
+    assert str(base) in str(refused.value)
+
+
 def test_times_of_the_loop_are_told_in_microseconds() -> None:
     state = SimpleNamespace(power=PowerState.OPERATION_ENABLED)
     tally = SimpleNamespace(largest=0.25)
