@@ -338,6 +338,7 @@ def test_charts_show_chosen_columns_hold_measure_save_and_are_remembered(page: P
     held = browser.execute_script("return [haptic.shown().at(-1)[0], haptic.state().next]")
     until(browser, f"haptic.state().next > {held[1] + 50}")
     assert browser.execute_script("return haptic.shown().at(-1)[0]") == held[0]
+    until(browser, f"haptic.drawn.handle.t_ns > {held[0]}")  # the handle and the state go on
     chart = browser.find_element(By.CSS_SELECTOR, "canvas[data-name=position]")
     for offset in (-40, 60):
         ActionChains(browser).move_to_element_with_offset(chart, offset, 0).click().perform()

@@ -146,6 +146,7 @@ window.haptic = (() => {
     while (low < high) { const middle = (low + high) >> 1; if (time(all[middle]) < at) low = middle + 1; else high = middle; }
     return low;
   }
+  const newest = () => rows[rows.length - 1];
   const last = () => (held || rows)[(held || rows).length - 1];
   function unit(name) { return (hello.units && hello.units[name]) || ""; }
   function scaled(name) { // the unit in which a column is shown, and its factor
@@ -278,7 +279,7 @@ window.haptic = (() => {
   };
 
   function handle(canvas, axis) {
-    const [pen, width, height] = begin(canvas), row = last();
+    const [pen, width, height] = begin(canvas), row = newest();
     const [shownUnit, factor] = axis.rotary ? ["°", DEGREES] : ["mm", MM];
     words(pen, `${axis.name} [${shownUnit}]` + (axis.partner ? ` – coupled to ${axis.partner}` : ""), 12, 18, colours.ink);
     words(pen, axis.drive, width - 12, 18, colours.faint, "right");
@@ -479,7 +480,7 @@ window.haptic = (() => {
   }
 
   function facts() {
-    const row = last();
+    const row = newest();
     if (!row) return;
     const states = hello.axes.map((axis) => value(row, axis.name + ".state")), enabled = value(row, "enabled") > 0;
     const now = performance.now(), late = rows.slice(-1000).map((each) => value(each, "lateness_us"));
