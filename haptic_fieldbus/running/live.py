@@ -90,8 +90,8 @@ PACE: Mapping[str, Callable[[Any], Any]] = {"speed": float, "paused": bool, "ste
 
 
 OTHER_FOLDER = "set XDG_RUNTIME_DIR to a folder of yours"
-LONGEST_FOLDER = 85
-"""Octets of the folder, with which the path of a socket is within the 104 of macOS; Linux has 108."""
+LONGEST_FOLDER = 92
+"""Octets of the folder, with which the path of a socket fits into the 104 of macOS."""
 
 
 def folder() -> Path:
