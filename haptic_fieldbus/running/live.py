@@ -352,7 +352,10 @@ class Live:
         # Counted in this order, so that a change which begins meanwhile is not counted twice.
         begun = len(self.changes.applied) + len(self.changes.waiting)
         above = [*above_limit(change.plan)]
-        self._tell({"scene": told, "changed": dict(change.settings), "begun": begun, "above": above}, known=told)
+        message = {"scene": told, "changed": dict(change.settings), "begun": begun, "above": above}
+        earlier = [each for each in self._hello.get("waiting", ()) if each["begun"] > len(self.changes.applied)]
+        waiting = {"waiting": [*earlier, message]}  # for later pages
+        self._tell({**message, **waiting}, known={**told, **waiting})
 
     def _waiting(self) -> int:
         """Return the number of changes that are accepted and have not begun."""

@@ -154,7 +154,7 @@ class Controls:
             with ui.element("div").classes("list"):
                 for each in hello["parameters"]:
                     self._parameter(each)
-            _html('<p id="answer" role="status" aria-live="polite"></p>')
+            _html('<p id="waits" role="status"></p><p id="answer" role="status" aria-live="polite"></p>')
             with ui.element("div").classes("buttons"):
                 self._steered += [_button("undo", "Back to the values of the file", "haptic.reset()", text="reset")]
                 _button("content_copy", "Copy the command line with these values", "haptic.copy()", text="copy command")
@@ -408,7 +408,7 @@ class Hub(Source):
             self.hello = message["hello"]
             self.first = {each["name"]: each["value"] for each in self.hello["parameters"]} | self.hello["first"]
             self.known.set()
-        kept = {kind: message[kind] for kind in ("ended", "trip") if kind in message}
+        kept = {kind: message[kind] for kind in ("ended", "trip", "waiting") if kind in message}
         self.hello |= message.get("scene", {}) | message.get("pace", {}) | kept
         for controls in [*self.controls.values()]:
             controls.show(self.hello, message)

@@ -182,6 +182,9 @@ def test_eight_changes_wait_and_a_further_one_is_refused_until_one_has_begun() -
         for number in range(8):
             watcher.reader.send({"change": {"wall.position": -0.05 - 0.001 * number}})
             watcher.until("changed")
+        later = Watcher(folder() / f"{os.getpid()}.sock")
+        assert [each["begun"] for each in later.until("hello")["waiting"]] == [1, 2, 3, 4, 5, 6, 7, 8]
+        later.reader.close()
         watcher.reader.send({"change": {"wall.position": -0.06}})
         assert watcher.until("refused") == "8 changes wait; try again when one of them has begun"
         watcher.reader.send({"pull": ["handle", -0.065]})

@@ -91,6 +91,26 @@ def test_a_value_changes_the_loop_and_an_unstable_one_is_refused_with_the_limit(
     assert 700 in stiffness
 
 
+def test_a_change_that_waits_is_listed_until_it_begins_and_the_picture_is_that_of_the_scene_in_force(
+    page: Page,
+) -> None:
+    browser, served, _ = page
+    until(browser, "haptic.state().steers && document.getElementById('state').textContent === 'torque enabled'")
+    browser.execute_script("haptic.pull('handle', 0.035)")
+    until(browser, "haptic.drawn.handle.asked < -1")
+    browser.execute_script("haptic.change('wall.position', -0.02)")
+    waits = "document.getElementById('waits').textContent.startsWith('waits: wall.position = -0.02. It begins when')"
+    until(browser, waits)
+    browser.execute_script("haptic.change('wall.stiffness', -1)")
+    until(browser, "document.getElementById('answer').className === 'refused'")
+    assert browser.execute_script(f"return {waits}")
+    surface = "haptic.state().hello.axes[0].surfaces[0].at"
+    assert browser.execute_script(f"return {surface}") == 0.02
+    browser.execute_script("haptic.pull('handle', -0.03)")
+    until(browser, f"{surface} === -0.02 && !document.getElementById('waits').textContent")
+    assert served.process.poll() is None
+
+
 def test_the_hand_by_mouse_and_by_keys_moves_the_handle_into_the_wall(page: Page) -> None:
     browser, _, _ = page
     canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-kind=handle]")

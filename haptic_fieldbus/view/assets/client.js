@@ -11,7 +11,7 @@ window.haptic = (() => {
   let hello = null, first = {}, steers = false, socket = null, ended = null, paused = false;
   let rows = [], places = {}; // rows as Float64Array, oldest first; places of the columns by name
   let next = -1, lastRow = 0, frames = [], held = null, shown = 5, changed = true, speed = 1;
-  let accepted = null; // the change that is accepted and has not begun
+  let waiting = []; // the changes that are accepted and have not begun
   let mouse = null, marks = [], dragged = null;
   let stopping = false; // STOP was pressed, and is sent again when a lost connection is back
   const trigger = { column: null, level: NaN, before: NaN, at: null }; // holds the charts when a column crosses a level
@@ -50,23 +50,19 @@ window.haptic = (() => {
       first = message.first || first;
       places = Object.fromEntries(hello.columns.map((name, place) => [name, place]));
       if (other) { rows = []; next = -1; restore(); }
+      waiting = (hello.waiting || []).map((each) => ({ ...each, text: changeText(each) }));
       pace(hello);
       if (hello.trip) trip(hello.trip);
     }
-    if (message.scene && hello) {
-      Object.assign(hello, message.scene);
-      const title = document.querySelector(".title h1");
-      title.textContent = title.title = hello.scene_text;
-    }
+    if (message.scene && hello) hello.parameters = message.scene.parameters;
     if (message.pace) pace(message.pace);
     if (message.hello && stopping) stop();
     if ("steers" in message) role(message.steers);
     if (message.changed) {
-      const text = Object.entries(message.changed).map(([name, value]) => `${name} = ${short(value)}`).join(", ");
-      accepted = { text, begun: message.begun, above: message.above || [] };
-      answer("", `${text}: accepted. It begins when it cannot throw the handle.`);
+      waiting.push({ ...message, text: changeText(message) });
+      answer("", "");
     }
-    if (message.refused) { accepted = null; answer("refused", message.refused); }
+    if (message.refused) answer("refused", message.refused);
     if (message.trip) trip(message.trip);
     if (message.ended) finish(message.ended);
     changed = true;
@@ -117,6 +113,7 @@ window.haptic = (() => {
 
   // Words.
 
+  const changeText = ({ changed: made }) => Object.entries(made).map(([name, value]) => `${name} = ${short(value)}`).join(", ");
   const short = (value) => Number(value.toPrecision(4)).toString();
   function answer(kind, text) { const place = $("answer"); if (place) { place.className = kind; place.textContent = text; } }
   function trip(text) { $("trip").hidden = false; $("trip").textContent = text; }
@@ -496,10 +493,15 @@ window.haptic = (() => {
       pictures: [`${frames.length} a second`, false],
     };
     for (const [name, [text, bad]] of Object.entries(shownFacts)) { const place = $("fact-" + name); if (place) { place.textContent = text; place.className = bad ? "bad" : ""; } }
-    if (accepted && value(rows[rows.length - 1], "changes") >= accepted.begun) {
-      answer(accepted.above.length ? "warned" : "made", [`${accepted.text} is in force.`, ...accepted.above].join(" Warning: "));
-      accepted = null;
+    while (waiting.length && value(row, "changes") >= waiting[0].begun) { // the pictures are those of the scene in force
+      const { text, above, scene: begun } = waiting.shift(), title = document.querySelector(".title h1");
+      const { parameters } = hello;
+      Object.assign(hello, begun, { parameters });
+      title.textContent = title.title = hello.scene_text;
+      answer(above.length ? "warned" : "made", [`${text} is in force.`, ...above].join(" Warning: "));
     }
+    const said = waiting.length && !ended ? `waits: ${waiting.map((each) => each.text).join("; ")}. It begins when it cannot throw the handle: let the handle out of it, or hold it still.` : "";
+    if ($("waits").textContent !== said) $("waits").textContent = said;
     if (ended) $("fact-drive").textContent = "the run has ended";
     const t = value(row, "t");
     $("state").textContent = ended ? "ended" : paused ? "paused" : enabled ? "torque enabled" : "no torque";
