@@ -18,3 +18,4 @@ def test_a_profile_has_no_proof_of_set_points_unless_it_says_so() -> None:
     profile = Bare(schema=1, drive=drive, timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0))
     assert profile.echo is None
     assert profile.title == "some drive"
+    assert not profile.brakes

@@ -53,3 +53,4 @@ def test_a_share_of_a_current_needs_that_current_and_the_torque_constant(
 def test_a_bus_whose_protocol_says_nothing_else_is_no_simulation() -> None:
     assert not BusSection("serial", "/dev/ttyUSB0").simulated
     assert not BusSection("serial", "/dev/ttyUSB0").rehearsed
+    assert BusSection("serial", "/dev/ttyUSB0").route == "serial:/dev/ttyUSB0"

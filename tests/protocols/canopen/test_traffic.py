@@ -53,6 +53,15 @@ def test_what_is_written_for_life_guarding_is_the_life_time_without_a_heartbeat(
     assert guarding(watched) == ["1017h:00 = 0", "100Ch:00 = 10", "100Dh:00 = 5", "6060h:00 = 10"]
 
 
+@pytest.mark.parametrize(("rate", "seconds"), [(1000.0, 0.3), (10.0, 0.3), (5.0, 0.5), (0.5, 4.1)])
+def test_a_drive_is_silent_after_three_heartbeats_or_two_periods_and_one(rate: float, seconds: float) -> None:
+    """A slow loop hears a heartbeat as late as a period. A guarded drive has its life time, five periods at least."""
+    assert replace(TRAFFIC, rate=rate).silence_of("handle") == pytest.approx(seconds)
+    watched = replace(PROFILE, link_loss=LinkLossSection(life_guarding=True, reacts=True))
+    guarded = replace(TRAFFIC, members=(replace(MEMBER, profile=watched),), rate=rate)
+    assert guarded.silence_of("handle") == pytest.approx(max(0.05, 5.0 / rate))
+
+
 def test_what_a_profile_sets_up_belongs_to_its_guard() -> None:
     own = SetupSection((WrittenObject(0x1029, DataType.UINT8, 1, subindex=1),))
     assert guarding(replace(PROFILE, setup=own))[-2:] == ["1029h:01 = 1", "6060h:00 = 10"]
