@@ -174,26 +174,24 @@ def places_between(elements: Sequence[Varying], grid: Sequence[float], effort: f
         return held.tolist(), float(found.most_stiffness.sum(axis=0)[held].max(initial=0.0))
 
     held, steepest = held_at(grid)
-    todo = [(*ends, any(known)) for ends, known in zip(pairwise(grid), pairwise(held), strict=True)]
+    todo = [*pairwise(zip(grid, held, strict=True))]
     more = list[float]()
     for _ in range(HALVINGS):
-        bounds = survey(elements, [(low, high) for low, high, _ in todo])
+        bounds = survey(elements, [(low, high) for (low, _), (high, _) in todo])
         may_hold = bounds.smallest_force <= effort * ROUNDED
         steeper = bounds.most_stiffness.sum(axis=0) > STEEPER * steepest
         todo = [
-            each
-            for each, may, is_steep in zip(todo, may_hold, steeper, strict=True)
-            if may and (is_steep or not each[2])
+            (low, high)
+            for (low, high), may, is_steep in zip(todo, may_hold, steeper, strict=True)
+            if may and (is_steep or not (low[1] or high[1]))
         ]
         if not todo or len(more) + len(todo) > MOST_PLACES:
             break
-        middles = [0.5 * (low + high) for low, high, _ in todo]
+        middles = [0.5 * (low + high) for (low, _), (high, _) in todo]
         held, slope = held_at(middles)
         steepest, more = max(steepest, slope), [*more, *middles]
-        halves = zip(todo, middles, held, strict=True)
-        todo = [
-            half for (low, high, was), at, now in halves for half in ((low, at, was or now), (at, high, was or now))
-        ]
+        between = zip(middles, held, strict=True)
+        todo = [half for (low, high), at in zip(todo, between, strict=True) for half in ((low, at), (at, high))]
     return more
 
 
