@@ -13,16 +13,16 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.builders import endless_rig
 
-DURATION, EVERY = 15.0, 0.17
+DURATION, EVERY = 20.0, 0.23
 """[s]; a change begins while the handle moves, is pressed in, or is on its way out, at another phase each time."""
 
 
 def accepted(running: Plan) -> Iterator[dict[str, float]]:
-    """Yield the changes that are possible: each number of each element less, then more, then as it was."""
+    """Yield the changes that are possible: each number of each element less, then more, each time back to what it was."""
     for element in running.scene.elements:
         for name, value in vars(element).items():
             if isinstance(value, float) and math.isfinite(value) and value != 0.0:
-                steps = [{f"{element.name}.{name}": factor * value} for factor in (0.8, 1.15, 1.0)]
+                steps = [{f"{element.name}.{name}": factor * value} for factor in (0.8, 1.0, 1.15, 1.0)]
                 if all(is_possible(running, step) for step in steps):
                     yield from steps
 
