@@ -224,10 +224,12 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             )
         if stalls:
             yield _stood_still(axis, stalls, plan.period)
-    for change in report.unmade:
+    if unmade := report.unmade:
+        settings = ", ".join(dict.fromkeys(setting for change in unmade for setting in change.settings))
+        was = f"the change of {settings} was" if len(unmade) == 1 else f"{len(unmade)} changes, of {settings}, were"
         yield (
-            f"the change of {', '.join(change.settings)} was not made. A change waits for the end of the one before, "
-            f"and while it would alter the force at the handle by more than {percent(START_SHARE, 2)} of the limit"
+            f"{was} not made. A change waits for the end of the one before, and while it would alter the force at the "
+            f"handle by more than {percent(START_SHARE, 2)} of the limit"
         )
 
 

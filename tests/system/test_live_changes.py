@@ -221,6 +221,13 @@ def test_a_wall_that_is_moved_past_the_handle_waits_instead_of_throwing_it(tmp_p
     assert [sentence for sentence in result.warnings if sentence.startswith("the change of wall.position was not made")]
 
 
+def test_several_changes_that_still_wait_are_told_in_one_sentence(tmp_path: object) -> None:
+    asked = [{"wall.position": -0.06}, {"wall.stiffness": 500.0}, {"wall.position": -0.07}]
+    result, _ = rendered(tmp_path, duration=2.5, changes=[(2.0, each) for each in asked])
+    (told,) = [sentence for sentence in result.warnings if "not made" in sentence]
+    assert told.startswith("3 changes, of wall.position, wall.stiffness, were not made. A change waits for the end")
+
+
 def test_it_comes_once_it_changes_the_force_at_the_handle_by_a_quarter_of_the_limit_at_most(tmp_path: object) -> None:
     moved = -0.005
     result, rows = rendered(tmp_path, hand="release", duration=4.0, changes=[(1.5, {"wall.position": moved})])
