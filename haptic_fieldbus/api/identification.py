@@ -34,6 +34,7 @@ from haptic_fieldbus.planning.limits import SPEED_LIMIT
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.planning.sign_probe import sign_probe
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.loop import Caller
 from haptic_fieldbus.running.session import Session, Site
@@ -56,13 +57,15 @@ MARGIN = 0.06
 """Part of the travel at each of its ends that an experiment does not plan to use."""
 COUNTS_OF_NOISE = 3.0
 """Counts in a period that a coarse encoder may show beyond the motion; the run would trip at such a speed."""
+GUARDED = 0.9
+"""Share of the announced speed at which a run trips, and that an experiment plans with: a speed is seen late."""
 FADE_IN = 0.2
 """[s]"""
 LONGEST = 300.0
 """Longest time of one experiment [s]."""
 KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
 """Values that a rig keeps."""
-LEADING_SHARE = 1.0
+LEADING_SHARE = 2.0
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
 Question = Callable[[str], bool]
 Tell = Callable[[str], None]
@@ -203,13 +206,14 @@ class _Bench:
         self.serial: int | None = None
         self.announced = _announced(task, self.name, axis, plan.axes[0], plan.period)
         told = self.announced
-        limits = replace(axis.limits, position=(told.low, told.high), speed=told.speed, effort=told.effort)
+        speed = GUARDED * told.speed
+        limits = replace(axis.limits, position=(told.low, told.high), speed=speed, effort=told.effort)
         # The bounds of the experiments follow from what a person stated and knows.
         self._bounded = replace(axis, limits=limits, i_know=(*axis.i_know, "limits.effort", "limits.speed"))
         margin = MARGIN * (told.high - told.low)
         self.bounds = Bounds(
             plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin,
-            0.9 * min(told.speed, TRAVELS_PER_SECOND * (told.high - told.low)), told.effort,
+            GUARDED * min(told.speed, TRAVELS_PER_SECOND * (told.high - told.low)), told.effort,
             self._plan(self._bounded).axes[0].limits.acceleration,
         )  # fmt: skip
 
@@ -276,7 +280,7 @@ class _Taken:
     """Samples of one experiment, taken after each period of its run."""
 
     def __init__(self, bench: _Bench, experiment: Experiment) -> None:
-        self._bench, self._experiment, self._stage = bench, experiment, ""
+        self._bench, self._experiment, self._stage, self._has_begun = bench, experiment, "", False
         self.rows: list[tuple[int, float, float, str]] = []
         """Time [ns], position, effort and stage of each sample."""
 
@@ -285,8 +289,8 @@ class _Taken:
         cycle, experiment, name = session.cycle, self._experiment, self._bench.name
         if cycle is None:  # confirmed, and not yet enabled
             return False
-        if not experiment.armed:
-            experiment.armed = has_faded_in(cycle, name)
+        if not self._has_begun:
+            experiment.armed = self._has_begun = has_faded_in(cycle, name)
             return False
         state = cycle.axes[name].state
         if state.steps:
@@ -295,6 +299,7 @@ class _Taken:
         if experiment.stage != self._stage:
             self._stage = experiment.stage
             self._bench.stage(self._stage)
+        experiment.armed = not experiment.done
         return experiment.done
 
     def record(self) -> tuple[ShaftRecord, list[str]]:
@@ -393,10 +398,10 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period
     highest = axis.limits.speed or SPEED_LIMIT[axis.mechanism.kind]
     noise = COUNTS_OF_NOISE * plan.resolution / period
     speed = min(task.speed or TRAVELS_PER_SECOND * (high - low) + noise, highest)
-    space = axis.mechanism.workspace
+    space, probe = axis.mechanism.workspace, sign_probe(plan, period)
     return Announcement(
         name, low, high, speed, effort, effort * axis.mechanism.ratio, space.length_unit, space.effort_unit,
-        effort / plan.rated_effort, axis.mechanism.zero == "start", task.skip,
+        effort / plan.rated_effort, probe.largest if probe else 0.0, axis.mechanism.zero == "start", task.skip,
     )  # fmt: skip
 
 

@@ -30,6 +30,8 @@ class Announcement:
     effort_unit: str
     share: float
     """Effort as a share of rated effort."""
+    pulses: float
+    """Largest effort of the pulses that test the motor direction before each run; 0: it is known."""
     from_start: bool
     """True: the travel is counted from the position of the handle at enabling."""
     skipped: Collection[str] = ()
@@ -46,6 +48,11 @@ class Announcement:
             f"at most {in_unit(self.effort, self.effort_unit)} ({percent(self.share)} of rated torque) and "
             f"{in_unit(self.speed, f'{self.length_unit}/s')}; beyond these the motor is switched off"
         )
+        if self.pulses:
+            yield (
+                f"before that, pulses of up to {in_unit(self.pulses, self.effort_unit)} test the motor direction, as "
+                "in every run; they grow until the handle moves, and how fast it is then is not known beforehand"
+            )
         parts = {"rest": "rest", "friction": "slow pushes until it moves", "dynamics": "short pulses"}
         yield f"first run: {', '.join(told for part, told in parts.items() if part not in self.skipped)}"
         if "dynamics" not in self.skipped:

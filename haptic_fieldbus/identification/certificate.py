@@ -112,7 +112,7 @@ class Tapping(GuidedMotion):
     def advance(self, position: float) -> None:
         """Go on to the next period."""
         self.periods += self.stage != "surface"
-        self._present = super().effort(position)
+        self._present, self.armed = super().effort(position), True
 
     def _all(self) -> Stage:
         begin = self.place

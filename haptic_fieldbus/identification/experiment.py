@@ -46,10 +46,15 @@ FASTEST_MOTION = 2.0 * math.pi
 """Largest angular frequency of the slow motion [1/s]."""
 MOST_PULSES, GOOD_PULSES = 24, 6
 """Largest number of pulses, and number of those of a good length that are enough."""
+FIRST_SHARE, RAISED, ALIKE = 0.01, 1.4, 1.1
+"""What the first push has beyond the breakaway, as a share of the bound; growth of an effort that was too weak; ratio
+of one that was too strong and one that was too weak, below which they tell nothing of each other."""
 STRONGER = 1.3
 """Growth of the effort from one good push to the next; in pushes of one effort, friction may look like inertia."""
-PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.25, 0.5, 0.2
-"""Largest speeds of a push, of the slow motion and of the oscillations, as shares of the bound."""
+SLOW_PUSH, PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.12, 0.25, 0.5, 0.2
+"""Least and largest speeds of a push, those of the slow motion and of the oscillations, as shares of the bound."""
+RIDING_PEAK = 0.25
+"""Largest speed of all oscillations together, as a share of the bound."""
 PUSH_WAY, MOTION_WAY = 0.06, 0.3
 """Way of a push and amplitude of the slow motion, as shares of the travel."""
 RIDING_EFFORT, MOTION_EFFORT = 0.4, 0.3
@@ -106,7 +111,8 @@ class Experiment:
         self.bounds = bounds
         self.stage = "rest"
         self.armed = False
-        """Whether the law of a run may give effort (`api.identification`)."""
+        """Whether the law of a run may give effort (`api.identification`). An effort of a period disarms it: what
+        analyses a simulated run calls its laws, too."""
         self.done = False
         self.failure = ""
         """Why the experiment ended early; empty if it did not."""
@@ -121,6 +127,7 @@ class Experiment:
 
     def effort(self, position: float) -> float:
         """Return the effort of this period."""
+        self.armed = False
         self._places.append(position)
         del self._places[: -self._width - 1]
         try:
@@ -175,6 +182,30 @@ class Experiment:
         here = self.place
         yield from self._wait(0.5 * SETTLING)
         return abs(self.place - here) < 0.5 * self.bounds.resolution
+
+
+@dataclass
+class _PushEffort:
+    """Effort of the pushes in one direction, between one that was too weak and one that was too strong."""
+
+    effort: float
+    most: float
+    weak: float = 0.0
+    strong: float = math.inf
+
+    def lower(self, effort: float) -> None:
+        """Take less, after a push that was too strong."""
+        self.strong = self.effort
+        if ALIKE * self.weak > self.effort:  # friction is another one at another place
+            self.weak = 0.0
+        self.effort = max(effort, math.sqrt(self.effort * self.weak))
+
+    def increase(self, factor: float) -> None:
+        """Take more, after a push that was too weak."""
+        self.weak = self.effort
+        if self.strong < ALIKE * self.effort:
+            self.strong = math.inf
+        self.effort = min(self.most, factor * self.effort, math.sqrt(self.effort * self.strong))
 
 
 class Probe(Experiment):
@@ -232,40 +263,47 @@ class Probe(Experiment):
             self.breakaway[name] = (max(lows), min(highs)) if agreed else (min(lows), max(highs))
 
     def _pulses(self) -> Stage:
-        """Push and stop the handle both ways, with an effort that gives pushes of a good length."""
+        """Push and stop the handle both ways, with efforts that give pushes of a good length.
+
+        The first effort is near that of the breakaway: how fast a stronger push would be, weaker ones tell.
+        """
         bounds, good = self.bounds, 0
-        effort = min(0.5 * bounds.effort, 1.5 * self.friction + 0.05 * bounds.effort)
+        first = min(0.5 * bounds.effort, self.friction + FIRST_SHARE * bounds.effort)
         slowest = 1.05 * self.friction or math.inf  # of an unknown friction, less effort moves nothing
+        ways = {side: _PushEffort(first, 0.8 * bounds.effort) for side in (1, -1)}
         for _ in range(MOST_PULSES):
             begin = self.place
-            pushed = yield from self._push(1 if begin < bounds.middle else -1, effort)
+            side = 1 if begin < bounds.middle else -1
+            way = ways[side]
+            pushed, fastest = yield from self._push(side, way.effort)
+            is_short = abs(self.place - begin) < FEWEST_COUNTS * bounds.resolution
             if pushed < FEWEST_PERIODS * bounds.period:
-                effort *= 0.6
-            elif abs(self.place - begin) < FEWEST_COUNTS * bounds.resolution and effort > slowest:
-                effort = max(0.8 * effort, slowest)
-            elif pushed >= LONGEST_PUSH and effort < 0.8 * bounds.effort:
-                effort = min(0.8 * bounds.effort, 1.5 * effort)
+                way.lower(way.effort / RAISED)
+            elif pushed >= LONGEST_PUSH and (is_short or fastest < SLOW_PUSH * bounds.speed) and way.effort < way.most:
+                way.increase(RAISED)
+            elif pushed < LONGEST_PUSH and is_short and way.effort > slowest:
+                way.lower(max(0.8 * way.effort, slowest))
             else:
                 good += 1
-                if pushed >= 2 * FEWEST_PERIODS * bounds.period:
-                    effort = min(0.8 * bounds.effort, STRONGER * effort)
+                if pushed >= 2 * FEWEST_PERIODS * bounds.period and STRONGER * way.effort < way.strong:
+                    way.effort = min(way.most, STRONGER * way.effort)
             if good == GOOD_PULSES:
                 return
         raise ExperimentError("no push was of a length that tells an inertia: the handle moved too little or too fast")
 
-    def _push(self, side: int, effort: float) -> Generator[float, None, float]:
-        """Push and stop; return the time of the push [s]."""
-        bounds, here, pushed = self.bounds, self.place, 0
+    def _push(self, side: int, effort: float) -> Generator[float, None, tuple[float, float]]:
+        """Push and stop; return the time of the push [s], and the largest speed in it."""
+        bounds, here, pushed, fastest = self.bounds, self.place, 0, 0.0
         while (
             side * (self.place - here) < PUSH_WAY * bounds.travel
-            and side * self.speed < PUSH_SPEED * bounds.speed
+            and fastest < PUSH_SPEED * bounds.speed
             and pushed * bounds.period < LONGEST_PUSH
         ):
             yield side * effort
-            pushed += 1
+            pushed, fastest = pushed + 1, max(fastest, side * self.speed)
             self._check()
         yield from self._stop(effort)
-        return pushed * bounds.period
+        return pushed * bounds.period, fastest
 
 
 class GuidedMotion(Experiment):
@@ -280,14 +318,15 @@ class GuidedMotion(Experiment):
         # The mean speed is half its width old; the loop keeps a phase margin of 60° for all of it.
         late = delay + (0.5 + 0.5 * self._width) * bounds.period
         self._following = min(FOLLOWING, FOLLOWING_PHASE / late)
+        self._time = max(SHORTEST_MOTION, SAMPLES * bounds.period)
+        self._riding = self._lines(0), self._lines(1)
 
     def _all(self) -> Stage:
-        time = max(SHORTEST_MOTION, SAMPLES * self.bounds.period)
         yield from self._lead(self.bounds.middle, shortest=0.5, share=0.5)
         self.stage = "motion"
-        yield from self._motion(0, time)
+        yield from self._motion(0, self._time)
         self.stage = "check"
-        yield from self._motion(1, CHECK_SHARE * time)
+        yield from self._motion(1, CHECK_SHARE * self._time)
         self.stage = "stop"
         yield from self._halt()
 
@@ -331,14 +370,14 @@ class GuidedMotion(Experiment):
         """Lead the handle to and fro, with oscillations on it; `number` chooses their phases."""
         bounds, begin = self.bounds, self.place
         amplitude, rate = self._slow_motion()
-        lines = self._lines(number)
+        lines = self._riding[number]
         for k in range(round(time / bounds.period)):
             t = k * bounds.period
             rise, turn = min(1.0, t * rate / math.pi), rate * t  # it begins gently, where the handle is
             place = bounds.middle + (begin - bounds.middle) * (1.0 - rise) + rise * amplitude * math.sin(turn)
             speed = rise * amplitude * rate * math.cos(turn)
             bend = -rise * amplitude * rate * rate * math.sin(turn)
-            riding = rise * sum(effort * math.sin(2.0 * math.pi * f * t + phase) for f, effort, phase in lines)
+            riding = rise * sum(effort * math.sin(turning * t + phase) for turning, effort, phase in lines)
             yield self._led(place, speed, bend, riding)
             self._check()
 
@@ -349,7 +388,7 @@ class GuidedMotion(Experiment):
         return amplitude, rate
 
     def _lines(self, number: int) -> list[tuple[float, float, float]]:
-        """Return frequency [Hz], effort and phase of each oscillation."""
+        """Return angular frequency [1/s], effort and phase of each oscillation."""
         bounds = self.bounds
         fastest = min(FASTEST_LINE, 0.2 / bounds.period)
         slowest = min(SLOWEST_LINE, 0.3 * fastest)
@@ -357,8 +396,13 @@ class GuidedMotion(Experiment):
         effort = RIDING_EFFORT * self._acceleration * self.mass / math.sqrt(LINES)
         # Together slower than the slow motion, so that friction mostly keeps its direction.
         most = min(RIDING_SPEED * bounds.speed, 0.7 * amplitude * rate) / math.sqrt(LINES)
-        frequencies = [slowest * (fastest / slowest) ** (line / (LINES - 1)) for line in range(LINES)]
-        return [  # phases of Schroeder
-            (each, min(effort, most * self.mass * 2.0 * math.pi * each), math.pi * line * (line + number) / LINES)
-            for line, each in enumerate(frequencies)
-        ]
+        lines = []
+        for line in range(LINES):
+            turning = math.tau * slowest * (fastest / slowest) ** (line / (LINES - 1))
+            phase = math.pi * line * (line + number) / LINES  # of Schroeder
+            lines.append((turning, min(effort, most * self.mass * turning), phase))
+        # How far the oscillations agree is known from their sum alone.
+        times = [step / (8.0 * fastest) for step in range(round(8.0 * fastest * self._time))]
+        speeds = [sum(size / turning * math.cos(turning * t + phase) for turning, size, phase in lines) for t in times]
+        calm = min(1.0, RIDING_PEAK * bounds.speed * self.mass / max(map(abs, speeds)))
+        return [(turning, calm * size, phase) for turning, size, phase in lines]

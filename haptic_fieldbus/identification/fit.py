@@ -12,6 +12,11 @@ best one becomes part of the model while the sum of squares falls by more than `
 Before that, modes of an elastic shaft are tried. One that explains `MODE_WORTH` is told by its frequency. Nothing is
 added then: the model stays that of a rigid shaft, and what it says of friction and damping is doubtful.
 
+What the model lacks at random, such as set-points that act a little earlier or later in each period, adds up in a model
+that is led back slowly, and the feedback of the experiment answers to it. The gain by which the model is led back is
+therefore a value of the fit, too: the predictor that predicts best (Ljung, 7.2 and 13.4). A fit that leaves more than
+the noise of the encoder begins with a large gain, which has fewer wrong minima, and then takes the best one.
+
 The covariance is (HᵀH)⁻¹·S·(HᵀH)⁻¹ with the sensitivities H and S = Σ w_l·Γ_l, the covariances Γ of the gradient over
 lags up to `MEMORY` with the weights of Bartlett (Newey and West, Econometrica 55, 1987, 703). So a residual that is no
 white noise, as of an encoder at low speed or of cogging, widens the intervals. It is never taken below that of white
@@ -33,6 +38,10 @@ GUESS_WIDTHS = (0.01, 0.03, 0.06)
 """Half widths of the triangles of the first guess [s]."""
 ENCODER_NOISE = 0.4
 """Largest prediction error of a shaft that the model explains, a little above that of rounding, 1/√12 [counts]."""
+FASTER = 8.0
+"""How much faster a model is led from which a better solution is sought."""
+FASTEST_LEADING, WORTH_LEADING = 0.35, 0.95
+"""Largest double pole of a predictor, times the period, and the sum of squares that a faster one has to reach."""
 SETTLED = 0.6
 """Time after which the first speed of a record is forgotten [s]."""
 MEMORY, BLOCK = 0.4, 0.01
@@ -41,9 +50,10 @@ WIDTH = 2.4
 """Half of an interval in standard deviations: 95 % where the covariance itself is uncertain by a fifth."""
 REPEATED = 1.35
 """Widens every spread: a motion to and fro reads nearly the same counts again, so its errors of rounding repeat too."""
-LEAST_SHARE, LEAST_SHARE_OF_PARTS = 1e-3, 5e-3
-"""Half of an interval is at least this share of its value: set-points act a little earlier or later in each period, and
-further torques are constant over a period in the model alone."""
+LEAST_SHARE, LEAST_SHARE_OF_PARTS, LEAST_SHARE_OF_LAG = 1e-3, 5e-3, 0.03
+"""Half of an interval is at least this share of its value, and half of that of the lag this share of delay and lag:
+set-points act a little earlier or later in each period, and further torques are constant over a period, or over a part
+of one, in the model alone."""
 MOST_STEPS = 40
 SHORTEST_LAG, LONGEST_LAG = 1e-5, 0.02
 """Range of the lag of a torque loop [s]."""
@@ -59,6 +69,8 @@ HIGHEST_ORDER, COUNTS_OF_A_WAVE, MOST_ORDERS = 48.0, 4.0, 250
 """Most periods of a wave in a turn, fewest counts of one of its periods, and most orders that are tried."""
 STRIBECK_SHARES = (0.01, 0.03, 0.08, 0.2, 0.4)
 """Speeds of Stribeck friction that are tried, as shares of the top speed."""
+STRIBECK_AGAIN = (0.5, 2.0)
+"""Factors of a found speed of Stribeck friction, from which the values are sought once more."""
 LOWEST_MODE, HIGHEST_MODE, MODE_SHARE, MODE_STEP = 8.0, 100.0, 0.4, 0.02
 """Resonances that are looked for: lowest and highest one [Hz], highest one as a share of the rate, and their step."""
 MODE_DAMPING = (0.01, 0.03, 0.1)
@@ -159,15 +171,51 @@ def fit_shaft(records: Sequence[ShaftRecord], guess: ShaftModel | None = None) -
         rough, alone = plain.solved(plain.start) if problem.is_wider else (cost, vector)
         if resonance := plain.resonance(alone, rough):
             problem, cost, vector = plain, rough, alone
-    for _ in range(0 if resonance else MOST_WAVES + 1):
-        tries = [_Problem(records, each) for each in problem.further(vector, cost)]
+    if not resonance and cost > ENCODER_NOISE**2 * problem.rows:
+        # Faster led, a model has fewer wrong minima, and the noise of what it lacks does not add up.
+        led = _Problem(records, begin, min(FASTER * LEADING, FASTEST_LEADING / problem.period))
+        problem, cost, vector = _best_led(*_widened(led, *led.solved(led.start)))
+    if not resonance:
+        problem, cost, vector = _best_led(*_widened(problem, cost, vector))
+    for factor in STRIBECK_AGAIN if problem.guess.stribeck else ():
+        # Its speed changes the sum of squares little, and with many kinks.
+        model = problem.model(vector)
+        other = _Problem(records, replace(model, stribeck_speed=factor * model.stribeck_speed), problem.leading)
+        after, found = other.solved(other.start)
+        if after < cost:
+            problem, cost, vector = other, after, found
+    _, vector = problem.solved(vector, enough=1e-6)
+    return problem.told(vector, resonance)
+
+
+def _best_led(problem: "_Problem", cost: float, vector: Matrix) -> tuple["_Problem", float, Matrix]:
+    """Return the problem with the gain of the predictor that predicts best, its sum of squares, and its vector.
+
+    Of gains that predict alike the smallest is taken: its errors tell more of slow torques. Below the noise of an
+    encoder a larger gain would only predict how its counts round.
+    """
+    noise = ENCODER_NOISE**2 * problem.rows
+    for factor in (0.5, 2.0):
+        while LEADING <= factor * problem.leading <= FASTEST_LEADING / problem.period:
+            enough = max(cost, noise) / WORTH_LEADING if factor < 1.0 else WORTH_LEADING * cost if cost > noise else 0.0
+            other = _Problem(problem.records, problem.model(vector), factor * problem.leading)
+            after, found = other.solved(other.start) if enough else (math.inf, vector)
+            if not after < enough:
+                break
+            problem, cost, vector = other, after, found
+    return problem, cost, vector
+
+
+def _widened(problem: "_Problem", cost: float, vector: Matrix) -> tuple["_Problem", float, Matrix]:
+    """Return the problem with all further torques that are worth it, its least sum of squares, and its vector."""
+    for _ in range(MOST_WAVES + 1):
+        tries = [_Problem(problem.records, each, problem.leading) for each in problem.further(vector, cost)]
         ends = [(*each.descended(each.start), each) for each in tries]
         after, found, wider = min(ends, key=lambda each: each[0], default=(cost, vector, problem))
         if not after < (1.0 - WORTH) * cost:
             break
         problem, cost, vector = wider, after, found
-    _, vector = problem.solved(vector, enough=1e-6)
-    return problem.told(vector, resonance)
+    return problem, cost, vector
 
 
 # A first guess, by linear least squares of second differences.
@@ -247,7 +295,7 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, floa
     return left, (max(inertia, 1e-3 * scale, 1e-12), float(values[1]), float(values[2]), float(values[3]))
 
 
-def prediction_errors(model: ShaftModel, record: ShaftRecord) -> Matrix:
+def prediction_errors(model: ShaftModel, record: ShaftRecord, leading: float = LEADING) -> Matrix:
     """Return the prediction errors of a record [counts], without those of its beginning, shape (n,).
 
     The first speed is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
@@ -256,7 +304,7 @@ def prediction_errors(model: ShaftModel, record: ShaftRecord) -> Matrix:
     begin = np.array(record.positions[:width])
     if np.ptp(begin) > 2.5 * record.resolution:
         first = float(np.polyfit(record.period * np.arange(width), begin, 2)[1])
-    found, _ = predicted_motion(model, record.positions, record.torques, record.period, first)
+    found, _ = predicted_motion(model, record.positions, record.torques, record.period, first, leading)
     errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
     return errors
 
@@ -272,8 +320,8 @@ def unsettled_samples(record: ShaftRecord) -> int:
 class _Problem:
     """Sum of squares over all records; a vector holds the scaled values of `NAMES`, then those of further torques."""
 
-    def __init__(self, records: Sequence[ShaftRecord], guess: ShaftModel) -> None:
-        self.records, self.guess, self.period = records, guess, records[0].period
+    def __init__(self, records: Sequence[ShaftRecord], guess: ShaftModel, leading: float = LEADING) -> None:
+        self.records, self.guess, self.period, self.leading = records, guess, records[0].period, leading
         self.rows = sum(len(each.positions) - unsettled_samples(each) for each in records)
         torque = float(np.sqrt(np.mean(np.concatenate([each.torques for each in records]) ** 2))) or 1.0
         self.top = max(each.top_speed for each in records) or 1.0
@@ -317,7 +365,7 @@ class _Problem:
         count = min(MOST_ORDERS, int(2.0 * highest * self.way / math.tau))
         orders: Matrix = np.array([math.pi / self.way * (number + 1) for number in range(count)])
         speeds: Matrix = np.array([self.top * each for each in (() if model.stribeck else STRIBECK_SHARES)])
-        columns = np.vstack([_further_responses(model, each, orders, speeds) for each in self.records])
+        columns = np.vstack([_further_responses(model, each, orders, speeds, self.leading) for each in self.records])
         columns -= known @ (known.T @ columns)
         found: list[tuple[float, ShaftModel]] = []
         for number, speed in enumerate(speeds):
@@ -366,7 +414,7 @@ class _Problem:
     def residuals(self, vector: Matrix) -> Matrix:
         """Return the prediction errors of all records [counts], shape (n,)."""
         model = self.model(vector)
-        return np.concatenate([prediction_errors(model, each) for each in self.records])
+        return np.concatenate([prediction_errors(model, each, self.leading) for each in self.records])
 
     def sensitivities(self, vector: Matrix, residuals: Matrix) -> Matrix:
         """Return the derivative of the residuals, shape (n, m)."""
@@ -444,7 +492,8 @@ class _Problem:
         model = self.model(vector)
         found = dict(zip(NAMES, (vector * self.scales).tolist(), strict=False))
         found["delay_and_lag"] = model.delay + model.lag
-        rms = float(np.sqrt(np.mean(residuals**2)))
+        rms, slow = float(np.sqrt(np.mean(residuals**2))), _Problem(self.records, model)
+        left = float(np.sqrt(np.mean(slow.residuals(slow.start) ** 2)))
         # Above the noise of an encoder, a residual is a torque that the model lacks, and it may take sides.
         unexplained = 1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0))
         least = LEAST_SHARE_OF_PARTS if self.is_wider else LEAST_SHARE
@@ -453,8 +502,8 @@ class _Problem:
             for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True)
         }
         estimates["torque_lag"] = self._lag_interval(vector, WIDTH * unexplained)
-        told, warnings = with_reasons(estimates, self.top), tuple(self._warnings(rms, resonance))
-        return ShaftFit(model, told, rms, self.top, len(residuals), resonance, warnings)
+        told, warnings = with_reasons(estimates, self.top), tuple(self._warnings(left, resonance))
+        return ShaftFit(model, told, left, self.top, len(residuals), resonance, warnings)
 
     def _lag_interval(self, vector: Matrix, width: float) -> Estimate:
         """Return the lag with its interval, which is symmetric in its square.
@@ -467,6 +516,7 @@ class _Problem:
         residuals = self.residuals(near)
         spread = width * self._spreads(self.sensitivities(near, residuals), self.residuals(vector))[LAG]
         lag, reference = (float(each[LAG] * self.scales[LAG]) for each in (vector, near))
+        spread = max(spread, LEAST_SHARE_OF_LAG * both * self.period)
         wide = 2.0 * reference * spread + spread**2
         return Estimate(lag, math.sqrt(max(lag**2 - wide, 0.0)), math.sqrt(lag**2 + wide), "s")
 
@@ -504,15 +554,17 @@ class _Problem:
             )
 
 
-def _further_responses(model: ShaftModel, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
+def _further_responses(
+    model: ShaftModel, record: ShaftRecord, orders: Matrix, speeds: Matrix, leading: float
+) -> Matrix:
     """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then cosine and sine waves."""
-    angles, moved = predicted_motion(model, record.positions, record.torques, record.period)
+    angles, moved = predicted_motion(model, record.positions, record.torques, record.period, leading=leading)
     turns, middles = np.outer(angles + 0.5 * record.period * moved, orders), np.outer(moved, 1.0 / speeds)
     waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
     waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * record.period * orders / math.pi)), 2, axis=1)
     torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
     span, period = HeldSpan(model, record.period), record.period
-    near, pull = 1.0 - math.exp(-2.0 * LEADING * period), LEADING * LEADING * period
+    near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
     angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
     for k, torque in enumerate(torques):
         out[k] = angle

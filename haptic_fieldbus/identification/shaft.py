@@ -13,9 +13,10 @@ with constant u and s the solution is, with a = b/J, A = exp(−a·h), E = exp(�
 and θ(h) is its integral. A shaft that comes to rest sticks while |τ + g| ≤ c. The instants of reversal and breakaway
 are found inside the span, so friction is in the model and not in the residual.
 
-Two further torques are constant over a period. Stribeck friction adds s₀·exp(−(ω/ω₀)²) to c, with ω at the begin of the
-period, and s₀ at rest. Waves Σ α·cos(n·θ) + β·sin(n·θ) are torques that depend on the place, as of cogging or of a
-weight on a lever; they add to g their mean over the way of the period.
+Two further torques are held over short times. Stribeck friction adds s₀·exp(−(ω/ω₀)²) to c, and s₀ at rest. Where it
+changes within a period it is held over an eighth of it, with ω in the middle. Waves Σ α·cos(n·θ) + β·sin(n·θ) are
+torques that depend on the place, as of cogging or of a weight on a lever; they add to g their mean over the way of a
+period.
 
 An open integration drifts: a torque error of a thousandth moves the angle without end. After each sample the model is
 therefore led back slowly to the record, by a double pole at `LEADING` [1/s]; what the record shows faster than this is
@@ -33,6 +34,8 @@ from haptic_fieldbus.numerics.linear import Matrix
 
 LEADING = 6.0
 """Double pole that leads the model back to the record [1/s]."""
+PARTS, FALLEN = 8, 2.5
+"""Parts of a period in which Stribeck friction is followed, and from which multiple of its speed on it is 0."""
 MOST_EVENTS = 8
 """Reversals and breakaways that are followed in one span."""
 _HALVINGS = 60
@@ -120,10 +123,13 @@ def predicted_motion(
     """
     shaft = _Shaft(model, positions[0], speed)
     acting, spans = acting_torques(model, torques, period)
-    pieces = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in spans]
+    whole = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in spans]
+    parts = [(seconds / PARTS, ahead) for seconds, ahead in spans for _ in range(PARTS)] if model.stribeck else []
+    slow = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in parts]
     # Gains of the double pole; of the angle and of the speed.
     near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
     waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
+    falling, before, pieces = FALLEN * model.stribeck_speed, speed, whole
     out, speeds = [0.0] * len(positions), [0.0] * len(positions)
     angle, torque, side, load, friction = shaft.angle, shaft.torque, shaft.side, shaft.load, shaft.friction
     for k, place in enumerate(positions):
@@ -135,10 +141,17 @@ def predicted_motion(
         if waves:
             load = model.torque_at(angle + 0.5 * speed * period, speed * period)
         if stribeck:
-            friction = coulomb + stribeck * math.exp(-((speed * slowness) ** 2))
+            # Friction that changes within the period is followed in parts of it.
+            pieces = slow if abs(speed) < falling + 2.0 * abs(speed - before) else whole
+            friction, before = coulomb, speed
         for (left, way, by_force, by_torque, far, beside, after), seconds, ahead in pieces:
             target = acting[k + ahead]
             behind = torque - target
+            if pieces is slow:
+                # At the middle of the part, as far as the friction at its begin tells it.
+                friction = coulomb + stribeck * math.exp(-((speed * slowness) ** 2))
+                middle = speed + 0.5 * by_force * (torque + load - friction * side)
+                friction = coulomb + stribeck * math.exp(-((middle * slowness) ** 2))
             # What happens to a shaft that slips on, or sticks on; anything else is followed event by event.
             if side:
                 force = target + load - friction * side

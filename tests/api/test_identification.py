@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.api import identification
-from haptic_fieldbus.api.identification import BenchTask, bounds_of, identify
+from haptic_fieldbus.api.identification import BenchTask, MeasuringLaw, bounds_of, identify
 from haptic_fieldbus.documents.edits import Value, with_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Rig
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench
+from haptic_fieldbus.identification.experiment import Bounds, Probe
 from haptic_fieldbus.identification.fit import ShaftFit
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
@@ -407,3 +408,14 @@ def test_a_rig_made_in_python_is_measured_and_nothing_is_written(bench: Path) ->
     found = identify(BenchTask(Rig(known.bus, known.axis)))
     assert found.written == ""
     assert found.to_json()["written"] is None
+
+
+def test_what_analyses_a_simulated_run_does_not_step_the_experiment() -> None:
+    """Before, the analysis of a part of 15,000 periods called the law once for each of its instants, mid-run."""
+    experiment = Probe(Bounds(1e-3, 1e-5, -1.0, 1.0, 2.0, 0.1, math.inf))
+    law = MeasuringLaw("handle", experiment, 0.1).begin(1e-3)
+    assert law(0.3) == 0.0
+    assert experiment._places == []
+    experiment.armed = True
+    assert [law(place) for place in (0.1, 0.2, 0.3)] == [0.0, 0.0, 0.0]
+    assert experiment._places == [0.1]

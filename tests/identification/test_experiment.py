@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
@@ -15,10 +16,10 @@ MODEL = ShaftModel(4e-5, 1e-4, 2e-3, 0.0008, 0.0002)
 BENCH = Bench(MODEL, 4096, 1000.0, 0.1, 60.0, 8.0)
 
 
-def motion(bench: Bench = BENCH, **told: float) -> GuidedMotion:
+def motion(bench: Bench = BENCH, bounds: Bounds | None = None, **told: float) -> GuidedMotion:
     """The motion with the values of the bench, but for those that are told."""
     model = replace(bench.model, **told)  # type: ignore[arg-type]
-    return GuidedMotion(bench.bounds, model.inertia, model.coulomb, model.load, model.delay + model.lag)
+    return GuidedMotion(bounds or bench.bounds, model.inertia, model.coulomb, model.load, model.delay + model.lag)
 
 
 def test_the_probe_goes_through_its_stages_and_ends_at_rest() -> None:
@@ -93,8 +94,7 @@ def test_the_motion_stays_in_its_bounds_and_ends_slowly() -> None:
 
 
 def test_an_acceleration_limit_is_kept_away_from() -> None:
-    calm = motion()
-    calm.bounds = replace(calm.bounds, acceleration=500.0)
+    calm = motion(bounds=replace(BENCH.bounds, acceleration=500.0))
     course = conducted(calm, BENCH, plant_of_bench(BENCH))
     assert calm.failure == ""
     steps = [abs(after - before) / 1e-3 for before, after in zip(course.speeds, course.speeds[1:], strict=False)]
@@ -175,3 +175,21 @@ def test_the_base_of_both_has_no_stages() -> None:
 def test_a_plant_is_moved_as_it_is_said_to_be() -> None:
     plant = plant_of_bench(BENCH, velocity=3.0)
     assert plant.state[SPEED] == 3.0
+
+
+def test_a_handle_that_is_faster_than_announced_ends_the_experiment() -> None:
+    law, place = Probe(Bounds(1e-3, 1e-5, -1.0, 1.0, 2.0, 0.1, math.inf), skipped=("rest",)), 0.0
+    while not law.done and place < 0.9:
+        assert law.effort(place) <= 0.1
+        place += 1e-5 * law.bounds.effort + 2.1e-3  # 2.1 m/s
+    assert (law.failure, law.effort(place)) == ("the handle was faster than announced in the stage breakaway", 0.0)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 2.0])
+def test_all_oscillations_together_stay_below_a_quarter_of_the_speed(friction: float) -> None:
+    for rate in (100.0, 1000.0):
+        law = GuidedMotion(Bounds(1.0 / rate, 1e-6, -1.0, 1.0, 2.0, 5.0, math.inf), 0.3, friction, 0.0, 3.0 / rate)
+        for lines in law._riding:
+            times = np.arange(0.0, 40.0, 1e-3)
+            speeds = sum(size / (0.3 * turning) * np.cos(turning * times + phase) for turning, size, phase in lines)
+            assert np.abs(speeds).max() <= 0.26 * 2.0

@@ -17,12 +17,6 @@ def test_a_drawn_bench_stays_within_what_was_announced(tmp_path: Path, seed: int
     assert accurate(measured)["inertia"]
 
 
-@pytest.mark.thorough("measures a drawn bench through its bus")
-def test_a_handle_that_is_faster_than_announced_ends_the_measurement(tmp_path: Path) -> None:
-    measured = measured_whole(drawn_whole_bench(28), tmp_path)
-    assert measured.failure == "the handle was faster than announced in the stage motion; torque is off"
-
-
 @pytest.mark.thorough("measures a bench")
 def test_a_rigid_bench_is_known_well_and_a_bound_that_was_left_is_found(tmp_path: Path) -> None:
     measured = measured_whole(drawn_whole_bench(2), tmp_path)

@@ -19,6 +19,7 @@ import pytest
 from haptic_fieldbus.api.identification import BenchTask, identify
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.identification import IdentifiedBench
+from haptic_fieldbus.identification.experiment import Experiment
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.modbus import station
@@ -164,13 +165,16 @@ class Noted:
     """(instant, torque [N·m])"""
     speed: float = 0.0
     angle: float = 0.0
-    """Largest speed and angle of the true shaft."""
+    """Largest speed and angle of the true shaft in the experiments; before them, pulses test the motor direction."""
+    measures: bool = False
+    """Whether an experiment gives the torque."""
 
 
 @contextmanager
 def noting() -> Iterator[Noted]:
     """Note what every simulated drive does meanwhile."""
     noted, counts, target, carried_out = Noted(), Servo.counts, Body.set_target, station._carry_out
+    asked = Experiment.effort
 
     def counting(self: Servo) -> int:
         shown, read_ns = counts(self), self.plant.t_ns
@@ -180,9 +184,16 @@ def noting() -> Iterator[Noted]:
                 read_ns = self._grid_ns + round(ticks * self._tick_ns)
             read_ns -= self._latency_ns
         noted.latched.append((read_ns, shown))
-        noted.speed = max(noted.speed, abs(self.plant.velocity))
-        noted.angle = max(noted.angle, abs(self.plant.position))
+        if noted.measures:
+            noted.speed = max(noted.speed, abs(self.plant.velocity))
+            noted.angle = max(noted.angle, abs(self.plant.position))
         return shown
+
+    def effort(self: Experiment, position: float) -> float:
+        noted.measures = True
+        given = asked(self, position)
+        noted.measures = not self.done
+        return given
 
     def setting(self: Body, torque: float) -> None:
         noted.acted.append((self.t_ns, torque))
@@ -196,6 +207,7 @@ def noting() -> Iterator[Noted]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(station, "_carry_out", carrying_out)
         patch.setattr(Servo, "counts", counting)
+        patch.setattr(Experiment, "effort", effort)
         patch.setattr(Body, "set_target", setting)
         yield noted
 

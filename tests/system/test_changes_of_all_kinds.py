@@ -18,7 +18,7 @@ DURATION, EVERY = 20.0, 0.23
 
 
 def accepted(running: Plan) -> Iterator[dict[str, float]]:
-    """Yield the changes that are possible: each number of each element less, then more, each time back to what it was."""
+    """Yield the changes that are possible: each number of each element less, then more, each time back."""
     for element in running.scene.elements:
         for name, value in vars(element).items():
             if isinstance(value, float) and math.isfinite(value) and value != 0.0:
