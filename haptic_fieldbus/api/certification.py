@@ -22,8 +22,9 @@ from haptic_fieldbus.documents.own_parts import OwnName
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification.certificate import FIRST_COUNTS, FIRST_STEPS, Certificate, TappedContact, Tapping
+from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds
-from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft
+from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.margins.closed_loop import with_parameters
 from haptic_fieldbus.numerals import in_unit, percent, rounded_down

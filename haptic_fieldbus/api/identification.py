@@ -21,8 +21,9 @@ from haptic_fieldbus.documents.edits import table_text, table_values, write_tabl
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
+from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import Estimate, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
 from haptic_fieldbus.identification.scale import ScaleCheck, scale_check
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.identification.twin import RunFit
@@ -153,6 +154,7 @@ def identify(
     )
     record, stages = bench.conducted(motion)
     used, rest = _part(record, stages, "motion"), _part(record, stages, "check")
+    bench.stage("fit")
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
     found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)

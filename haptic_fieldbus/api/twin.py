@@ -19,7 +19,7 @@ from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Mechanics, Rig, RigAxis, default_axis
 from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.identification.fit import UNITS
+from haptic_fieldbus.identification.estimates import UNITS
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.identification.twin import COUNT_SCALES, HoldingHand, RunFit, RunRecord, fit_run
 from haptic_fieldbus.numerals import exactly, in_unit, rounded

@@ -18,8 +18,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import takewhile
 
+from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds, ExperimentError, GuidedMotion, Stage
-from haptic_fieldbus.identification.fit import Estimate, ShaftRecord
+from haptic_fieldbus.identification.fit import ShaftRecord
 from haptic_fieldbus.numerals import OutputRow, in_unit, rounded, with_interval
 
 TAPS = 2

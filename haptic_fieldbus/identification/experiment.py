@@ -47,8 +47,8 @@ FASTEST_MOTION = 2.0 * math.pi
 MOST_PULSES, GOOD_PULSES = 24, 6
 """Largest number of pulses, and number of those of a good length that are enough."""
 FIRST_SHARE, RAISED, ALIKE = 0.01, 1.4, 1.1
-"""What the first push has beyond the breakaway, as a share of the bound; growth of an effort that was too weak; ratio
-of one that was too strong and one that was too weak, below which they tell nothing of each other."""
+"""Effort of the first push beyond the breakaway, as a share of the bound; growth of an effort that was too weak; ratio
+of a strong and a weak effort below which they tell nothing of each other."""
 STRONGER = 1.3
 """Growth of the effort from one good push to the next; in pushes of one effort, friction may look like inertia."""
 SLOW_PUSH, PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.12, 0.25, 0.5, 0.2

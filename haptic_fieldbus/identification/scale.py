@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from haptic_fieldbus.identification.fit import Estimate
+from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.numerals import exactly, percent, rounded
 
 LARGEST_SHARE = 0.3

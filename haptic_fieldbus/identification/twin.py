@@ -28,7 +28,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH, Estimate, estimate_of, with_reasons
+from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.linear import Matrix, expm

@@ -65,8 +65,14 @@ def plant_of_bench(bench: Bench, velocity: float = 0.0) -> Plant:
     return Plant(Shaft(model.inertia, model.damping, model.coulomb, model.lag), None, velocity=velocity)
 
 
-def conducted(law: Experiment, bench: Bench, plant: Body, longest: float = 60.0, load: float = 0.0) -> Course:
-    """Conduct an experiment on a plant, with an encoder that rounds and set-points of whole steps."""
+def conducted(
+    law: Experiment, bench: Bench, plant: Body, longest: float = 60.0, load: float = 0.0, jitter: float = 0.0
+) -> Course:
+    """Conduct an experiment on a plant, with an encoder that rounds and set-points of whole steps.
+
+    `jitter` [s] is the largest difference of the delay of a set-point from its mean.
+    """
+    draw = random.Random("jitter")
     period_ns, delay_ns, step = round(1e9 / bench.rate), round(1e9 * bench.model.delay), 0.004 * bench.effort
     begin_ns, resolution = plant.t_ns, law.bounds.resolution
     waiting, course = list[tuple[int, float]](), Course(ShaftRecord(1.0 / bench.rate, (), (), resolution), [], [], [])
@@ -80,7 +86,7 @@ def conducted(law: Experiment, bench: Bench, plant: Body, longest: float = 60.0,
         plant.advance(t_ns)
         positions.append(math.floor(plant.position / resolution + 0.5) * resolution)
         torques.append(round(law.effort(positions[-1]) / step) * step)
-        waiting.append((t_ns + delay_ns, torques[-1]))
+        waiting.append((t_ns + delay_ns + round(1e9 * draw.uniform(-jitter, jitter)), torques[-1]))
         course.stages.append(law.stage)
         course.angles.append(plant.position)
         course.speeds.append(plant.velocity)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, further_texts, interval_text
-from haptic_fieldbus.identification.fit import UNITS, Estimate, ShaftFit
+from haptic_fieldbus.identification.estimates import UNITS, Estimate
+from haptic_fieldbus.identification.fit import ShaftFit
 from haptic_fieldbus.identification.shaft import ShaftModel
 
 TOLD = Announcement("handle", -0.1, 0.1, 0.8, 12.5, 0.5, "m", "N", 0.25, 2.5, from_start=True)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from haptic_fieldbus.identification.fit import Estimate
+from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.report.plot import draw_certificate
 from tests.identification.test_certificate import certificate
 from tests.pictures import misplaced
