@@ -34,8 +34,9 @@ from haptic_fieldbus.numerics.linear import Matrix
 
 LEADING = 6.0
 """Double pole that leads the model back to the record [1/s]."""
-PARTS, FALLEN = 8, 2.5
-"""Parts of a period in which Stribeck friction is followed, and from which multiple of its speed on it is 0."""
+PARTS, FALLEN = {0.15: 2, 0.5: 4, math.inf: 8}, 2.5
+"""Parts of a period in which Stribeck friction is followed, by the largest change of the speed in a period, and from
+which speed on it is 0; both speeds as multiples of that of the friction."""
 MOST_EVENTS = 8
 """Reversals and breakaways that are followed in one span."""
 _HALVINGS = 60
@@ -123,13 +124,13 @@ def predicted_motion(
     """
     shaft = _Shaft(model, positions[0], speed)
     acting, spans = acting_torques(model, torques, period)
-    whole = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in spans]
-    parts = [(seconds / PARTS, ahead) for seconds, ahead in spans for _ in range(PARTS)] if model.stribeck else []
-    slow = [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in parts]
+    pieces = whole = _pieces(model, spans, 1)
+    known = PARTS.items() if model.stribeck else ()
+    divided = [(share * model.stribeck_speed, _pieces(model, spans, parts)) for share, parts in known]
     # Gains of the double pole; of the angle and of the speed.
     near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
     waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
-    falling, before, pieces = FALLEN * model.stribeck_speed, speed, whole
+    falling, per_torque = FALLEN * model.stribeck_speed, period / model.inertia
     out, speeds = [0.0] * len(positions), [0.0] * len(positions)
     angle, torque, side, load, friction = shaft.angle, shaft.torque, shaft.side, shaft.load, shaft.friction
     for k, place in enumerate(positions):
@@ -141,15 +142,20 @@ def predicted_motion(
         if waves:
             load = model.torque_at(angle + 0.5 * speed * period, speed * period)
         if stribeck:
-            # Friction that changes within the period is followed in parts of it.
-            pieces = slow if abs(speed) < falling + 2.0 * abs(speed - before) else whole
-            friction, before = coulomb, speed
+            # Friction that changes within the period is followed in parts of it, as many as the largest change asks for.
+            begin, end, pieces = torque + load, acting[k + 1] + load, whole
+            if side:
+                change = per_torque * max(abs(begin - coulomb * side), abs(end - coulomb * side))
+            else:
+                change = per_torque * max(abs(begin) - coulomb, abs(end) - coulomb, 0.0)
+            if abs(speed) < falling + change:
+                pieces = next(parts for share, parts in divided if change <= share)
+            friction = coulomb + stribeck * math.exp(-((speed * slowness) ** 2))
         for (left, way, by_force, by_torque, far, beside, after), seconds, ahead in pieces:
             target = acting[k + ahead]
             behind = torque - target
-            if pieces is slow:
-                # At the middle of the part, as far as the friction at its begin tells it.
-                friction = coulomb + stribeck * math.exp(-((speed * slowness) ** 2))
+            if pieces is not whole:
+                # In the middle of the part, as far as the friction of the part before tells it.
                 middle = speed + 0.5 * by_force * (torque + load - friction * side)
                 friction = coulomb + stribeck * math.exp(-((middle * slowness) ** 2))
             # What happens to a shaft that slips on, or sticks on; anything else is followed event by event.
@@ -168,6 +174,17 @@ def predicted_motion(
             shaft.move(seconds, target)
             angle, speed, torque, side = shaft.angle, shaft.speed, shaft.torque, shaft.side
     return np.array(out), np.array(speeds)
+
+
+def _pieces(
+    model: ShaftModel, spans: Sequence[tuple[float, int]], parts: int
+) -> list[tuple[tuple[float, ...], float, int]]:
+    """Return the pieces of a period, each divided into parts: what a part does, its length [s], and set-points ahead."""
+    return [
+        (HeldSpan(model, seconds / parts).values, seconds / parts, ahead)
+        for seconds, ahead in spans
+        for _ in range(parts)
+    ]
 
 
 def acting_torques(
