@@ -14,9 +14,9 @@ and θ(h) is its integral. A shaft that comes to rest sticks while |τ + g| ≤ 
 are found inside the span, so friction is in the model and not in the residual.
 
 Two further torques are held over short times. Stribeck friction adds s₀·exp(−(ω/ω₀)²) to c, and s₀ at rest. Where it
-changes within a period it is held over an eighth of it, with ω in the middle. Waves Σ α·cos(n·θ) + β·sin(n·θ) are
-torques that depend on the place, as of cogging or of a weight on a lever; they add to g their mean over the way of a
-period.
+changes within a period, it is held over up to eight parts of it, with ω in the middle of each. Waves
+Σ α·cos(n·θ) + β·sin(n·θ) are torques that depend on the place, as of cogging or of a weight on a lever; they add to g
+their mean over the way of a period.
 
 An open integration drifts: a torque error of a thousandth moves the angle without end. After each sample the model is
 therefore led back slowly to the record, by a double pole at `LEADING` [1/s]; what the record shows faster than this is
@@ -142,7 +142,7 @@ def predicted_motion(
         if waves:
             load = model.torque_at(angle + 0.5 * speed * period, speed * period)
         if stribeck:
-            # Friction that changes within the period is followed in parts of it, as many as the largest change asks for.
+            # Friction that changes within the period is followed in parts of it: the more, the more it can change.
             begin, end, pieces = torque + load, acting[k + 1] + load, whole
             if side:
                 change = per_torque * max(abs(begin - coulomb * side), abs(end - coulomb * side))
@@ -179,7 +179,7 @@ def predicted_motion(
 def _pieces(
     model: ShaftModel, spans: Sequence[tuple[float, int]], parts: int
 ) -> list[tuple[tuple[float, ...], float, int]]:
-    """Return the pieces of a period, each divided into parts: what a part does, its length [s], and set-points ahead."""
+    """Return the pieces of a period, divided into parts: what a part does, its length [s], and set-points ahead."""
     return [
         (HeldSpan(model, seconds / parts).values, seconds / parts, ahead)
         for seconds, ahead in spans
