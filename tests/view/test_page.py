@@ -283,6 +283,10 @@ def test_a_trip_stays_on_the_page_in_words_and_the_charts_are_held(browser: webd
             browser.execute_script("return [haptic.state().held, document.getElementById('stop').disabled]")
             == [True] * 2
         )
+        screen(browser, 390, 844)
+        browser.execute_script("scrollTo(0, document.body.scrollHeight)")
+        box = browser.execute_script("return document.getElementById('trip').getBoundingClientRect().toJSON()")
+        assert [box["top"] >= 0, box["bottom"] <= 844, box["height"] > 20] == [True] * 3, "in sight wherever one is"
         status, out, err = served.ended()
         assert status == 3
         assert text.partition(" ")[2] in " ".join((out + err).split())
@@ -452,3 +456,8 @@ def test_the_first_screen_needs_no_scrolling_and_each_control_has_a_name(page: P
         " each.outerHTML)"
     )
     assert nameless == []
+    touched = "(each) => [each.dataset.kind, getComputedStyle(each).touchAction]"
+    found = browser.execute_script(f"return [...document.querySelectorAll('canvas')].map({touched})")
+    assert {*map(tuple, found)} == {
+        ("handle", "none"), ("law", "pan-y"), ("chart", "pan-y")
+    }, "a finger scrolls a page that is longer than its screen"  # fmt: skip

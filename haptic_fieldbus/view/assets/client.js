@@ -101,13 +101,14 @@ window.haptic = (() => {
 
   function alive() {
     const open = socket && socket.readyState === WebSocket.OPEN;
-    const silent = performance.now() - lastRow > SILENT && !paused && rows.length;
+    const wait = Math.max(SILENT, hello ? 3e3 / (hello.rate * speed) : 0); // in slow motion rows are rare
+    const silent = performance.now() - lastRow > wait && !paused && rows.length;
     const lost = !ended && (!open || silent);
     document.body.classList.toggle("lost", Boolean(lost));
     document.body.classList.toggle("over", Boolean(ended));
     $("lost").hidden = !lost && !ended;
     if (ended) $("lost").textContent = `The run has ended${ended.text && $("trip").hidden ? ": " + ended.text : "."}`;
-    else if (lost) $("lost").textContent = open ? "No data for half a second. What is shown is old."
+    else if (lost) $("lost").textContent = open ? `No data for ${short(1e-3 * wait)} s. What is shown is old.`
       : `Connection lost. What is shown is old; the run may go on. Stop it at its terminal with Ctrl-C.${stopping ? " STOP is sent again when the connection is back." : ""}`;
   }
 
@@ -480,7 +481,7 @@ window.haptic = (() => {
     const row = newest();
     if (!row) return;
     const states = hello.axes.map((axis) => value(row, axis.name + ".state")), enabled = value(row, "enabled") > 0;
-    const now = performance.now(), late = rows.slice(-1000).map((each) => value(each, "lateness_us"));
+    const now = performance.now(), late = rows.slice(-Math.ceil(hello.rate)).map((each) => value(each, "lateness_us"));
     frames = frames.filter((at) => at > now - 1000);
     const flags = hello.axes.reduce((all, axis) => all | value(row, axis.name + ".flags"), 0);
     const ages = hello.axes.map((axis) => value(row, axis.name + ".age_ns") * 1e-6);
@@ -550,6 +551,7 @@ window.haptic = (() => {
     }
     if (kind !== "handle" || !hello.simulated) return;
     canvas.style.cursor = "grab";
+    canvas.style.touchAction = "none"; // a finger leads the hand; on the other pictures it scrolls the page
     const lead = (event) => {
       let target = axis.rotary ? Math.atan2(event.offsetX - canvas.centre[0], canvas.centre[1] - event.offsetY) : canvas.placeAt(event.offsetX);
       if (axis.rotary) { const from = dragged ? dragged.target : value(last(), axis.name + ".position"); target += 2 * Math.PI * Math.round((from - target) / (2 * Math.PI)); }
