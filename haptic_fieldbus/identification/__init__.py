@@ -4,9 +4,8 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from haptic_fieldbus.identification.estimates import Estimate
+from haptic_fieldbus.identification.estimates import NOT_CHECKED, Estimate, ScaleCheck
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord
-from haptic_fieldbus.identification.scale import NOT_CHECKED, ScaleCheck
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 

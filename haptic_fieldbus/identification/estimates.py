@@ -1,10 +1,18 @@
-"""Values with their intervals of 95 %, and the reason where a value cannot be separated from the others."""
+"""Values with their intervals of 95 %, and the reason where a value cannot be separated from the others.
+
+An added mass checks torque constant, gear and counts in absolute terms.
+
+Theory. With the torque S times as large as it is believed to be, positions that count C times the motion, and a handle
+that moves R times as far per radian as the rig says, the fit finds the inertia J/(S·C). A mass m at the handle adds
+m·r² to J with the believed ratio r, so it is found q = R²/(S·C) times as large as it is. Only this product is known: it
+is 1 if all of them are right, and a usual slip is named by its factor. No motion without a known mass shows any of it.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from haptic_fieldbus.numerals import exactly, in_unit, rounded
+from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
 
 UNITS = {"inertia": "kg·m²", "viscous_damping": "N·m·s/rad", "coulomb_friction": "N·m", "delay_and_lag": "s",
          "delay": "s", "torque_lag": "s", "load": "N·m"}  # fmt: skip
@@ -12,6 +20,12 @@ SEPARATED = {"inertia": 0.1, "viscous_damping": 0.5, "coulomb_friction": 0.5, "d
 """Half width of an interval, of its value, from which on the value is called not separated."""
 DELAY_KNOWN, DELAY_SHARE = 1e-4, 0.1
 """The delay plus lag is known to this time [s], or to this share of it."""
+LARGEST_SHARE = 0.3
+"""Half width of the interval of the ratio, of its value, up to which it says something."""
+SMALLEST_GEAR, LARGEST_GEAR = 2.0, 500.0
+"""Ratios of a gear that a rig may leave out; a smaller one is rather a torque that is wrong."""
+TOLERANCE = 0.1
+"""Share by which a ratio may miss the factor of a slip: masses are weighed, and seldom sit at the very handle."""
 
 
 @dataclass(frozen=True)
@@ -62,3 +76,92 @@ def reason_of(name: str, estimates: Mapping[str, Estimate], top: float) -> str:
     if name == "coulomb_friction":
         return "it is small beside the torques of the experiment"
     return "the motion was too small beside one count of the encoder"
+
+
+# The check by an added mass.
+
+
+@dataclass(frozen=True)
+class ScaleCheck:
+    """An added inertia as it was measured, beside what it is; both at the motor shaft."""
+
+    known: float
+    """[kg·m²]"""
+    measured: Estimate
+    """[kg·m²]"""
+    gear: float | None
+    """Gear ratio of the rig; None for a linear mechanism."""
+
+    @property
+    def ratio(self) -> tuple[float, float, float]:
+        """Return how many times as large as it is the inertia was measured, with the ends of the interval of 95 %."""
+        low, high = self.measured.low / self.known, self.measured.high / self.known
+        return self.measured.value / self.known, low, high
+
+    @property
+    def is_known(self) -> bool:
+        """Return whether the added inertia was measured well enough."""
+        return 0.0 < self.measured.half_width <= LARGEST_SHARE * self.measured.value
+
+    @property
+    def is_right(self) -> bool:
+        """Return whether torque, gear and counts agree with the added mass."""
+        return self.is_known and self._is(1.0)
+
+    def _is(self, factor: float) -> bool:
+        value, low, high = self.ratio
+        return low <= factor <= high or abs(value / factor - 1.0) <= TOLERANCE
+
+    def slips(self) -> Iterator[str]:
+        """Yield the slips that make such a ratio."""
+        for factor, slip in self._factors():
+            if self._is(factor):
+                yield slip
+
+    def _factors(self) -> Iterator[tuple[float, str]]:
+        """Yield factors, each with the slip that makes it."""
+        yield 0.25, "encoder_counts_per_revolution states lines; it is four times as many counts"
+        yield 4.0, "encoder_counts_per_revolution is four times too large; it may be lines that were multiplied twice"
+        yield 1e-3, "rated_torque or torque_constant is a thousand times too small; it may be mN·m divided twice"
+        yield 1e3, "rated_torque or torque_constant states mN·m for N·m; it is a thousandth"
+        if self.gear is not None and not math.isclose(self.gear, 1.0):
+            yield self.gear**4, f"mechanism.gear_ratio is the wrong way round; it is {exactly(1.0 / self.gear)}"
+            yield self.gear**2, "mechanism.gear_ratio states a gear that is not between motor and handle; it is 1"
+
+    def _others(self) -> Iterator[str]:
+        """Yield what any ratio can be."""
+        value, *_ = self.ratio
+        yield f"if gear and counts are right, the motor gives {rounded(1.0 / value, 2)} times the stated torque"
+        gear = math.sqrt(1.0 / value)
+        if self.gear == 1.0 and SMALLEST_GEAR <= gear <= LARGEST_GEAR:
+            yield f"mechanism.gear_ratio leaves out a gear; it is {rounded(gear, 2)}"
+
+    def text(self) -> str:
+        """Return the result in one sentence."""
+        if not self.is_known:
+            return "the added mass was too small beside the inertia of the bench to tell anything; add a larger one"
+        value, low, high = self.ratio
+        spread = percent(0.5 * (high - low) / value)
+        found = f"the added mass was measured {rounded(value)} times as large as it is (± {spread})"
+        if self.is_right:
+            return f"{found}: torque, gear and counts of the rig agree with it"
+        named = list(self.slips()) or self._others()
+        return f"{found}: {'; or '.join(named)}"
+
+    def to_json(self) -> dict[str, object]:
+        """Return the ratio with its interval, and what it says; the ratio is null where it is not known."""
+        value, low, high = self.ratio if self.is_known else (None, None, None)
+        return {"ratio": value, "low": low, "high": high, "right": self.is_right, "text": self.text()}
+
+
+def scale_check(without: Estimate, with_mass: Estimate, known: float, gear: float | None) -> ScaleCheck:
+    """Return the check from the inertia without and with the added one; all at the motor shaft [kg·m²]."""
+    value, half = with_mass.value - without.value, math.hypot(without.half_width, with_mass.half_width)
+    return ScaleCheck(known, Estimate(value, value - half, value + half, without.unit), gear)
+
+
+NOT_CHECKED = (
+    "not checked: a wrong torque constant, gear or number of counts changes all values by the same factor; fix a known "
+    "mass to the handle and repeat with --with-mass or --with-inertia"
+)
+"""Told without an added mass."""

@@ -7,8 +7,7 @@ import pytest
 
 from haptic_fieldbus.api.identification import BenchTask, bounds_of, identify
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.identification.estimates import Estimate
-from haptic_fieldbus.identification.scale import ScaleCheck, scale_check
+from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck, scale_check
 from tests.api.test_identification import GEARED, LINEAR, rig_text
 
 
