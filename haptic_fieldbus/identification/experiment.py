@@ -46,9 +46,11 @@ FASTEST_MOTION = 2.0 * math.pi
 """Largest angular frequency of the slow motion [1/s]."""
 MOST_PULSES, GOOD_PULSES = 24, 6
 """Largest number of pulses, and number of those of a good length that are enough."""
-FIRST_SHARE, RAISED, ALIKE = 0.01, 1.4, 1.1
-"""Effort of the first push beyond the breakaway, as a share of the bound; growth of an effort that was too weak; ratio
-of a strong and a weak effort below which they tell nothing of each other."""
+FIRST_SHARE, UNKNOWN_SHARE = 0.01, 0.05
+"""Effort of the first push beyond the breakaway, where that is known and where it is not, as shares of the bound."""
+RAISED, ALIKE = 1.4, 1.1
+"""Growth of an effort that was too weak, and the ratio of a strong and a weak one below which they tell nothing of each
+other."""
 STRONGER = 1.3
 """Growth of the effort from one good push to the next; in pushes of one effort, friction may look like inertia."""
 SLOW_PUSH, PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.12, 0.25, 0.5, 0.2
@@ -268,7 +270,8 @@ class Probe(Experiment):
         The first effort is near that of the breakaway: how fast a stronger push would be, weaker ones tell.
         """
         bounds, good = self.bounds, 0
-        first = min(0.5 * bounds.effort, self.friction + FIRST_SHARE * bounds.effort)
+        beyond = FIRST_SHARE if self.friction else UNKNOWN_SHARE
+        first = min(0.5 * bounds.effort, self.friction + beyond * bounds.effort)
         slowest = 1.05 * self.friction or math.inf  # of an unknown friction, less effort moves nothing
         ways = {side: _PushEffort(first, 0.8 * bounds.effort) for side in (1, -1)}
         for _ in range(MOST_PULSES):

@@ -193,3 +193,12 @@ def test_all_oscillations_together_stay_below_a_quarter_of_the_speed(friction: f
             times = np.arange(0.0, 40.0, 1e-3)
             speeds = sum(size / (0.3 * turning) * np.cos(turning * times + phase) for turning, size, phase in lines)
             assert np.abs(speeds).max() <= 0.26 * 2.0
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.4])
+def test_pushes_find_an_effort_that_moves_a_handle_of_unknown_friction(share: float) -> None:
+    stiff = replace(BENCH, model=replace(BENCH.model, coulomb=share * BENCH.effort))
+    law = Probe(BENCH.bounds, ["friction"])
+    course = conducted(law, stiff, plant_of_bench(stiff))
+    assert law.failure == ""
+    assert max(map(abs, course.speeds)) < 0.9 * BENCH.speed
