@@ -58,7 +58,7 @@ class WholeBench:
     parts: tuple[str, ...] = ()
     """Names of what the bench has beside a rigid shaft with friction."""
     stated: tuple[str, ...] = ()
-    """Values that the rig states, each wrong by up to a factor of three; none in one of four benches."""
+    """Values that the rig states, each wrong by up to a factor of three; none in one of four benches without play."""
     tables: tuple[str, ...] = ()
     """Lines of `[axis.handle.simulation]` for them."""
 
@@ -105,8 +105,8 @@ def drawn_whole_bench(seed: int) -> WholeBench:
     inertia, acceleration = 10.0 ** draw.uniform(-5.5, -2.5), 10.0 ** draw.uniform(2.8, 4.2)
     # A coarse encoder is moved by a long way, so that its counts tell something.
     travel = max(draw.choice((3.0, 6.0, 12.0)), min(80.0 * 2.0 * math.pi / counts, 12.0 * math.pi))
-    # Drives tell it in whole mN·m.
-    rated = max(round(4.0 * inertia * acceleration, 3), 0.002)
+    # Drives tell it in whole mN·m, and a rig has at most 50 N·m.
+    rated = min(max(round(4.0 * inertia * acceleration, 3), 0.002), 50.0)
     speed = min(2.0 * travel, 0.5 * math.sqrt(0.25 * rated / inertia * travel))
     coulomb = 0.25 * rated * 10.0 ** draw.uniform(-1.7, -0.6)
     damping = coulomb / speed * 10.0 ** draw.uniform(-1.8, 0.7)
@@ -117,7 +117,7 @@ def drawn_whole_bench(seed: int) -> WholeBench:
         if linear
         else f'{{ kind = "rotary", gear_ratio = {gear}, sign = {draw.choice((-1, 1))} }}'
     )
-    parts, tables, left = list[str](), list[str](), coulomb
+    parts, tables, left, load = list[str](), list[str](), coulomb, 0.0
     if draw.random() < 0.35:
         parts.append("stribeck")
         velocity, more = speed * 10.0 ** draw.uniform(-2.0, -0.7), coulomb * draw.uniform(0.1, 0.8)
@@ -139,9 +139,11 @@ def drawn_whole_bench(seed: int) -> WholeBench:
             f"coupling = {{ stiffness = {stiffness!r}, load_inertia = {load!r}, "
             f"damping = {0.2 * stiffness / resonance!r}, backlash = {10.0 ** draw.uniform(-3.5, -2.3)!r} }}"
         )
-    known = draw.random() < 0.75
+    known = draw.random() < 0.75 or load > 0.0  # without an inertia a rig takes no coupling
     truths = {"inertia": inertia, "viscous_damping": damping, "coulomb_friction": coulomb}
-    stated = [f"{key} = {value * 3.0 ** draw.uniform(-1.0, 1.0)!r}" for key, value in truths.items()]
+    slips = {key: value * 3.0 ** draw.uniform(-1.0, 1.0) for key, value in truths.items()}
+    slips["inertia"] = max(slips["inertia"], 1.01 * load)  # a rig refuses a load that is larger than the whole
+    stated = [f"{key} = {value!r}" for key, value in slips.items()]
     return WholeBench(
         seed, bus, rate, inertia, damping, coulomb, 10.0 ** draw.uniform(2.1, 3.4), counts, travel, rated,
         10.0 ** draw.uniform(-4.3, -3.0), draw.choice(("sync", "free")) if bus == "canopen" else "free", handle,
