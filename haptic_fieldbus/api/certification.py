@@ -214,7 +214,6 @@ class _TappedBench:
         rig = replace(rig, axis={**rig.axis, name: replace(rig.axis[name], limits=limits)})
         stiff = with_parameters(self.element, {"stiffness": stiffness})
         varied = [stiff if each is self.element else each for each in self.plan.scene.elements]
-        law.armed = True  # its stages begin when force has faded in
         scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, self.effort, "taps")))
         trial = Trial(
             duration=LONGEST, hand=FINGER if law.by_hand else "none", fade_in=FADE_IN, seed=self._asked.seed,

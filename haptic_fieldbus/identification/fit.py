@@ -175,9 +175,11 @@ def _best_led(problem: "_Problem", cost: float, vector: Matrix) -> tuple["_Probl
     noise = ENCODER_NOISE**2 * problem.rows
     for factor in (0.5, 2.0):
         while LEADING <= factor * problem.leading <= FASTEST_LEADING / problem.period:
-            enough = max(cost, noise) / WORTH_LEADING if factor < 1.0 else WORTH_LEADING * cost if cost > noise else 0.0
+            if factor > 1.0 and cost <= noise:
+                break
+            enough = max(cost, noise) / WORTH_LEADING if factor < 1.0 else WORTH_LEADING * cost
             other = _Problem(problem.records, problem.model(vector), factor * problem.leading)
-            after, found = other.solved(other.start) if enough else (math.inf, vector)
+            after, found = other.solved(other.start)
             if not after < enough:
                 break
             problem, cost, vector = other, after, found
