@@ -9,7 +9,7 @@ import math
 import socket
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,7 @@ UNIT, HOST = 1, "127.0.0.1"
 class Handled(Drive):
     """A drive whose motor is coupled to a handle, which moves while time passes."""
 
+    now: Callable[[], float] = time.monotonic
     angle: float = 0.0
     speed: float = 0.0
     advanced: float = 0.0

@@ -177,8 +177,17 @@ def test_a_slow_caller_is_told_and_trips_as_a_late_host(
 
 @pytest.mark.thorough("seconds of real time")
 def test_a_caller_that_was_slow_once_is_told(rig: Path, port: int) -> None:
-    with haptic_fieldbus.session("wall", rig, rate=RATE, settings=dict([SETTING]), yes=True, duration=0.4) as live:
-        for number, _ in enumerate(live):
-            time.sleep(1.2 * PERIOD if number == 5 else 0.0)
-    assert live.result is not None
-    assert [each for each in live.result.warnings if "the block of the session took up to " in each]
+    trips: list[str] = []
+    settings = dict([SETTING])
+    for _ in range(ATTEMPTS):
+        try:
+            with haptic_fieldbus.session("wall", rig, rate=RATE, settings=settings, yes=True, duration=0.4) as live:
+                for number, _ in enumerate(live):
+                    time.sleep(1.2 * PERIOD if number == 5 else 0.0)
+        except haptic_fieldbus.HapticFieldbusError as error:  # a busy machine was late besides
+            trips.append(str(error))
+            continue
+        assert live.result is not None
+        assert [each for each in live.result.warnings if "the block of the session took up to " in each]
+        return
+    pytest.fail("\n".join(trips))

@@ -118,8 +118,7 @@ def test_lost_requests_are_repeated_until_the_drive_is_off(opened: ExitStack, li
     server._answers = lossy  # type: ignore[method-assign]
     drive.lost = 3
     assert bench.bus.stop() is True
-    # On a busy machine the watchdog of the drive may be faster, which is a fault without torque.
-    assert off(drive) or (drive.value(STATUS), drive.value(DEMAND), drive.value(TARGET)) == (FAULT, 0, 0)
+    assert off(drive)
 
 
 class LostError(Exception):
