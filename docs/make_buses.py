@@ -28,7 +28,7 @@ writes the table from plans and from runs in virtual time. The figures are the s
 
 - *Time on the bus*: all frames of one period with the silence between them, and their share of the period.
 - *Age*: half a period plus the longest delay. The stability limit is about b/(T/2 + delay), where b = 1.58 N·s/m is the
-  friction at this handle.
+  viscous damping at this handle.
 - *Stable to*: stiffness up to which the loop is stable with its nominal values. *Limit*: stiffness up to which it is
   stable for every value that the profile leaves open ([the limit](../explanation/stability.md#the-limit)).
 - *Felt error*: force error of `run wall --hand {hand}` at {stiffness} N/m, in motion, as a share of the force. All four

@@ -161,7 +161,7 @@ def scale_check(without: Estimate, with_mass: Estimate, known: float, gear: floa
 
 
 NOT_CHECKED = (
-    "not checked: a wrong torque constant, gear or number of counts changes all values by the same factor; fix a known "
-    "mass to the handle and repeat with --with-mass or --with-inertia"
+    "not checked: a wrong torque constant, gear or number of counts makes the values wrong, and no motion shows it; "
+    "fix a known mass to the handle and repeat with --with-mass or --with-inertia"
 )
 """Told without an added mass."""

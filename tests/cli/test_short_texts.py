@@ -33,9 +33,12 @@ def test_a_run_of_each_scene_has_at_most_eight_lines(scene: str, command: Comman
 
 
 @pytest.mark.thorough("three seconds of a run")
-def test_the_tutorial_shows_what_its_demo_prints(command: Command) -> None:
+def test_the_tutorial_shows_what_its_demo_prints(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     shown, _ = re.findall(r"^```text\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    (demo,) = re.findall(r"haptic-fieldbus (run .*) --plot", MAKEFILE.read_text(encoding="utf-8"))
+    (demo,) = re.findall(r"haptic-fieldbus (run .* --plot .*)", MAKEFILE.read_text(encoding="utf-8"))
     assert command(*demo.split()).out == shown
 
 

@@ -145,7 +145,7 @@ def test_one_parameter_goes_the_way_of_the_page_and_arrives(given: str, tmp_path
         scene, options = str(file), []
     with traced() as calls, pytest.raises(SystemExit) as stopped:
         main(["run", scene, *options, "--duration", "0.05"])
-    names = way("one parameter")
+    names = way("parameter to the loop")
     assert not stopped.value.code
     assert in_order(calls.made, names) == names
     assert calls.stiffnesses == {800.0}

@@ -161,7 +161,7 @@ class BusOff(OpenEndAtInstant):
 
 @kind("interface_down")
 class InterfaceDown(OpenEndAtInstant):
-    """The interface of the master is down: to send and to receive fails with "Network is down"."""
+    """The interface of the master is down: sending and receiving fail with "Network is down"."""
 
 
 @kind("error_frame")
@@ -436,7 +436,7 @@ class SdoRefusal(NamedFault):
 
 @kind("dead_guard")
 class DeadGuard(NamedFault):
-    """A drive watchdog that fires after `factor` times its set time. None: never."""
+    """A drive watchdog that fires after `factor` times its set time; without `factor` it never fires."""
 
     factor: Annotated[float, Ge(1), Le(1000)] | None = None
 
