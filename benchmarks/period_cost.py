@@ -73,7 +73,7 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
         nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side, fresh_ns, total, left
         if tripped:
             return released(tripped)
-        t_ns, _, flags, _, statusword, counts, shown = unpack(image)
+        t_ns, age_ns, flags, _, statusword, counts, shown = unpack(image)
         # Link flags and missing samples.
         if flags or missing:
             return released("link")
@@ -83,6 +83,8 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
         # A sample in time.
         if fresh_ns and not 500_000 < t_ns - fresh_ns < 1_500_000:
             return released("time of the sample")
+        if age_ns > 30_000_000:
+            return released("age of the sample")
         fresh_ns = t_ns
         # The encoder's wrap.
         counts -= zero

@@ -29,6 +29,7 @@ from haptic_fieldbus.documents.own_parts import OwnName, name_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.planning.energy import with_energy_limits
 from haptic_fieldbus.planning.limits import BEYOND_SHARE
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
@@ -281,10 +282,9 @@ def _capped(plan: Plan, share: float) -> Plan:
     if share == math.inf:
         return plan
     axes = [
-        replace(axis, limits=replace(axis.limits, effort=min(axis.limits.effort, share * axis.rated_effort)))
-        for axis in plan.axes
+        replace(axis, limits=axis.limits.lowered(share * axis.rated_effort, axis.effort_unit)) for axis in plan.axes
     ]
-    return replace(plan, axes=tuple(axes))
+    return replace(plan, axes=with_energy_limits(axes, plan.scene.couplings))
 
 
 def _conditions(plan: Plan, task: Task, trial: Trial, changes: "Changes | None", hand: str) -> Conditions:

@@ -321,16 +321,23 @@ class _Taken:
 def conduct(session: Session, place: AbstractContextManager[Site], watch: Callable[[Session], bool]) -> Session:
     """Conduct a run, and return it; after each period `watch` gets it, and returns whether it is to end.
 
-    Raises KeyboardInterrupt when a signal ended it, and the errors of a run.
+    Raises KeyboardInterrupt when a signal ended it, the errors of a run, and what `watch` raises. By then the motor is
+    off.
     """
     caller = Caller()
     steps = session.steps(place, caller)
     try:
-        while True:
-            next(steps)
-            caller.stopping = watch(session)
+        try:
+            while True:
+                next(steps)
+                caller.stopping = watch(session)
+        except StopIteration:
+            raise
+        except BaseException as error:
+            steps.throw(error)  # ends a run that has paused; one that has ended raises the error again
+            raise
     except StopIteration as ended:
-        if ended.value.stopped is not None:
+        if ended.value is not None and ended.value.stopped is not None:
             raise KeyboardInterrupt from None
     return session
 

@@ -249,13 +249,11 @@ class LiveSession:
 
     def _advance(self) -> bool:
         """Go on to the next pause; return whether there was one. The run is over otherwise, and when it raises."""
-        steps, self._steps = self._steps, None
         try:
-            next(steps)  # type: ignore[arg-type]
+            next(self._steps)  # type: ignore[arg-type]
         except StopIteration as end:
-            self.result = end.value
+            self._steps, self.result = None, end.value
             return False
-        self._steps = steps
         return True
 
     def set(self, name: str, value: Setting) -> "Future[Change]":
@@ -285,19 +283,22 @@ class LiveSession:
         self.stop()
         if self._judging is not None:
             self._judging.shutdown(wait=False, cancel_futures=True)
-        steps, self._steps = self._steps, None
+        steps = self._steps
         if steps is None:
             return False
-        if error is None or isinstance(error, GeneratorExit):
-            self.result = finished(steps)
-            return False
         try:
+            if error is None or isinstance(error, GeneratorExit):
+                self.result = finished(steps)
+                return False
             steps.throw(error)
         except StopIteration as end:  # a signal, after which the run has a result
             self.result = end.value
         except BaseException as raised:
             if raised is not error:
                 raise
+        finally:
+            self._steps = None
+            steps.close()  # another signal came meanwhile
         return isinstance(error, KeyboardInterrupt) and self.result is not None
 
 

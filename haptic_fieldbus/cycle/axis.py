@@ -159,9 +159,14 @@ class AxisCycle:
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self.axis.position_unit
 
+    @property
+    def is_deep(self) -> bool:
+        """Whether the scene asks for more force than a handle may start with, as deep in a wall."""
+        return abs(self.state.force) > self.largest_step
+
     def check_start(self) -> None:
         """Trip if the first force is large: it would throw the handle as soon as it is permitted."""
-        if abs(self.state.force) > self.largest_step:
+        if self.is_deep:
             self._trip(TripKind.START_FORCE, self.state.force, self.largest_step)
 
     def release(self, *, tripped: bool) -> None:
@@ -253,7 +258,8 @@ class AxisCycle:
         # Rounding to counts changes the difference of two positions by up to one count.
         largest_way, still_ns = axis.limits.speed * self.period + abs(unit), self.still_ns
         jump, (shortest, longest) = axis.limits.jump(self.period, abs(unit)), in_time(self.period)
-        self.bounds = shortest, longest, largest_way, jump
+        oldest_ns = 1e9 * axis.limits.age
+        self.bounds = shortest, longest, oldest_ns, largest_way, jump
 
         def observe(image: bytes | bytearray) -> None:
             age_before_ns = state.feedback[AGE_NS]
@@ -261,7 +267,10 @@ class AxisCycle:
             elapsed_ns = feedback[T_NS] - state.fresh_ns
             state.steps = steps = (
                 1
-                if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
+                if shortest < elapsed_ns < longest
+                and not feedback[FLAGS]
+                and not state.missing
+                and feedback[AGE_NS] <= oldest_ns
                 else watch.link(feedback, elapsed_ns, owner.enabled, age_before_ns)
             )
             bits = feedback[STATUSWORD] & mask

@@ -79,6 +79,8 @@ class Cycle:
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
         self._tied = tuple(self.axes[name].state for name in tied)
+        self._apart = 0
+        """Periods in a row in which a coupled axis had no sample."""
         if tied:
             watches = [self.axes[name].watch for name in tied]
             strictest = min((watch.gaps for watch in watches), key=lambda gaps: gaps.tolerance)
@@ -194,8 +196,9 @@ class Cycle:
     def sign_seen(self) -> None:
         """Let forces rise once the motor direction of every axis is confirmed: a coupling acts on two axes."""
         if all(each.sign.proof is None or each.sign.proof.seen for each in self.axes.values()):
+            deep = any(each.is_deep for each in self.axes.values())
             for each in self.axes.values():
-                each.sign.permit(self.t_ns)
+                each.sign.permit(self.t_ns, deep=deep)
 
     def sign_doubted(self) -> None:
         """Limit all axes to the holding force while one motor direction is tested: a coupling acts on two axes."""
@@ -293,10 +296,13 @@ class Cycle:
         return couple
 
     def _share_gaps(self) -> None:
-        """Let the gap of one axis be a gap of all axes coupled with it: their forces follow from its position."""
-        worst = max([state.missing for state in self._tied])
+        """Let the gap of one axis be a gap of all axes coupled with it: their forces follow from its position.
+
+        It ends with a period in which all of them have a sample.
+        """
+        self._apart = self._apart + 1 if sum([state.missing for state in self._tied]) else 0
         for state in self._tied:
-            state.holding = worst
+            state.holding = self._apart
 
     def _uncouple(self) -> None:
         """Reset the coupling force of each axis to 0, before the couplings of the period add to it."""

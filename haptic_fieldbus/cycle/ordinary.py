@@ -21,7 +21,7 @@ from haptic_fieldbus.cycle.laws import in_order
 from haptic_fieldbus.cycle.plausibility import TorqueEcho
 from haptic_fieldbus.cycle.safety import Trip, whole_steps
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.image import FLAGS, STATUSWORD, T_NS
+from haptic_fieldbus.planning.image import AGE_NS, FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:  # imported for its type alone: the axis does without this module
@@ -67,7 +67,8 @@ def bind_ordinary(
     state, permission, axis, after = each.state, each.permission, each.axis, each.after
     unpack, pack_into, offset = each.image.input.unpack_from, each.image.output.pack_into, each.image.outputs[0]
     place, unit, effort_unit = axis.place_of(Signal.POSITION), axis.position_unit, axis.effort_unit
-    sign, mask, (shortest, longest, largest_way, jump) = axis.rig.mechanism.sign, axis.power.mask, each.bounds
+    sign, mask = axis.rig.mechanism.sign, axis.power.mask
+    shortest, longest, oldest_ns, largest_way, jump = each.bounds
     lowest, highest = _range(axis)
     still_ns, standstill, limit, not_finite = each.still_ns, each.standstill, each.limit, each.not_finite
     holding, effort = axis.limits.holding, whole_steps(axis.limits.effort, effort_unit)
@@ -109,6 +110,7 @@ def bind_ordinary(
             or permission.beside
             or doubt.open
             or not shortest < t_ns - state.fresh_ns < longest
+            or feedback[AGE_NS] > oldest_ns
             or not -largest_way <= way <= largest_way
             or not lowest <= here <= highest
             or not -jump <= way - state.way <= jump

@@ -89,16 +89,16 @@ class Sign:
             self._permission.proof = lambda force: max(-holding, min(holding, force))
         self._permission.loosen()
 
-    def permit(self, t_ns: int) -> None:
+    def permit(self, t_ns: int, *, deep: bool) -> None:
         """Let the force rise from the holding force to its limit: the direction of all axes is confirmed.
 
         After a doubt the handle may be deep in contact, because the force was small: the cap stays until contact is
-        left.
+        left. So it does after the first proof if the handle is `deep` in contact: a hand may have pushed it there.
         """
         if self._state.permitted_ns is None:
             limits, permission = self._axis.limits, self._permission
             permission.proof, self._state.permitted_ns = None, t_ns
-            if permission.fade > 0.0:  # force was permitted before, so this ends a doubt
+            if deep or permission.fade > 0.0:  # force was permitted before, so this ends a doubt
                 permission.cap_after_doubt(limits.before_sign)
             permission.fade = min(1.0, limits.before_sign / limits.effort)
 

@@ -83,6 +83,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
     """Yield the finite limits of this axis, in the order in which they act on a force."""
     limits, force, length = axis.limits, axis.workspace.effort_unit, axis.workspace.length_unit
     judged = 1.0 if math.isfinite(limits.energy) else math.inf
+    jump = math.inf if axis.integrates else limits.jump(period, axis.resolution)
     rows = (
         LimitRow("force at the start", START_SHARE * limits.effort, force, Reaction.REFUSE),
         *_unproved(axis, period),
@@ -97,7 +98,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         *_gaps(axis, period),
         LimitRow("speed", limits.speed, f"{length}/s", Reaction.DISABLE),
         LimitRow("acceleration", limits.acceleration, f"{length}/s²", Reaction.DISABLE),
-        LimitRow("jump in a period", limits.jump(period, axis.resolution), length, Reaction.DISABLE),
+        LimitRow("jump in a period", jump, length, Reaction.DISABLE),
         LimitRow("power", limits.power, "W", Reaction.DISABLE),
         LimitRow("energy of its own", limits.energy, "J", Reaction.DISABLE),
         LimitRow("energy forgiven in a second", limits.forgiven, "J", Reaction.DISABLE),

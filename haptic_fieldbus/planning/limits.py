@@ -1,7 +1,7 @@
 """The limits of an axis, as the plan sets them for the running cycle."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN
@@ -268,6 +268,13 @@ class EffortLimits:
     def before_sign(self) -> float:
         """Largest effort of the scene before the motor direction is confirmed [N or N·m]."""
         return min(self.effort, self.holding, self.unseen)
+
+    def lowered(self, effort: float, step: float) -> "EffortLimits":
+        """Return the limits for an effort of at most this, in whole steps before the motor direction is confirmed."""
+        if effort >= self.effort:
+            return self
+        unseen = min(self.unseen, math.floor(effort / step + 1e-9) * step)
+        return replace(self, effort=effort, slew=effort / SLEW_TIME, unseen=unseen)
 
     def jump(self, period: float, resolution: float) -> float:
         """Return the largest second difference of the position [m or rad] that motion and encoder can cause.

@@ -226,7 +226,11 @@ def _run(
             if report.cycles % progress_every == 0:
                 progress(report.cycles)
             if changes is not None and changes.waiting:
-                changes.make(latch_ns + period_ns - enabled_ns, latch_ns, period_ns)
+                try:
+                    changes.make(latch_ns + period_ns - enabled_ns, latch_ns, period_ns)
+                except Exception as error:  # of a law that is tried before it acts
+                    cycle.fail(error)
+                    return
             if caller is not None:
                 caller.late_ns = late_ns
                 began_ns = time.perf_counter_ns()

@@ -169,9 +169,13 @@ class Session:
             # A run that fails has a result too: the command line prints it beside the error.
             known = known_before(plan, self.bus_name, report, cycle.trip, str(error))
             seen = tuple(passivities(plan, cycle, report.cycles))
-            stopped = ending.stopped(report, duration)
-            known = replace(known, passivity=seen, stopped=stopped, warnings=tuple(notices(plan, cycle, report)))
-            error.result = self._told_with(known if assessment is None else assessment.with_travel(known))
+            known = replace(known, passivity=seen, stopped=ending.stopped(report, duration))
+            try:
+                known = replace(known, warnings=tuple(notices(plan, cycle, report)))
+                known = known if assessment is None else assessment.with_travel(known)
+            except Exception as again:  # of a law that fails here too
+                known = replace(known, warnings=(f"the result is incomplete: {type(again).__name__}: {again}",))
+            error.result = self._told_with(known)
             raise
         finally:
             rows.close(self.provenance)

@@ -3,14 +3,18 @@
 import math
 import random
 import re
+import signal
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from haptic_fieldbus.api import identification
 from haptic_fieldbus.api.identification import BenchTask, MeasuringLaw, bounds_of, identify
+from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.documents.edits import Value, with_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Rig
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
@@ -419,3 +423,35 @@ def test_what_analyses_a_simulated_run_does_not_step_the_experiment() -> None:
     experiment.armed = True
     assert [law(place) for place in (0.1, 0.2, 0.3)] == [0.0, 0.0, 0.0]
     assert experiment._places == [0.1]
+
+
+def raised() -> None:
+    raise ZeroDivisionError
+
+
+@pytest.mark.parametrize(
+    ("act", "error"), [(raised, ZeroDivisionError), (partial(signal.raise_signal, signal.SIGINT), KeyboardInterrupt)]
+)
+def test_what_ends_a_measurement_in_the_code_of_its_caller_is_heard_when_the_motor_is_off(
+    act: Callable[[], None], error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The error is kept here, and with it all that its traceback keeps alive."""
+    rig, released, before = tmp_path / "rig.toml", list[bool](), signal.getsignal(signal.SIGINT)
+    rig.write_text(rig_text(), encoding="utf-8")
+    whole = CanopenBus.release
+
+    def release(self: CanopenBus) -> None:
+        released.append(True)
+        whole(self)
+
+    def told(stage: str) -> None:
+        if stage == "breakaway":
+            released.clear()  # the run that looks at the bench is over
+            act()
+
+    monkeypatch.setattr(CanopenBus, "release", release)
+    with pytest.raises(error) as kept:
+        identify(BenchTask(rig, rate=250.0), progress=told)
+    assert released
+    assert signal.getsignal(signal.SIGINT) is before
+    assert kept.value.__traceback__ is not None

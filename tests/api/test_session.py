@@ -1,10 +1,13 @@
 """A session beside the run that it cuts open, and every way to leave it: torque-free."""
 
+import dis
 import math
 import re
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from types import CodeType, FrameType
 from typing import Any
 
 import pytest
@@ -368,3 +371,51 @@ def test_the_advice_for_an_effort_names_the_arguments_of_a_session() -> None:
         list(live)
     assert "Correct its code." in str(failed.value)
     assert "scenes check" not in str(failed.value)
+
+
+def interrupting(code: CodeType, at: int) -> Callable[[FrameType, str, Any], Any]:
+    """A trace function that raises SIGINT in front of an instruction of a function, in its 30th call."""
+    calls = 0
+
+    def traced(frame: FrameType, event: str, argument: Any) -> Any:
+        nonlocal calls
+        if frame.f_code is not code:
+            return None
+        frame.f_trace_opcodes = True
+        if event == "opcode" and frame.f_lasti == at:
+            calls += 1
+            if calls == 30:
+                signal.raise_signal(signal.SIGINT)
+        return traced
+
+    return traced
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_a_signal_between_two_instructions_of_a_step_ends_it_torque_free(tmp_path: Path) -> None:
+    """Whichever instruction of `_advance` it follows once torque is on."""
+    code, instructions = LiveSession._advance.__code__, [*dis.get_instructions(LiveSession._advance)]
+    for at in {each.offset for each in instructions if each.offset > 0 and each.opname not in ("RESUME", "CACHE")}:
+        record = tmp_path / f"{at}.log"
+        with session("wall", record=record) as live:
+            sys.settrace(interrupting(code, at))
+            try:
+                for state in live:
+                    if state.time > 0.05:
+                        break
+            finally:
+                sys.settrace(None)
+        assert ends_torque_free(record), at
+
+
+def test_all_limits_of_an_undeclared_effort_are_those_of_its_cap() -> None:
+    """Its plan holds the rate of change, the pulses and the energies that follow from 5 % of rated torque."""
+    with session(effort=lambda state: 0.0, duration=0.01) as live:
+        assert live._run is not None
+        (axis,) = live._run.plan.axes
+    limits = axis.limits
+    assert limits.effort == pytest.approx(0.05 * axis.rated_effort)
+    assert limits.slew == pytest.approx(limits.effort / 0.005)
+    assert limits.unseen <= limits.effort
+    assert limits.energy == pytest.approx(5e-3 + limits.effort * axis.resolution)
+    assert limits.forgiven == pytest.approx(0.2 * limits.effort * limits.speed)

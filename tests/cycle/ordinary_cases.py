@@ -69,6 +69,12 @@ class Image:
     statusword: int = ENABLED
     shown: int = 0
     """Difference from the echo that is expected."""
+    age: int = 100_000
+    """[ns]"""
+
+
+OLDEST_NS = 30_000_000
+"""Largest permitted age of feedback: 0.6 times the watchdog time of 50 ms."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,7 @@ class Handle:
         values = {Signal.STATUSWORD: given.statusword, Signal.POSITION: self._counts}
         shown = round(expected / echo.ratio) + given.shown
         mapped = [values.get(each.signal, shown) for each in self._axis.incoming]
-        return self._plan.image.axes[0].input.pack(self._t_ns, 100_000, given.flags, 0, *mapped)
+        return self._plan.image.axes[0].input.pack(self._t_ns, given.age, given.flags, 0, *mapped)
 
     def place(self, counts: int) -> None:
         """Put the counts elsewhere, before the next image."""
@@ -139,12 +145,12 @@ def moved(cycle: Cycle, way: float) -> None:
 
 
 def largest_way(cycle: Cycle, sign: float, *, beyond: bool) -> None:
-    way = sign * cycle._first.bounds[2]
+    way = sign * cycle._first.bounds[3]
     moved(cycle, math.nextafter(way, sign * math.inf) if beyond else way)
 
 
 def jump(cycle: Cycle, sign: float, *, beyond: bool) -> None:
-    before = sign * cycle._first.bounds[3]
+    before = sign * cycle._first.bounds[4]
     cycle._first.state.way = math.nextafter(before, sign * math.inf) if beyond else before
 
 
@@ -285,6 +291,8 @@ def one_side() -> Iterator[Case]:
     yield Case("fault", (Image(statusword=FAULT, ordinary=False),))
     yield Case("warning", (Image(statusword=WARNED, ordinary=True),))
     yield Case("late answer", (Image(flags=int(LinkFlag.STALE), passed=0, ordinary=False), no, yes))
+    yield Case("as old as it may be", (Image(age=OLDEST_NS, ordinary=True),))
+    yield Case("too old", (Image(age=OLDEST_NS + 1, ordinary=False), no))
     yield Case("gap", (Image(passed=3_000_000, ordinary=False), yes))
     yield Case("law beside the handle", (no,), beside)
     yield Case("doubt", (Image(shown=60, ordinary=False), no, yes))

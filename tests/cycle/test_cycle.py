@@ -707,3 +707,13 @@ class TestUnevenPeriods:
         cycle(image(round(self.way(25.0) / COUNT), t_ns=24_000_001))
         assert cycle.trip is not None
         assert (cycle.trip.kind, cycle.trip.t_ns) == (TripKind.ACCELERATION, 24_000_001)
+
+
+def test_feedback_that_comes_in_its_period_and_is_too_old_trips() -> None:
+    """As after a pause of the computer between SYNC and reading: nothing else tells it."""
+    for age, kinds in ((30_000_000, []), (30_000_001, [TripKind.FEEDBACK_LOST])):
+        cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 3.0))))
+        assert sent(cycle(image(t_ns=1_000_000)))[1] > 0
+        target = sent(cycle(image(t_ns=2_000_000, age=age)))[1]
+        assert ([cycle.trip.kind] if cycle.trip else []) == kinds
+        assert (target == 0) is bool(kinds)

@@ -13,6 +13,7 @@ from haptic_fieldbus.cycle.plausibility import sign_watch
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind
 from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.scenes.coupling import Coupling
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
 from tests.builders import endless_rig, plan_of, scene_of
 
@@ -90,12 +91,12 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
     assert max(map(abs, given)) <= AXIS.limits.holding
     assert len(given) < 300
     assert (trips, seen) == (([], [True]) if sign > 0.0 else ([TripKind.SIGN], []))
-    subject.permit(7)
+    subject.permit(7, deep=False)
     assert permission.cap == pytest.approx(0.05 * RATED)
     assert (permission.proof, handle.state.permitted_ns) == (None, 7)
     assert permission.fade == pytest.approx(AXIS.limits.holding / AXIS.limits.effort)
     permission.fade = 0.8
-    subject.permit(9)
+    subject.permit(9, deep=False)
     assert (permission.fade, handle.state.permitted_ns) == (0.8, 7), "it was permitted before"
 
 
@@ -103,7 +104,7 @@ def test_the_cap_of_a_gap_that_is_smaller_stays_when_a_doubt_is_over() -> None:
     permission = Permission(fade=1.0, cap=1.0)
     subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, lambda: None, lambda: None)
     subject.hold()
-    subject.permit(7)
+    subject.permit(7, deep=False)
     assert permission.cap == 1.0
 
 
@@ -112,9 +113,22 @@ def test_the_first_time_that_a_sign_is_seen_leaves_no_cap() -> None:
     permission = Permission()
     subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, lambda: None, lambda: None)
     subject.hold()
-    subject.permit(7)
+    subject.permit(7, deep=False)
     assert permission.cap == math.inf
     assert permission.fade == pytest.approx(0.05)
+
+
+def test_a_handle_that_a_hand_pushed_deep_during_the_first_proof_is_not_thrown_out() -> None:
+    """A wall that pushes with the force of a start or less stays; a deeper one is capped until contact is left."""
+    plan = plan_of(scene_of(Wall("wall", stiffness=600.0)))
+    for share, capped in ((0.99, False), (1.01, True)):
+        cycle = Cycle(replace(plan, axes=tuple(replace(axis, sign_known=False) for axis in plan.axes)))
+        (axis,) = cycle.axes.values()
+        assert axis.sign.proof is not None
+        axis.sign.hold()
+        axis.sign.proof.seen, axis.state.force = True, -share * axis.largest_step
+        cycle.sign_seen()
+        assert axis.permission.cap == (pytest.approx(axis.axis.limits.before_sign) if capped else math.inf)
 
 
 def test_forces_of_two_axes_wait_until_both_signs_are_seen() -> None:

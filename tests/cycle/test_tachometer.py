@@ -121,8 +121,23 @@ def test_feedback_that_stays_away_stops_when_it_is_too_old() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("missing", [0, 1, 5])
+def test_velocities_that_no_hand_can_change_so_fast_trip(sign: int, missing: int) -> None:
+    """The limit is a change over the time between two readings, and what rounding and one count a period look like."""
+    limit, counted = 100.0, 2.0 * 0.05 / 4096 / PERIOD
+    largest = limit * PERIOD * (missing + 1) + max(2.0 * STEP, counted)
+    for reading, kinds in ((math.floor(largest / STEP), []), (math.ceil(largest / STEP), [TripKind.ACCELERATION])):
+        cycle = Cycle(plan_with(limits=Limits(speed=5.0, acceleration=limit)))
+        fed(cycle, [0, 0])
+        for number in range(missing):
+            cycle(image(0, 2 + number, flags=LinkFlag.STALE))
+        fed(cycle, [sign * reading], start=2 + missing)
+        assert ([cycle.trip.kind] if cycle.trip else []) == kinds
+
+
+@pytest.mark.parametrize("sign", [1, -1])
 def test_the_speed_limit_looks_at_the_reading(sign: int) -> None:
-    cycle = Cycle(plan_with(limits=replace(HARD_LIMITS, position=None)))
+    cycle = Cycle(plan_with(limits=replace(HARD_LIMITS, position=None, acceleration=2000.0)))
     for number, reading in enumerate([0, math.floor(1.0 / STEP), math.ceil(1.0 / STEP)]):
         assert cycle.trip is None
         fed(cycle, [sign * reading], start=number)

@@ -38,12 +38,25 @@ class Shaft:
         for period in range(FADED_IN):
             self.torques(min(TURNED, 2 * period))
 
-    def torques(self, counts: int, *, lost: bool = False, right: int = 0) -> tuple[int, int]:
+    def torques(self, counts: int, *, lost: bool = False, right: int = 0, lost_left: bool = False) -> tuple[int, int]:
         """Target torques of a period; `lost`: without feedback of the right axis."""
         self.t_ns += PERIOD_NS
-        axes = (0, 0, 0, 0, LinkFlag.STALE if lost else 0, 0, ENABLED, counts, 0, ENABLED, right, 0)
+        flags = [LinkFlag.STALE if each else 0 for each in (lost_left, lost)]
+        axes = (0, flags[0], 0, 0, flags[1], 0, ENABLED, counts, 0, ENABLED, right, 0)
         _, left, _, other = struct.unpack("<HhHh", self.cycle(struct.pack("<qIHHIHHHihHih", self.t_ns, *axes)))
         return left, other
+
+
+def test_axes_that_miss_samples_by_turns_fade_too() -> None:
+    """Neither axis misses two samples in a row, but the force of the spring follows from both positions."""
+    shaft = Shaft()
+    before, _ = shaft.torques(TURNED)
+    for missing in range(1, 2 * FADING):
+        left, right = shaft.torques(TURNED, lost=missing % 2 == 0, lost_left=missing % 2 == 1)
+        assert left == pytest.approx(before * max(0.0, 1.0 - (missing - 1) / FADING), abs=1)
+        assert right == -left
+    assert left == 0
+    assert shaft.cycle.trip is None
 
 
 @pytest.mark.parametrize("stale_periods", [2, 5, 30])

@@ -1,14 +1,20 @@
 """The queue between those who ask for changes and the loop: what it refuses, in which order it hands on, and when."""
 
+from dataclasses import dataclass
 from threading import Thread
+from typing import ClassVar
 
 import pytest
 
+from haptic_fieldbus.api import run
+from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.errors import PlanError, SceneError, UnstableSceneError, UsageError
+from haptic_fieldbus.errors import PlanError, SafetyTripError, SceneError, UnstableSceneError, UsageError
+from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.running.changes import Changes
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Signal
 from tests.builders import plan_of, scene_of
 
 PERIOD_NS = 1_000_000
@@ -155,3 +161,42 @@ def test_requests_of_several_threads_are_all_made_each_on_top_of_the_last() -> N
     values = [float(each["wall.stiffness"]) for _, each in made]
     assert sorted(values) == [each["wall.stiffness"] for each in settings]
     assert changes.scene.elements == (Wall("handle", values[-1]),)
+
+
+@dataclass(frozen=True)
+class Breaks:
+    """A spring whose law raises once it is armed."""
+
+    axis: str
+    stiffness: float
+    name: str = "spring"
+    armed: ClassVar[list[bool]] = []
+    needs: ClassVar[tuple[Signal, ...]] = (Signal.POSITION,)
+
+    def force(self, position: float) -> float:
+        if self.armed:
+            raise LookupError("no such place")
+        return -self.stiffness * position
+
+    def linearised(self) -> StateSpace:
+        return gain([[-self.stiffness, 0.0]])
+
+
+def test_a_law_that_raises_while_it_is_tried_ends_the_run_as_a_trip_with_its_result(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    make = Changes.make
+
+    def armed(self: Changes, *instants: int) -> None:
+        if instants[0] >= 200_000_000:
+            Breaks.armed.append(True)
+        make(self, *instants)
+
+    monkeypatch.setattr(Changes, "make", armed)
+    monkeypatch.setattr(Breaks, "armed", [])
+    with pytest.raises(SafetyTripError, match="no such place") as tripped:
+        run(scene_of(Breaks("handle", 400.0)), duration=0.5, changes=[(0.2, {"spring.stiffness": 300.0})])
+    result = tripped.value.result
+    assert isinstance(result, Result)
+    assert result.cycles == pytest.approx(200, abs=1)
+    assert "the result is incomplete: LookupError: no such place" in result.warnings

@@ -39,7 +39,7 @@ from haptic_fieldbus.buses.canopen.node import (
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, NodeSetup
-from haptic_fieldbus.buses.canopen.wire import CanPort, Received, Wire
+from haptic_fieldbus.buses.canopen.wire import MOST_WAITING, CanPort, Received, Wire
 from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, ReleasedBus, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
@@ -356,9 +356,12 @@ class CanopenBus(ReleasedBus[Release]):
         """Receive until every TPDO is in or the deadline [ns] is reached, write the headers, return the input image."""
         wire, exchange, latch_ns = self._wire, self._exchange, self.latch_ns
         if self._synced:  # without SYNC no TPDO will come
-            # What waits is taken without a look at the clock.
-            while exchange.missing and (wire.pump_for(0.0) or wire.pump(deadline_ns)):
-                pass
+            # What waits is taken without a look at the clock, but a flood of other frames ends with the deadline.
+            others = 0
+            while (missing := exchange.missing) and (wire.pump_for(0.0) or wire.pump(deadline_ns)):
+                others += exchange.missing == missing
+                if others > MOST_WAITING and self._clock.now_ns() >= deadline_ns:
+                    break
         exchange.taking = False
         flags = BUS_OFF * wire.error_frames.bus_off | EXCEPTION * (self._refused_writes >= REFUSED_WRITES)
         now_ns = self._clock.now_ns()

@@ -86,9 +86,9 @@ class PumpedResponses(queue.Queue[bytes]):
 
     def get(self, block: bool = True, timeout: float | None = None) -> bytes:
         deadline_ns = self._wire.clock.now_ns() + round((timeout or 0.0) * 1e9)
-        while not self._responses:
-            if not self._wire.pump(deadline_ns):
-                raise queue.Empty
+        self._wire.pump_until(deadline_ns, lambda: bool(self._responses))
+        if not self._responses:
+            raise queue.Empty
         return self._responses.popleft()
 
 

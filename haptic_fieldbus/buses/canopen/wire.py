@@ -289,6 +289,8 @@ class MulticastPort(SocketCanPort):
         """Do nothing: the kernel knows datagrams, not the frames in them."""
 
 
+MOST_WAITING = 100
+"""Largest number of frames that are received after a deadline, because they may have waited."""
 Handler = Callable[[bytes | bytearray], None]
 Tap = Callable[[int, bytes | bytearray], None]
 """Function that is called with the CAN-ID, flags included, and the data of every frame that comes."""
@@ -445,9 +447,13 @@ class Wire:
             raise
 
     def pump_until(self, deadline_ns: int, done: Callable[[], bool] = bool) -> None:
-        """Receive until `done` returns True, by default until the deadline [ns]. Raises BusError."""
-        while not done() and self.pump(deadline_ns):
-            pass
+        """Receive until `done` returns True, by default until the deadline [ns]. Raises BusError.
+
+        After it, frames that wait are still received, up to `MOST_WAITING`: a flood of frames has no end.
+        """
+        late = 0
+        while not done() and late <= MOST_WAITING and self.pump(deadline_ns):
+            late += self._now_ns() > deadline_ns
 
     def drain(self, deadline_ns: int) -> int:
         """Handle all frames that have already arrived, without waiting, and return the time [ns].

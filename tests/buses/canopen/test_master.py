@@ -8,6 +8,7 @@ import pytest
 
 from haptic_fieldbus.buses.canopen.master import SYNC_BITS
 from haptic_fieldbus.buses.canopen.setup import STATUSWORD
+from haptic_fieldbus.buses.canopen.wire import MOST_WAITING
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.scenes.wall import Wall
@@ -428,3 +429,19 @@ def test_two_runs_send_the_same_octets_at_the_same_times() -> None:
         bench.bus.close()
         logs.append(bench.frames)
     assert logs[0] == logs[1]
+
+
+def test_a_flood_while_feedback_is_missing_ends_with_the_deadline() -> None:
+    bench = Bench().open()
+    bench.drive.mute_tpdos = True
+
+    def babble() -> None:
+        bench.can.reply(0x001, b"", 0)
+        bench.clock.compute(5_000)
+        bench.can.later(0, babble)
+
+    bench.can.later(100_000, babble)
+    deadline_ns = bench.clock.now_ns() + PERIOD_NS
+    image = bench.bus.read(deadline_ns)
+    assert bench.clock.now_ns() <= deadline_ns + 5_000 * (MOST_WAITING + 2)
+    assert _header(bench, image)[1] == LinkFlag.STALE

@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus.buses.canopen import wire as wire_module
 from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
-from haptic_fieldbus.buses.canopen.wire import MulticastPort, Wire, port_to
+from haptic_fieldbus.buses.canopen.wire import MOST_WAITING, MulticastPort, Wire, port_to
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.errors import BusError
 from tests.buses.canopen.fake_can import FakeCan
@@ -199,3 +199,19 @@ class TestUdpMulticast:
         port.receive(0.0)
         stamp: int = port.arrived_ns(0) or 0
         return before - 1_000_000 <= stamp <= after + 1_000_000
+
+
+def test_waiting_for_an_answer_ends_with_its_deadline_in_a_flood_too() -> None:
+    """Frames that waited are still taken, and then no more."""
+    clock = VirtualClock()
+    bus = FakeCan(clock)
+
+    def babble() -> None:
+        bus.reply(0x001, b"", 0)
+        clock.compute(1000)
+        bus.later(0, babble)
+
+    babble()
+    Wire(bus, clock, "fake0").pump_until(50_000, lambda: False)
+    bus.shutdown()
+    assert 50_000 < clock.now_ns() <= 50_000 + 1000 * (MOST_WAITING + 2)
