@@ -23,6 +23,7 @@ HapticFieldbusError
 └── UsageError (ValueError)      a wrong name or value in a call or on the command line
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -139,6 +140,12 @@ class DriveFaultError(HapticFieldbusError):
 
 class SafetyTripError(HapticFieldbusError):
     """A safety limit was exceeded; torque was set to zero before this error was raised."""
+
+
+def raise_all(faults: Iterable[str]) -> None:
+    """Raise one UsageError with all these faults; nothing happens without any."""
+    if told := "\n".join(faults):
+        raise UsageError(told)
 
 
 def require(module: str, extra: str) -> None:

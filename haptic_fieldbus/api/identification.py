@@ -19,7 +19,7 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import table_text, table_values, write_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
-from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError
+from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError, raise_all
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck, scale_check
 from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
@@ -368,8 +368,7 @@ def _check_skipped(task: BenchTask) -> None:
         wrong.append("--skip friction and --skip dynamics: nothing would be measured")
     if "dynamics" in task.skip and (task.with_mass, task.with_inertia) != (None, None):
         wrong.append("--skip dynamics: expected without an added mass, whose inertia would not be measured")
-    if wrong:
-        raise UsageError("\n".join(wrong))
+    raise_all(wrong)
 
 
 def _without_mass(task: BenchTask, name: str, axis: RigAxis) -> tuple[Estimate | None, float]:
@@ -399,8 +398,7 @@ def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period
     given = {"travel": task.travel, "effort": task.effort, "speed": task.speed}
     expected = "expected a number above 0"
     wrong = [f"--{key} {each}: {expected}" for key, each in given.items() if each is not None and not each > 0.0]
-    if wrong:
-        raise UsageError("\n".join(wrong))
+    raise_all(wrong)
     low, high = _travel(task, axis)
     effort = min(task.effort or EFFORT_SHARE * plan.rated_effort, plan.limits.effort)
     highest = axis.limits.speed or SPEED_LIMIT[axis.mechanism.kind]

@@ -15,7 +15,7 @@ from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.protocols.registry import added
 from haptic_fieldbus.running.session import Site
@@ -179,8 +179,7 @@ def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
         if fault.bus in (None, *kinds)
         and not any(fault.kind in kinds[name] for name in kinds if fault.bus in (None, name))
     ]
-    if wrong:
-        raise UsageError("\n".join(wrong))
+    raise_all(wrong)
 
 
 def kinds_on(plan: Plan) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD, DEFAULT_RATE
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import raise_all
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerals import exactly, rounded_limit
@@ -156,6 +156,5 @@ def _plant_of(period: float, *, mass: float, **others: float) -> Plant:
             limit = stiffness_limit(massless, period, others["delay"], lambda stiffness: gain([[-stiffness]]))
             expected += f"; for a mass towards 0 the limit of a spring goes to {rounded_limit(limit)}"
         faults.insert(0, f"mass {exactly(mass)}: {expected}")
-    if faults:
-        raise UsageError("\n".join(faults))
+    raise_all(faults)
     return Plant(mass, others["damping"], others["coulomb"], others["resolution"])

@@ -31,6 +31,7 @@ from haptic_fieldbus.errors import (
     PlanError,
     SafetyTripError,
     UsageError,
+    raise_all,
     wrong_kind,
 )
 from haptic_fieldbus.margins.closed_loop import environment_of
@@ -106,8 +107,7 @@ def check_names(names: Sequence[str], job: SweepJob) -> None:
                 )
         except UsageError as error:
             faults.append(str(error).removeprefix("--set "))
-    if faults:
-        raise UsageError("\n".join(faults))
+    raise_all(faults)
 
 
 def with_rig_value(rig: Rig, name: str, value: Any) -> Rig:

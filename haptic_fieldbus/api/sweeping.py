@@ -37,7 +37,7 @@ from haptic_fieldbus.defaults import (
 )
 from haptic_fieldbus.documents.own_parts import OwnName, content_digest
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import HapticFieldbusError, UsageError, require
+from haptic_fieldbus.errors import HapticFieldbusError, UsageError, raise_all, require
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.request import LONGEST, Task, check_fade_in, check_request
 from haptic_fieldbus.planning.selection import load
@@ -186,8 +186,7 @@ class SweepRequest:
             faults.append("workers, executor, scheduler: expected one of them")
         if self.measure is not None and self.engine != "full":
             faults.append("measure: only runs of the engine full have a result to measure")
-        if faults:
-            raise UsageError("\n".join(faults))
+        raise_all(faults)
 
 
 def sweep(

@@ -7,7 +7,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
@@ -18,6 +18,7 @@ from haptic_fieldbus.cli.options import (
     RENDERING,
     JsonOption,
     ProfilesOption,
+    given_by,
     note_assumed_bitrate,
     option,
     option_field,
@@ -53,11 +54,7 @@ class BusOptions:
         """Return the bench that the options name."""
         from haptic_fieldbus.api.bench import BenchRequest
 
-        fields = BenchRequest.__dataclass_fields__
-        names: dict[str, Any] = {
-            name: value for name, value in vars(self).items() if name in fields and value is not None
-        }
-        return BenchRequest(**names)
+        return given_by(self, BenchRequest)
 
 
 @dataclass(frozen=True, kw_only=True)

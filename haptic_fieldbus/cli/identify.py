@@ -36,7 +36,7 @@ from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import ask, instruct, tell_question
 from haptic_fieldbus.cli.screen import plain, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import OutputRow, exactly, in_unit, lines_of, object_of, rounded, rounded_limit
 
 if TYPE_CHECKING:
@@ -192,8 +192,7 @@ def certify(options: CertifyOptions) -> None:
     values = None if options.plot is None else options.plot.with_suffix(".json")
     if values is not None and values.exists():
         raise UsageError(f"{values}: exists; move it away")
-    if wrong := file_faults("out", values, (".json",)):
-        raise UsageError("\n".join(wrong))
+    raise_all(file_faults("out", values, (".json",)))
     show(note_assumed_bitrate(options.bus), sys.stderr)
     if not sys.stdin.isatty():
         never_wait()

@@ -26,7 +26,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_RATE,
     DEFAULT_SEED,
 )
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
@@ -319,8 +319,7 @@ def check_plot(path: Path | None) -> None:
     wrong = file_faults("plot", path, PLOT_SUFFIXES)
     if path is not None and find_spec("matplotlib") is None:
         wrong.append("--plot needs matplotlib; in a checkout, run: pip install '.[plot]'")
-    if wrong:
-        raise UsageError("\n".join(wrong))
+    raise_all(wrong)
 
 
 def draw(path: Path, figure: "Figure", mark: str) -> None:

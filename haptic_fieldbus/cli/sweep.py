@@ -19,7 +19,7 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import raise_all
 from haptic_fieldbus.numerals import percent, rounded
 
 if TYPE_CHECKING:
@@ -122,8 +122,7 @@ def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
             points[name] = _values(name and given, drawn=drawn)
         except ValueError:
             faults.append(f'--grid "{text}": expected {expected}')
-    if faults:
-        raise UsageError("\n".join(faults))
+    raise_all(faults)
     return points
 
 

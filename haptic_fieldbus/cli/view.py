@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.cli.options import option_field, options_of
 from haptic_fieldbus.cli.screen import show
-from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.errors import BusError, UsageError, raise_all
 
 if TYPE_CHECKING:
     from haptic_fieldbus.running.live import Live
@@ -38,8 +38,7 @@ def check_view(host: str) -> None:
         wrong.append("the view needs nicegui; in a checkout, run: pip install '.[view]'")
     if _everywhere(host):
         wrong.append(f'host "{host}": give the address or the name of one interface of this computer')
-    if wrong:
-        raise UsageError("\n".join(wrong))
+    raise_all(wrong)
 
 
 def _everywhere(host: str) -> bool:

@@ -105,12 +105,7 @@ def torque_echo(
 
 
 def bind_asked_echo(
-    axis: AxisPlan,
-    state: AxisState,
-    period: float,
-    trip: TripOff,
-    forgive: Callable[[float], None],
-    render: PeriodStep,
+    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Callable[[float], None], render: PeriodStep
 ) -> PeriodStep:
     """Return a step that checks a target that is read back, and then renders; `render` alone if none is read back."""
     if _echo_of(axis) is not Signal.TARGET_ASKED:

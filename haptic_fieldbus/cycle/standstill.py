@@ -23,12 +23,7 @@ class Standstill:
     """Encoder test of one axis: `look` starts it; `give` takes the permitted force and adds the pulse."""
 
     def __init__(
-        self,
-        probe: EncoderProbe,
-        effort_unit: float,
-        state: AxisState,
-        permission: Permission,
-        trip: TripOff,
+        self, probe: EncoderProbe, effort_unit: float, state: AxisState, permission: Permission, trip: TripOff
     ) -> None:
         self.vain = 0
         """Number of pairs without a motion since the last motion."""

@@ -48,6 +48,7 @@ def _ways(step: float) -> Iterator[float]:
 
 
 TRIP_ERRORS: dict[TripKind, type[errors.HapticFieldbusError]] = {
+    **dict.fromkeys(TripKind, errors.SafetyTripError),
     TripKind.EMERGENCY: errors.DriveFaultError,
     TripKind.DRIVE_FAULT: errors.DriveFaultError,
     TripKind.DRIVE_DISABLED: errors.DriveFaultError,
@@ -58,26 +59,10 @@ TRIP_ERRORS: dict[TripKind, type[errors.HapticFieldbusError]] = {
     TripKind.BUS_OFF: errors.BusError,
     TripKind.BUS_EXCEPTION: errors.BusError,
     TripKind.FEEDBACK_SPARSE: errors.BusTimeoutError,
-    TripKind.PERIODS_MISSED: errors.SafetyTripError,
     TripKind.CLOCK: errors.BusError,
-    TripKind.ENCODER_STILL: errors.SafetyTripError,
-    TripKind.FOREIGN_MASTER: errors.SafetyTripError,
-    TripKind.DUPLICATE_NODE: errors.SafetyTripError,
     TripKind.SET_POINTS_DEAD: errors.DriveFaultError,
-    TripKind.SET_POINTS_FOREIGN: errors.SafetyTripError,
-    TripKind.SIGN: errors.SafetyTripError,
     TripKind.SIGN_HIDDEN: errors.PlanError,
-    TripKind.NOT_FINITE: errors.SafetyTripError,
-    TripKind.ELEMENT_FAILED: errors.SafetyTripError,
     TripKind.START_FORCE: errors.PlanError,
-    TripKind.ACCELERATION: errors.SafetyTripError,
-    TripKind.POWER: errors.SafetyTripError,
-    TripKind.ENERGY: errors.SafetyTripError,
-    TripKind.FORGIVEN: errors.SafetyTripError,
-    TripKind.HELD: errors.SafetyTripError,
-    TripKind.SPEED: errors.SafetyTripError,
-    TripKind.POSITION: errors.SafetyTripError,
-    TripKind.DRIFT: errors.SafetyTripError,
 }
 """Exception class of each kind of trip: a fault of the drive, a fault of the bus, or a limit of this package."""
 

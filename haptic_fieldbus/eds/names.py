@@ -72,12 +72,7 @@ TEXTS = (EdsType.VISIBLE_STRING, EdsType.UNICODE_STRING)
 TIMES = (EdsType.TIME_OF_DAY, EdsType.TIME_DIFFERENCE)
 OCTETS = (EdsType.OCTET_STRING, EdsType.DOMAIN)
 
-_SIZES = {
-    EdsType.BOOLEAN: 1,
-    EdsType.REAL32: 4,
-    EdsType.REAL64: 8,
-    **dict.fromkeys(TIMES, 6),
-} | {
+_SIZES = {EdsType.BOOLEAN: 1, EdsType.REAL32: 4, EdsType.REAL64: 8, **dict.fromkeys(TIMES, 6)} | {
     member: int(member.name.removeprefix("INTEGER").removeprefix("UNSIGNED")) // 8
     for member in EdsType
     if member.name.startswith(("INTEGER", "UNSIGNED"))

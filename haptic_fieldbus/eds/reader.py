@@ -12,6 +12,7 @@ CompactSubObj) and, in a DCF, ParameterValue.
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from haptic_fieldbus.documents import EDS_SIZE, read_octets
@@ -94,12 +95,9 @@ class ObjectReader:
         )
         entries = {0: length}
         for subindex in range(1, count + 1):
-            name = names.text(str(subindex)) if names is not None else ""
+            name = (names.text(str(subindex)) if names is not None else "") or f"{pattern.name}{subindex}"
             value = self._value(values, str(subindex), pattern.type) if values is not None else None
-            entries[subindex] = EdsEntry(
-                self._index, subindex, name or f"{pattern.name}{subindex}", pattern.type, pattern.access,
-                pattern.default, value, pattern.low, pattern.high, pattern.mappable, pattern.line,
-            )  # fmt: skip
+            entries[subindex] = replace(pattern, subindex=subindex, name=name, parameter=value)
         return entries
 
     def _name(self, section: FileSection) -> str:

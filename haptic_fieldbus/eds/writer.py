@@ -211,8 +211,7 @@ def _object(item: EdsObject) -> Iterator[str]:
     # structure, which readers know as no object of a device.
     code = ObjectCode.ARRAY if item.code is ObjectCode.ARRAY else ObjectCode.RECORD
     yield from _section(
-        name,
-        [("ParameterName", item.name), ("ObjectType", f"0x{code:X}"), ("SubNumber", f"0x{len(entries):X}")],
+        name, [("ParameterName", item.name), ("ObjectType", f"0x{code:X}"), ("SubNumber", f"0x{len(entries):X}")]
     )
     for entry in entries.values():
         yield from _section(f"{name}sub{entry.subindex:X}", _entry(entry))

@@ -46,6 +46,14 @@ def check_coefficients(positive: float, negative: float, largest: str) -> None:
         )
 
 
+def check_breakaway(breakaway: float, coulomb: float, name: str, speed: float) -> None:
+    """Check a breakaway force that sliding friction replaces at the speed called `name`; raises ValueError."""
+    if 0.0 < breakaway < coulomb:
+        raise ValueError(f"breakaway {exactly(breakaway)}: expected 0, or at least coulomb, {exactly(coulomb)}")
+    if breakaway > coulomb and not speed:
+        raise ValueError(f"{name} {exactly(speed)}: expected a speed above 0, as breakaway is above coulomb")
+
+
 def bind(neutral: float, dead_band: float, positive: Side, negative: Side) -> Callable[..., float]:
     """Return a function from (metric[, rate]) to force, the shortest that these parameters allow.
 

@@ -16,7 +16,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_SEED,
 )
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.limits import LONGEST_FADE_IN, SHORTEST_FADE_IN
 from haptic_fieldbus.protocols.protocol import BusName
@@ -75,33 +75,27 @@ RECORD_SUFFIXES = (".log", ".blf", ".csv", ".mcap")
 
 def parse_settings(texts: Iterable[str]) -> dict[str, str]:
     """Return `element.parameter=value` texts as a mapping; raises one UsageError for all malformed or repeated ones."""
-    settings: dict[str, str] = {}
-    faults = []
-    for text in texts:
-        key, equals, value = (part.strip() for part in text.partition("="))
-        element, _, parameter = key.partition(".")
-        if not (equals and element and parameter and value):
-            faults.append(f'--set "{text}": expected element.parameter=value, for example wall.stiffness=400')
-        elif key in settings:
-            faults.append(f"--set {key}: given twice, as {settings[key]} and {value}")
-        settings[key] = value
-    _raise(faults)
-    return settings
+    return _pairs(texts, "--set", "element.parameter=value, for example wall.stiffness=400", dotted=True)
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, str]:
     """Return `scene axis=rig axis` texts as a mapping; raises one UsageError for all malformed or repeated ones."""
-    axes: dict[str, str] = {}
+    return _pairs(texts, "--axis", "SCENE_AXIS=RIG_AXIS, for example knob=handle")
+
+
+def _pairs(texts: Iterable[str], option: str, expected: str, *, dotted: bool = False) -> dict[str, str]:
+    """Return `key=value` texts as a mapping; the key is `dotted` if it has two parts. Raises UsageError."""
+    pairs: dict[str, str] = {}
     faults = []
     for text in texts:
-        own, _, other = (part.strip() for part in text.partition("="))
-        if not (own and other):
-            faults.append(f'--axis "{text}": expected SCENE_AXIS=RIG_AXIS, for example knob=handle')
-        elif own in axes:
-            faults.append(f"--axis {own}: given twice, as {axes[own]} and {other}")
-        axes[own] = other
-    _raise(faults)
-    return axes
+        key, _, value = (part.strip() for part in text.partition("="))
+        if not (value and (all(key.partition(".")) if dotted else key)):
+            faults.append(f'{option} "{text}": expected {expected}')
+        elif key in pairs:
+            faults.append(f"{option} {key}: given twice, as {pairs[key]} and {value}")
+        pairs[key] = value
+    raise_all(faults)
+    return pairs
 
 
 def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
@@ -125,7 +119,7 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
         if key in same:
             faults.append(f"--change {exactly(time)}:{key}: given twice, as {same[key]} and {value}")
         same[key] = value
-    _raise(faults)
+    raise_all(faults)
     return sorted(changes.items())
 
 
@@ -149,7 +143,7 @@ def check_request(
     except UsageError as error:
         # The bus is unknown, and so is its protocol; the node is checked by the default one.
         raise UsageError("\n".join([str(error), *_node_faults(DEFAULT_PROTOCOL, "", node), *faults])) from None
-    _raise([*_node_faults(name.section.protocol, name.section.interface, node), *faults])
+    raise_all([*_node_faults(name.section.protocol, name.section.interface, node), *faults])
     return name
 
 
@@ -203,8 +197,3 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
     if not existed:
         path.unlink()
     return []
-
-
-def _raise(faults: list[str]) -> None:
-    if faults:
-        raise UsageError("\n".join(faults))

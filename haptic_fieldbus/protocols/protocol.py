@@ -80,8 +80,6 @@ class FieldbusProtocol(Protocol):
     """Schema of its buses in rig files."""
     nodes: range
     """Numbers that a drive on its bus may have."""
-    bus_forms: str
-    """Forms of its bus names with examples, as a part of a sentence."""
     fits_profiles: bool = False
     """True when a run fits profiles of no particular drive to the drives that it meets (`BusAccess.fitted`)."""
     default_drive: str = DEFAULT_DRIVE

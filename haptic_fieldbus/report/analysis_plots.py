@@ -444,9 +444,7 @@ def draw_identified(found: IdentifiedBench) -> Figure:
         begin = float(times[-1])
         motion.plot(*thin(times, np.array(record.positions)), color=colour, linewidth=1.2, label=label)
         error.plot(
-            *thin(times[unsettled_samples(record) :], prediction_errors(fit.model, record)),
-            color=colour,
-            linewidth=0.8,
+            *thin(times[unsettled_samples(record) :], prediction_errors(fit.model, record)), color=colour, linewidth=0.8
         )
     dress(motion, "motion of the motor", "time [s]", "angle [rad]")
     dress(error, "prediction error", "time [s]", "error [counts]")

@@ -13,6 +13,7 @@ from haptic_fieldbus.assessing.result import (
     periods_text,
     result_rows,
 )
+from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.numerals import Line, OutputRow, as_typed, exactly, lines_of
@@ -91,12 +92,8 @@ def _element_text(element: AnyElement, workspace: Workspace) -> str:
 
 def parameter_units(workspace: Workspace) -> dict[str, str]:
     """Return the units of stiffness, damping and mass in a workspace."""
-    effort, travel = workspace.effort_unit, workspace.length_unit
-    return {
-        "stiffness": f"{effort}/{travel}",
-        "damping": f"{effort}·s/{travel}",
-        "mass": "kg" if workspace is Workspace.LINEAR else "kg·m²",
-    }
+    told = Quantity.STIFFNESS, Quantity.DAMPING, Quantity.MASS
+    return {each.name.lower(): each.unit(workspace) for each in told}
 
 
 def bench_text(plan: Plan) -> str:

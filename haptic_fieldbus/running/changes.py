@@ -14,7 +14,7 @@ from numbers import Real
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.errors import HapticFieldbusError, UsageError, wrong_kind
+from haptic_fieldbus.errors import HapticFieldbusError, UsageError, raise_all, wrong_kind
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.live_changes import RAMP, Change, RampingChange, plan_change
 from haptic_fieldbus.planning.plan import Plan
@@ -111,8 +111,7 @@ class Changes:
             for time, _ in self.scheduled
             if not 0.0 < time < duration
         ]
-        if faults:
-            raise UsageError("\n".join(faults))
+        raise_all(faults)
         planned: list[Change] = []
         for time, settings in sorted(self.scheduled, key=lambda scheduled: scheduled[0]):
             try:

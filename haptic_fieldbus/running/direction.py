@@ -8,11 +8,10 @@ in `[axis.NAME.seen]`.
 
 from collections.abc import Callable, Iterator
 from datetime import datetime
-from functools import partial
 
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.documents.edits import Value, edit_file, with_table
+from haptic_fieldbus.documents.edits import Value, write_table
 from haptic_fieldbus.errors import Fault, RigError, UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -89,10 +88,7 @@ def _kept(axis: AxisPlan, plan: Plan) -> Iterator[str]:
     """Write the shown direction into the rig file; yield a sentence if it cannot be written."""
     values: dict[str, Value] = {} if axis.rig.seen.sign is None else {"sign": axis.rig.seen.sign}
     values |= {"direction": "confirmed", "date": datetime.now().astimezone().isoformat(timespec="seconds")}
-    try:
-        edit_file(plan.rig.source, partial(with_table, path=("axis", axis.name, "seen"), values=values))
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
+    if why := write_table(plan.rig.source, ("axis", axis.name, "seen"), values):
         yield f"axis {axis.name}: the confirmed direction was not saved in {plan.rig.source}: {why}"
 
 

@@ -17,12 +17,11 @@ no state at the decisive time.
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
-from functools import partial
 
 from haptic_fieldbus.assessing.result import Proof
 from haptic_fieldbus.buses.bus import Bus, DriveFacts
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.documents.edits import Value, edit_file, table_text, with_table
+from haptic_fieldbus.documents.edits import Value, table_text, write_table
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.rig import Proved
@@ -239,10 +238,7 @@ def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -
         if values is None:
             continue
         path = ("axis", proof.axis, "proved")
-        try:
-            edit_file(plan.rig.source, partial(with_table, path=path, values=values))
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
+        if why := write_table(plan.rig.source, path, values):
             table = table_text(path, values).replace("\n", ", ")
             yield (
                 f"the watchdog proof of axis {proof.axis} was not saved in {plan.rig.source}: {why}. To add it by "

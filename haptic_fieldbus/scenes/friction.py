@@ -32,7 +32,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
-from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics import condition
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import (
@@ -76,12 +75,7 @@ class Friction:
 
     def __post_init__(self) -> None:
         """Raise ValueError when a `breakaway` is below `coulomb` or lacks a `window`, or no coefficient is 1."""
-        if 0.0 < self.breakaway < self.coulomb:
-            raise ValueError(
-                f"breakaway {exactly(self.breakaway)}: expected 0, or at least coulomb, {exactly(self.coulomb)}"
-            )
-        if self.breakaway > self.coulomb and not self.window:
-            raise ValueError(f"window {exactly(self.window)}: expected a speed above 0, as breakaway is above coulomb")
+        condition.check_breakaway(self.breakaway, self.coulomb, "window", self.window)
         condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "coulomb")
 
     @property

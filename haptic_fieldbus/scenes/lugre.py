@@ -21,7 +21,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerics.condition import check_breakaway
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.relaxation import advance, bind
 from haptic_fieldbus.scenes.element import STRICT, Damping, Effort, Law, NonNegativeSpeed, PositiveEffort, Stiffness
@@ -48,14 +48,7 @@ class LuGre:
 
     def __post_init__(self) -> None:
         """Raise ValueError when `breakaway` is below `coulomb`, or above it without a `stribeck` speed."""
-        if 0.0 < self.breakaway < self.coulomb:
-            raise ValueError(
-                f"breakaway {exactly(self.breakaway)}: expected 0, or at least coulomb, {exactly(self.coulomb)}"
-            )
-        if self.breakaway > self.coulomb and not self.stribeck:
-            raise ValueError(
-                f"stribeck {exactly(self.stribeck)}: expected a speed above 0, as breakaway is above coulomb"
-            )
+        check_breakaway(self.breakaway, self.coulomb, "stribeck", self.stribeck)
 
     @property
     def needs(self) -> tuple[Signal, ...]:

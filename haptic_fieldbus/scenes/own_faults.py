@@ -12,7 +12,7 @@ from traceback import walk_tb
 from types import FrameType
 
 from haptic_fieldbus.documents.own_parts import told
-from haptic_fieldbus.errors import Fault, HapticFieldbusError, SceneError, UsageError
+from haptic_fieldbus.errors import Fault, HapticFieldbusError, SceneError, raise_all
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 from haptic_fieldbus.scenes.scene import Scene
@@ -93,8 +93,7 @@ def check_shapes(scene: Scene) -> None:
     """Raise UsageError for own elements whose needs or linear models have a wrong form."""
     own = [each for each in scene.elements if _is_own(type(each).__module__)]
     faults = [f"scene: element {each.name}: {fault}" for each in own if (fault := shape_fault(each))]
-    if faults:
-        raise UsageError("\n".join(faults))
+    raise_all(faults)
 
 
 def shape_fault(element: AnyElement) -> str:

@@ -71,10 +71,7 @@ def slot_of(
 _BUS = "simulated"
 """Name of the bus in a rig that is written."""
 # Modules as texts, so that only the protocol of the bus is imported. Each has `host` and `KINDS`.
-_HOSTS = {
-    "canopen": "haptic_fieldbus.sim.canopen.hosting",
-    "modbus": "haptic_fieldbus.sim.modbus.hosting",
-}
+_HOSTS = {"canopen": "haptic_fieldbus.sim.canopen.hosting", "modbus": "haptic_fieldbus.sim.modbus.hosting"}
 
 
 _TELL_EXCHANGE = ("canopen",)

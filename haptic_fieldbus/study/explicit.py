@@ -51,17 +51,56 @@ def _some_moved(states: States, rates: Sequence[float], span: float, which: tupl
     return tuple(moved)
 
 
-def _forward_euler(system: System, period: float) -> Advance:
-    states, sample, rates = system.start, 0, system.rates
+Inputs = tuple[float, ...]
+Step = Callable[[System, float, int, States, Inputs], tuple[States, States]]
+"""Function (system, period, sample, states, inputs) → (states at the sample, states that the next step begins with)."""
 
-    def advance(*inputs: float) -> States:
-        nonlocal states, sample
-        now = states
-        states = _moved(now, rates(sample * period, now, *inputs), period)
-        sample += 1
-        return now
 
-    return advance
+def _in_steps(step: Step) -> Callable[[System, float], Advance]:
+    """Return the function that binds a step."""
+
+    def bind(system: System, period: float) -> Advance:
+        states, sample = system.start, 0
+
+        def advance(*inputs: float) -> States:
+            nonlocal states, sample
+            now, states = step(system, period, sample, states, inputs)
+            sample += 1
+            return now
+
+        return advance
+
+    return bind
+
+
+def _forward_euler(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+    return now, _moved(now, system.rates(sample * period, now, *inputs), period)
+
+
+def _semi_implicit(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+    """Kick, then drift; the velocities belong to half a period earlier."""
+    rates, time = system.rates, sample * period
+    acceleration = rates(time, now, *inputs)
+    if sample == 0:  # half a kick backwards, without which the method is of first order
+        now = _some_moved(now, acceleration, -0.5 * period, system.velocities)
+    kicked = _some_moved(now, acceleration, period, system.velocities)
+    return now, _some_moved(kicked, rates(time, kicked, *inputs), period, system.positions)
+
+
+def _drift_first(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+    rates, time = system.rates, sample * period
+    drifted = _some_moved(now, rates(time, now, *inputs), period, system.positions)
+    return now, _some_moved(drifted, rates(time, drifted, *inputs), period, system.velocities)
+
+
+def _verlet(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+    """Half a kick completes v_n, then half a kick and a drift begin the next step."""
+    rates, velocities, half, time = system.rates, system.velocities, 0.5 * period, sample * period
+    if sample:
+        predicted = _some_moved(now, rates(time, now, *inputs), half, velocities)
+        now = _some_moved(now, rates(time, predicted, *inputs), half, velocities)
+    kicked = _some_moved(now, rates(time, now, *inputs), half, velocities)
+    return now, _some_moved(kicked, rates(time, kicked, *inputs), period, system.positions)
 
 
 def _runge_kutta(system: System, period: float) -> Advance:
@@ -86,65 +125,11 @@ def _runge_kutta(system: System, period: float) -> Advance:
     return advance
 
 
-def _semi_implicit(system: System, period: float) -> Advance:
-    """Bind kick, then drift; the returned velocities belong to half a period earlier."""
-    rates, positions, velocities = system.rates, system.positions, system.velocities
-    states, sample = system.start, 0
-
-    def advance(*inputs: float) -> States:
-        nonlocal states, sample
-        time = sample * period
-        acceleration = rates(time, states, *inputs)
-        if sample == 0:  # half a kick backwards, without which the method is of first order
-            states = _some_moved(states, acceleration, -0.5 * period, velocities)
-        now = states
-        kicked = _some_moved(now, acceleration, period, velocities)
-        states = _some_moved(kicked, rates(time, kicked, *inputs), period, positions)
-        sample += 1
-        return now
-
-    return advance
-
-
-def _drift_first(system: System, period: float) -> Advance:
-    rates, positions, velocities = system.rates, system.positions, system.velocities
-    states, sample = system.start, 0
-
-    def advance(*inputs: float) -> States:
-        nonlocal states, sample
-        now, time = states, sample * period
-        drifted = _some_moved(now, rates(time, now, *inputs), period, positions)
-        states = _some_moved(drifted, rates(time, drifted, *inputs), period, velocities)
-        sample += 1
-        return now
-
-    return advance
-
-
-def _verlet(system: System, period: float) -> Advance:
-    """Bind Verlet: half a kick completes v_n, then half a kick and a drift begin the next step."""
-    rates, positions, velocities, half = system.rates, system.positions, system.velocities, 0.5 * period
-    states, sample = system.start, 0
-
-    def advance(*inputs: float) -> States:
-        nonlocal states, sample
-        now, time = states, sample * period
-        if sample:
-            predicted = _some_moved(now, rates(time, now, *inputs), half, velocities)
-            now = _some_moved(now, rates(time, predicted, *inputs), half, velocities)
-        kicked = _some_moved(now, rates(time, now, *inputs), half, velocities)
-        states = _some_moved(kicked, rates(time, kicked, *inputs), period, positions)
-        sample += 1
-        return now
-
-    return advance
-
-
 EXPLICIT: dict[str, Callable[[System, float], Advance]] = {
-    "forward-euler": _forward_euler,
-    "semi-implicit": _semi_implicit,
-    "semi-implicit-drift-first": _drift_first,
-    "verlet": _verlet,
+    "forward-euler": _in_steps(_forward_euler),
+    "semi-implicit": _in_steps(_semi_implicit),
+    "semi-implicit-drift-first": _in_steps(_drift_first),
+    "verlet": _in_steps(_verlet),
     "rk4": _runge_kutta,
 }
 

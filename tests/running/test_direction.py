@@ -12,7 +12,6 @@ from haptic_fieldbus.drive.rig import Seen
 from haptic_fieldbus.errors import RigError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.running import direction
 from haptic_fieldbus.running.direction import confirm_direction
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
@@ -89,7 +88,7 @@ def test_the_rig_is_written_when_no_guard_waits_for_us_any_more(
         guards.append(world.slave(1).drive.dictionary.find(0x1016, 1).value)
 
     worlds: list[World] = []
-    monkeypatch.setattr(direction, "edit_file", written)
+    monkeypatch.setattr("haptic_fieldbus.documents.edits.edit_file", written)
     shown(planned(str(path)), 0.05, worlds=worlds)
     assert guards == [0]
 

@@ -391,8 +391,7 @@ def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
         raise BusConfigurationError(f"{node.label}: {told}. Nothing was written") from error
 
 
-@contextmanager
-def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
+def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Wire]:
     """Open a bus for as long as the block lasts; a simulated one has the drives of these axes, in real time.
 
     Raises UsageError or BusError.
@@ -401,8 +400,7 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
     name = "" if section.interface == "udp_multicast" else f"{section.interface}:{section.channel}"
     if section.simulated:
         section = replace(section, channel=",".join(f"{axis.profile}@{axis.node}" for axis in axes.values()))
-    with _opened(section, name) as wire:
-        yield wire
+    return _opened(section, name)
 
 
 @contextmanager

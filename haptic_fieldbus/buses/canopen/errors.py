@@ -110,8 +110,6 @@ TABLE = (
     Translation(EmcyError, BusError, _said),
     Translation(canopen.ObjectDictionaryError, BusConfigurationError, _said),
     Translation(can.CanTimeoutError, BusTimeoutError, _bus),
-    Translation(can.CanInitializationError, BusError, _bus),
-    Translation(can.CanInterfaceNotImplementedError, BusError, _bus),
     Translation(can.CanError, BusError, _bus),
     Translation(OSError, BusError, _bus),
 )

@@ -179,7 +179,7 @@ PACKAGES: Mapping[str, tuple[str, str]] = {
     "udp_multicast": (
         "msgpack",
         "install this package with its extra multicast (in a checkout: `pip install '.[multicast]'`), or msgpack",
-    ),
+    )
 }
 """Module that an interface imports, and the advice in place of the one above where it is not installed."""
 OF_A_PACKAGE = "install the driver that the package of this interface requires"

@@ -303,13 +303,7 @@ class Wire:
     """
 
     def __init__(
-        self,
-        can_bus: can.BusABC,
-        clock: Clock,
-        name: str,
-        log: FrameLog | None = None,
-        *,
-        port: CanPort | None = None,
+        self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None, *, port: CanPort | None = None
     ) -> None:
         self.clock = clock
         self.name = name

@@ -125,8 +125,6 @@ def bind_general(system: StateSpace, stiffness: float) -> Step:
     updates, outputs = _rows(system.a, system.b), _rows(system.c, system.d)[0]
     if system.order in _UNROLLED:
         return _UNROLLED[system.order](updates, outputs, stiffness)
-    if np.array_equal(system.a, np.diag(np.diag(system.a))):
-        return _bind_lags(updates, outputs, stiffness)
     return _bind_many(updates, outputs, stiffness)
 
 
@@ -237,27 +235,6 @@ _UNROLLED: dict[int, Callable[[Rows, Row, float], Step]] = {
     4: _bind_four,
 }
 """Binding functions by the number of states."""
-
-
-def _bind_lags(updates: Rows, outputs: Row, stiffness: float) -> Step:
-    """Return a step of many states that do not act on each other, such as the branches of a tissue."""
-    order = len(updates)
-    own = tuple((row[place], row[order], row[order + 1]) for place, row in enumerate(updates))
-    weights, (d0, d1) = outputs[:order], outputs[order:]
-    state = [0.0] * order
-    origin: float | None = None
-    base = 0.0
-
-    def step(position: float, velocity: float = 0.0) -> float:
-        nonlocal origin, base, state
-        if origin is None:
-            origin, base = position, stiffness * position
-        u = position - origin
-        force = base + (_dot(weights, state) + d0 * u + d1 * velocity)
-        state = [z + (e * z + g * u + h * velocity) for z, (e, g, h) in zip(state, own, strict=True)]
-        return force
-
-    return step
 
 
 def _bind_many(updates: Rows, outputs: Row, stiffness: float) -> Step:

@@ -26,7 +26,6 @@ class Canopen(FieldbusProtocol):
     profile: type[DriveProfile] = CanopenProfile
     section: type[BusSection] = bus.CanSection
     nodes = bus.NODES
-    bus_forms = bus.BUS_FORMS
     fits_profiles = True
 
     def vendor_profile(self, path: str | Path) -> DriveProfile:

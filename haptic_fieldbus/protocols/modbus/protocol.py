@@ -24,7 +24,6 @@ class Modbus(FieldbusProtocol):
     profile: type[DriveProfile] = ModbusProfile
     section: type[BusSection] = bus.ModbusSection
     nodes = bus.UNITS
-    bus_forms = bus.BUS_FORMS
     default_drive = DEFAULT_MODBUS_DRIVE
 
     def wanted_node(self, node: int, interface: str) -> str:

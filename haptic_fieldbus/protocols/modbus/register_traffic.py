@@ -160,10 +160,7 @@ def serial_line(baud: int, bits: int, silence: float | None, round_trip: float =
     character = bits / baud
     standard = LONGEST_SILENCE if baud > SILENT_ABOVE else SILENT_CHARACTERS * character
     return LineTimes(
-        character,
-        standard if silence is None else silence,
-        round_trip,
-        speed=f"Modbus RTU at {baud} bit/s",
+        character, standard if silence is None else silence, round_trip, speed=f"Modbus RTU at {baud} bit/s"
     )
 
 

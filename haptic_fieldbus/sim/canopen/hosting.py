@@ -61,12 +61,7 @@ class HostPort:
     """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences."""
 
     def __init__(
-        self,
-        can_bus: can.BusABC,
-        clock: Clock,
-        name: str,
-        tell: Tell,
-        reopen: Callable[[], can.BusABC] | None = None,
+        self, can_bus: can.BusABC, clock: Clock, name: str, tell: Tell, reopen: Callable[[], can.BusABC] | None = None
     ) -> None:
         self.lost = 0
         """Number of frames that could not be sent because the transmit queue was full."""
@@ -221,12 +216,7 @@ class Host:
     """Simulated drives on a bus, served in one thread."""
 
     def __init__(
-        self,
-        host_port: HostPort,
-        clock: Clock,
-        seed: int = DEFAULT_SEED,
-        *,
-        bitrate: int = DEFAULT_BIT_RATE,
+        self, host_port: HostPort, clock: Clock, seed: int = DEFAULT_SEED, *, bitrate: int = DEFAULT_BIT_RATE
     ) -> None:
         self._host_port = host_port
         self._clock = clock

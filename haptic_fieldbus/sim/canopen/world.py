@@ -220,11 +220,7 @@ class World(DrivenBus):
     """
 
     def __init__(
-        self,
-        clock: Clock,
-        bitrate: int = DEFAULT_BIT_RATE,
-        seed: int | str = DEFAULT_SEED,
-        longest: int | None = None,
+        self, clock: Clock, bitrate: int = DEFAULT_BIT_RATE, seed: int | str = DEFAULT_SEED, longest: int | None = None
     ) -> None:
         self.clock = clock
         self.bitrate = bitrate

@@ -503,12 +503,7 @@ def impedance_table(impedances: Sequence[Impedance]) -> str:
 
     def row(curve: Impedance) -> list[html.Entry]:
         values = [100.0 * float(np.interp(place, curve.frequency, error(curve))) for place in places]
-        return [
-            curve.scene,
-            *values,
-            _first(curve, error(curve) > drawing.FELT),
-            _first(curve, curve.felt.real < 0.0),
-        ]
+        return [curve.scene, *values, _first(curve, error(curve) > drawing.FELT), _first(curve, curve.felt.real < 0.0)]
 
     headings = ("scene", *(f"error at {exactly(place)} Hz [%]" for place in places), "first above 8 % at",
                 "Re Z first negative at")  # fmt: skip

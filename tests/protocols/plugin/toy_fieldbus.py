@@ -168,7 +168,6 @@ class ToyProtocol(FieldbusProtocol):
     profile: type[DriveProfile] = ToyProfile
     section: type[BusSection] = ToySection
     nodes = range(1, 9)
-    bus_forms = "toy"
 
     def check_profile(self, document: Document) -> None:
         for name in REGISTERS:
@@ -177,7 +176,7 @@ class ToyProtocol(FieldbusProtocol):
 
     def parse_bus(self, text: str) -> BusName:
         if text != "toy":
-            raise UsageError(f'bus "{text}": buses are {self.bus_forms}')
+            raise UsageError(f'bus "{text}": buses are toy')
         return BusName(text, ToySection("toy", "toy"))
 
     def power_table(self, profile: DriveProfile) -> PowerTable:

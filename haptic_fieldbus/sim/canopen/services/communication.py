@@ -50,12 +50,7 @@ def _fits_beside(other: Entry, octets: int) -> bool:
 # world exists.
 
 SAVE, LOAD = (int.from_bytes(word, "little") for word in (b"save", b"load"))
-GROUPS = {
-    1: range(0x1000, 0x10000),
-    2: range(0x1000, 0x2000),
-    3: range(0x6000, 0xA000),
-    4: range(0x2000, 0x6000),
-}
+GROUPS = {1: range(0x1000, 0x10000), 2: range(0x1000, 0x2000), 3: range(0x6000, 0xA000), 4: range(0x2000, 0x6000)}
 _ON_COMMAND = 1
 """Value when read: the device stores (restores) on command, not autonomously."""
 
