@@ -34,6 +34,9 @@ DEFAULT_AMPLITUDE = 1.0
 DEFAULT_MOTION_DURATION = 1.0
 """Duration of that motion [s]; a motion from a file has its own."""
 
+HIGHEST_NUMBER = 255
+"""Largest number of a drive on any bus."""
+
 DEFAULT_REPORT = "report"
 """Folder of the report."""
 

@@ -7,6 +7,7 @@ import gc
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 from haptic_fieldbus.cli.output import free_output
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
@@ -29,9 +30,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     thresholds = gc.get_threshold()
     gc.set_threshold(NEW_OBJECTS)
-    with ended_by_signals() as ending, free_output(lambda: ending.leaving):
+    with ended_by_signals() as ending, free_output(lambda: ending.leaving) as output:
         ending.last = arguments is None
         status = _status(arguments, ending)
+    if output.fault is not None:
+        with suppress(OSError):
+            print(f"the output is not complete: {output.fault.strerror}", file=sys.stderr, flush=True)
+        status = status or 1
     if arguments is None:
         gc.freeze()  # the process ends, so nothing needs to be looked through
     else:
@@ -80,8 +85,5 @@ def _ended(arguments: Sequence[str] | None, ending: EndSignals) -> int:
     try:
         sys.stdout.flush()
     except BrokenPipeError:  # its reader wanted no more
-        status = status or 1
-    except OSError as error:
-        print(f"the output is not complete: {error.strerror}", file=sys.stderr)
         status = status or 1
     return status

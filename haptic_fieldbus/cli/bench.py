@@ -26,7 +26,7 @@ from haptic_fieldbus.cli.options import (
     refuse_beside_rig,
 )
 from haptic_fieldbus.cli.screen import console, json_text, plain, print_json, show, show_table
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE, HIGHEST_NUMBER
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, in_unit, lines_of, object_of, rounded
 
@@ -67,11 +67,16 @@ class ScanOptions(BusOptions):
 
     def nodes(self) -> list[int]:
         """Return the numbers to scan; raises UsageError for a text that is no number or range."""
-        ranges = [part.partition("-") for part in (self.asked or "").split(",") if part]
+        if self.asked is None:
+            return []
+        ranges = [part.partition("-") for part in self.asked.split(",")]
         try:
-            return [node for first, _, last in ranges for node in range(int(first), int(last or first) + 1)]
+            ends = [(int(first), int(last or first)) for first, _, last in ranges]
         except ValueError:
-            raise UsageError(f"--node {self.asked}: expected numbers, as in 1-8 or 1,3") from None
+            ends = []
+        if not ends or not all(0 <= first <= last <= HIGHEST_NUMBER for first, last in ends):
+            raise UsageError(f"--node {self.asked}: expected numbers up to {HIGHEST_NUMBER}, as in 1-8 or 1,3")
+        return [node for first, last in ends for node in range(first, last + 1)]
 
 
 @options_of(ScanOptions)

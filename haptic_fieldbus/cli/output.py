@@ -55,8 +55,15 @@ class OutputThread:
         self._pieces: deque[tuple[io.RawIOBase, bytes]] = deque()
         self._lost: set[int] = set()
         """Abandoned streams."""
+        self.fault: OSError | None = None
+        """Error by which output was lost, other than that of a reader who wanted no more."""
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
+
+    def note(self, fault: Exception) -> None:
+        """Note that output is lost, unless because its reader wanted no more."""
+        if isinstance(fault, OSError) and not isinstance(fault, BrokenPipeError):
+            self.fault = fault
 
     @property
     def busy(self) -> bool:
@@ -102,27 +109,28 @@ class OutputThread:
                     return
                 stream, octets = self._pieces[0]
                 lost = id(stream) in self._lost
-            gone = not lost and not _written(stream, octets)
+            fault = None if lost else _fault_of(stream, octets)
             with self._changed:
                 if self._thread is not me:
                     return
-                if gone:
+                if fault is not None:
                     self._lost.add(id(stream))
+                    self.note(fault)
                 self._pieces.popleft()
                 self._changed.notify_all()
 
 
-def _written(stream: io.RawIOBase, octets: bytes) -> bool:
-    """Write all octets; False if the reader is gone."""
+def _fault_of(stream: io.RawIOBase, octets: bytes) -> Exception | None:
+    """Write all octets; return why that was impossible, None if it was possible."""
     try:
         while octets:
             count = stream.write(octets)
             octets = octets[count or 0 :]
             if count is None:
                 sleep(NAP)
-    except (OSError, ValueError):  # ValueError: the stream was closed
-        return False
-    return True
+    except (OSError, ValueError) as error:  # ValueError: the stream was closed
+        return error
+    return None
 
 
 class OutputStream(io.RawIOBase):
@@ -159,6 +167,10 @@ class OutputStream(io.RawIOBase):
             except BrokenPipeError:
                 self._gone = True
                 raise
+            except OSError as error:  # such as a full disk: the command goes on to its end
+                self._gone = True
+                self._thread.note(error)
+                return len(piece)
         self._thread.take(self._stream, piece)
         return len(piece)
 
@@ -181,16 +193,17 @@ def never_wait() -> None:
 
 
 @contextmanager
-def free_output(leaving: Callable[[], bool]) -> Iterator[None]:
+def free_output(leaving: Callable[[], bool]) -> Iterator[OutputThread]:
     """Replace standard output and standard error inside the block by streams that never block its end.
 
+    After the block, `fault` of the value says why output was lost. A stream that was closed before is thrown away.
     A stream without a file, as in some tests, only gets the spelling of characters.
     """
     codecs.register_error(IN_ASCII, in_ascii)
     thread, before = OutputThread(), (sys.stdout, sys.stderr)
-    sys.stdout, sys.stderr = (_stream(stream, thread, leaving) for stream in before)
+    sys.stdout, sys.stderr = (_stream(stream or io.StringIO(), thread, leaving) for stream in before)
     try:
-        yield
+        yield thread
     finally:
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):

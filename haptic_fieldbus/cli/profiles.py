@@ -3,7 +3,7 @@
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, asdict, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from datetime import datetime
 from enum import Enum
 from functools import partial
@@ -120,10 +120,10 @@ def _name(title: str) -> str:
 
 def _write(path: Path, text: str) -> None:
     try:
-        with path.open("x", encoding="utf-8") as file:
+        with path.open("x", encoding="utf-8", newline="") as file:  # the line ends of an EDS are those of its format
             file.write(text)
     except FileExistsError as error:
-        raise UsageError(f"{path} exists; use another --name or --output") from error
+        raise UsageError(f"{path} exists; name another file") from error
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
@@ -286,24 +286,22 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
         "CreationDate": f"{now:%m-%d-%Y}",
         "CreatedBy": "haptic-fieldbus",
     }
-    try:
-        # newline="": `eds_text` has the line ends that the format asks for.
-        path.write_text(eds_text(replace(sheet(profile), file_info=made)), encoding="utf-8", newline="")
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
+    _write(path, eds_text(replace(sheet(profile), file_info=made)))
 
 
 def _json(profile: "DriveProfile") -> "dict[str, Json]":
     """Return the profile as a JSON object, without the vendor's EDS from which it may have been made."""
-    plain_fields = {
-        field.name: getattr(profile, field.name) for field in fields(profile) if field.name not in ("eds", "lacks")
-    }
-    return {
-        name: asdict(value, dict_factory=lambda pairs: {key: plain(member) for key, member in pairs})
-        if is_dataclass(value) and not isinstance(value, type)
-        else plain(value)
-        for name, value in plain_fields.items()
-    }
+    named = [field.name for field in fields(profile) if field.name not in ("eds", "lacks")]
+    return {name: _plain(getattr(profile, name)) for name in named}
+
+
+def _plain(value: object) -> "Json":
+    """Return a value of a profile for JSON; its sections and their rows are objects."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, tuple) else plain(value)
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:

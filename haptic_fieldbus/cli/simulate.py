@@ -1,5 +1,6 @@
 """Command `simulate`: host simulated drives in real time on a bus that other programs join."""
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -90,7 +91,7 @@ def simulate(
 
 def check_free(path: Path) -> None:
     """Raise UsageError if the file exists already, before anything is hosted."""
-    if path.exists():
+    if os.path.exists(path):
         raise UsageError(
             f"{path} exists and is not overwritten, because a run saves its proofs in it. Omit --write-rig, or name "
             "another file"

@@ -39,7 +39,9 @@ def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZ
     for _ in range(ATTEMPTS):
         before = os.stat(target)
         # Not by a text file, whose line endings would change.
-        edited = edit(read_octets(target, most).decode("utf-8")).encode("utf-8")
+        text = read_octets(target, most).decode("utf-8")
+        mark = "\ufeff" if text.startswith("\ufeff") else ""  # of some editors; no reader of TOML takes it
+        edited = (mark + edit(text.removeprefix(mark))).encode("utf-8")
         if _replaced(target, edited, before):
             return
     raise OSError(errno.EAGAIN, "another program writes it at the same time")

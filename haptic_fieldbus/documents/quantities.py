@@ -120,7 +120,7 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
     Quantity.BIT_RATE: ({"bit/s": 1.0, "kbit/s": 1e3, "Mbit/s": 1e6},) * 2,
 }
 """SI value of one of each unit, on a linear and on a rotary axis."""
-_WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+_WRITTEN = re.compile(r"\s*([-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _WITH_COMMA = re.compile(r"\s*([-+]?[\d.]*(?:,\d+)+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
 """Multiplication signs are dropped, so N·m, N*m and Nm are one unit; the two codes of µ and of − become one."""

@@ -125,6 +125,8 @@ SHARES_OF_RATED = (PERMILLE, PERMILLE_OF_CURRENT)
 RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
 """Unit of the rated torque → size of one step [N·m]."""
 FULL_SCALE, MILLINEWTON = "full_scale/32767", "mN"
+FULL_SCALE_STEPS = 32767
+"""Largest value in the unit `FULL_SCALE`, whatever the type of its register."""
 """A torque of the profile's own in 16 bits; and the force of a motor that goes straight."""
 ABSOLUTE_TORQUE_UNITS = (*RATED_TORQUE_UNITS, FULL_SCALE, MILLINEWTON)
 """Units of torque that need no value of the motor."""
@@ -145,7 +147,7 @@ def torque_step(unit: str, axis: "RigAxis", full_scale: float | None = None) -> 
     `full_scale` is that of the profile [N·m].
     """
     if unit == FULL_SCALE:
-        return None if full_scale is None else full_scale / 32767
+        return None if full_scale is None else full_scale / FULL_SCALE_STEPS
     if unit == MILLINEWTON:
         return 1e-3 * axis.mechanism.ratio if axis.mechanism.kind == "linear" else None
     if unit in RATED_TORQUE_UNITS:

@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.drive.fields import LARGEST_SHARE
-from haptic_fieldbus.drive.rig import SHARES_OF_RATED
+from haptic_fieldbus.drive.rig import FULL_SCALE, FULL_SCALE_STEPS, SHARES_OF_RATED
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -164,7 +164,7 @@ def check_steps(axis: AxisPlan) -> None:
     target, force = axis.profile.offers()[Signal.TARGET_TORQUE], axis.workspace.effort_unit
     step = f"axis {axis.name}: one step of target torque is {in_unit(axis.effort_unit, force)} at the handle"
     scale = "Check the mechanism and the torque scaling in the rig"
-    most = target.type.limits[1]
+    most = min(target.type.limits[1], FULL_SCALE_STEPS if target.unit == FULL_SCALE else math.inf)
     if axis.limits.effort > most * axis.effort_unit:
         limit = in_unit(axis.limits.effort, force)
         raise PlanError(

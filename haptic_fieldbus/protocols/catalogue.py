@@ -53,8 +53,8 @@ def own_files(profiles: str | Path | None = None) -> dict[str, Path]:
     named, said = (str(profiles), "profiles") if profiles is not None else (os.environ.get(VARIABLE, ""), VARIABLE)
     if profiles is None and not named:
         return {}
-    folder = Path(named).absolute()
     try:
+        folder = Path(named).absolute()
         if not named:
             raise FileNotFoundError(2, "no name")
         names = sorted(os.listdir(folder))
@@ -341,7 +341,7 @@ def _check_profile_exists(document: Document, axis: str, known: Collection[str])
     name = document.value(*path)
     if isinstance(name, str) and not is_path(name) and name not in known:
         document.fault(path, f'no profile "{name}"{suggestion(name, known)}')
-    elif isinstance(name, str) and is_path(name) and not (Path(document.source).resolve().parent / name).is_file():
+    elif isinstance(name, str) and is_path(name) and not os.path.isfile(Path(document.source).resolve().parent / name):
         document.fault(path, f'no file "{name}" in the folder of this file')
 
 

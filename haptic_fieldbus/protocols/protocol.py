@@ -163,8 +163,16 @@ def check_types(document: Document, types: Mapping[KeyPath, Sequence[str]]) -> N
     for path, possible in types.items():
         found = document.value(*path, "type")
         # A type that is unknown altogether has its fault from the schema.
-        if found in known and found not in possible:
+        if isinstance(found, str) and found in known and found not in possible:
             document.refuse((*path, "type"), " or ".join(f'"{name}"' for name in possible))
+
+
+def check_fits(document: Document, path: KeyPath, value: object, type_name: object) -> None:
+    """Note a whole number that its type cannot hold."""
+    if type_name in [each.value for each in DataType] and type(value) is int:
+        low, high = DataType(type_name).limits
+        if not low <= value <= high:
+            document.refuse(path, f"{low} to {high}, which fit into {type_name}")
 
 
 def check_units(document: Document, units: Mapping[KeyPath, Sequence[str]]) -> None:
@@ -177,5 +185,5 @@ def check_units(document: Document, units: Mapping[KeyPath, Sequence[str]]) -> N
 def check_echo(document: Document, ways: Collection[str], kind: str) -> None:
     """Note a way of proving set-points for which the profile names no object or register, the `kind` of protocol."""
     way = document.value("torque", "echo")
-    if way in ways and not document.table("torque", str(way)):
+    if isinstance(way, str) and way in ways and not document.table("torque", str(way)):
         document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected this {kind} too, or "none"')

@@ -8,7 +8,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Protocol
 
-from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_PROTOCOL
+from haptic_fieldbus.defaults import (
+    DEFAULT_FADE_IN,
+    DEFAULT_HOSTED_HAND,
+    DEFAULT_NODE,
+    DEFAULT_PROTOCOL,
+    HIGHEST_NUMBER,
+)
 from haptic_fieldbus.documents import is_path
 from haptic_fieldbus.drive.rig import Rig, RigAxis, Seen, default_axis
 from haptic_fieldbus.errors import UsageError
@@ -39,7 +45,7 @@ def drives_of(channel: str) -> list[NamedDrive]:
     return [drive_of(item) for item in channel.split(",")]
 
 
-def drive_of(text: str, nodes: range = _NODES) -> NamedDrive:
+def drive_of(text: str, nodes: Sequence[int] = _NODES) -> NamedDrive:
     """Parse one drive, `profile@node-ID`; raises UsageError when it is written otherwise."""
     name, _, number = text.strip().rpartition("@")
     if not name or not number.isdecimal() or int(number) not in nodes:
@@ -123,7 +129,11 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
     with _collecting(faults):
         protocol = protocol_named(bus.section.protocol if bus is not None else DEFAULT_PROTOCOL)
         texts = [f"{axis.profile}@{axis.node}" for axis in request.axes]
-        drives = numbered(texts or request.drives or [protocol.default_drive], request.node, protocol.nodes)
+        nodes: Sequence[int] = protocol.nodes
+        if bus is not None:
+            interface = bus.section.interface
+            nodes = [each for each in range(HIGHEST_NUMBER + 1) if not protocol.wanted_node(each, interface)]
+        drives = numbered(texts or request.drives or [protocol.default_drive], request.node, nodes)
     for drive, axis in zip(drives, request.axes or [None] * len(drives), strict=False):
         with _collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
@@ -218,7 +228,7 @@ def joined_bus(text: str | None) -> BusName:
     return name
 
 
-def numbered(texts: Sequence[str], first: int, nodes: range) -> list[NamedDrive]:
+def numbered(texts: Sequence[str], first: int, nodes: Sequence[int]) -> list[NamedDrive]:
     """Return every drive with its number: the stated number, otherwise the next free one from `first` on.
 
     `nodes` are the valid numbers of the protocol. Raises UsageError for a number that is used twice or out of range,

@@ -18,6 +18,13 @@ FAULTY = View(
 )  # fmt: skip
 
 
+@pytest.mark.parametrize("asked", ["8-6", ",", "1,", "1-1000000000", "256", "-1", "a", "1-b"])
+def test_nodes_that_are_no_numbers_are_refused_before_anything_is_asked(asked: str, command: Command) -> None:
+    finished = command("scan", "--node", asked)
+    assert (finished.status, finished.out) == (2, "")
+    assert f"--node {asked}: expected numbers up to 255, as in 1-8 or 1,3" in finished.err
+
+
 def test_scan_finds_the_simulated_drive(command: Command) -> None:
     finished = command("scan")
     assert (finished.status, finished.err) == (0, "")

@@ -249,3 +249,30 @@ def test_hosted_drives_end_in_order_although_nobody_reads(tmp_path: Path) -> Non
     assert process.wait(STARTS_WITHIN) == 0
     os.close(into)
     os.close(out)
+
+
+@pytest.mark.thorough("starts a process for each", quick=4)
+@pytest.mark.parametrize(
+    ("words", "streams", "status", "told"),
+    [
+        ("plan wall", "> /dev/full", 1, "the output is not complete: No space left on device"),
+        ("plan wall --json", "> /dev/full", 1, "the output is not complete: No space left on device"),
+        ("run wall --duration 0.1", "> /dev/full", 1, "the output is not complete: No space left on device"),
+        ("plan wall", "2>&-", 0, ""),
+        ("plan nope", "2>&-", 2, ""),
+        ("plan nope", ">&-", 2, 'no scene "nope"'),
+        ("profiles check maxon_epos4", ">&-", 0, ""),
+        ("run wall --duration 0.1", ">&-", 0, ""),
+        ("run wall --duration 0.1", "2>&-", 0, ""),
+        ("run wall --duration 0.1", ">&- 2>&-", 0, ""),
+    ],
+)
+def test_an_output_that_is_full_or_closed_is_told_once_and_changes_no_other_status(
+    words: str, streams: str, status: int, told: str
+) -> None:
+    shell = f'"{sys.executable}" -m haptic_fieldbus {words} {streams}'
+    done = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr + done.stdout
+    assert done.stderr.count("the output is not complete") == told.count("the output is not complete")

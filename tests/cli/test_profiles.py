@@ -1,5 +1,7 @@
 import json
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -148,6 +150,32 @@ def test_the_json_object_is_printed_beside_it(tmp_path: Path, command: Command) 
     assert path.exists()
 
 
+def test_an_eds_that_is_there_is_not_overwritten(tmp_path: Path, command: Command) -> None:
+    """It may be the vendor's: `profiles new` and `profiles check` read what the same option names."""
+    path = tmp_path / "vendor.eds"
+    path.write_text("precious", encoding="utf-8")
+    finished = command("profiles", "show", "generic_cia402", "--eds", str(path))
+    assert (finished.status, path.read_text(encoding="utf-8")) == (2, "precious")
+    assert "exists; name another file" in finished.err
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_the_json_object_has_every_value_of_the_file(name: str, command: Command) -> None:
+    def missing(stated: Any, shown: Any, path: str) -> list[str]:
+        if isinstance(stated, dict):
+            return [each for key, value in stated.items() for each in missing(value, shown.get(key), f"{path}.{key}")]
+        if isinstance(stated, list):
+            pairs = zip(stated, shown, strict=True)
+            return [
+                each for place, (one, other) in enumerate(pairs) for each in missing(one, other, f"{path}[{place}]")
+            ]
+        return [] if stated == shown else [f"{path}: {stated!r}, shown {shown!r}"]
+
+    shown = json.loads(command("profiles", "show", name, "--json").out)
+    stated = tomllib.loads((profile_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    assert [each for each in missing(stated, shown, name) if ".simulation" not in each] == []
+
+
 def test_an_eds_that_cannot_be_written_is_told(tmp_path: Path, command: Command) -> None:
     finished = command("profiles", "show", "generic_cia402", "--eds", str(tmp_path / "none" / "sim.eds"))
     assert finished.status == 2
@@ -277,7 +305,7 @@ class TestDrafted:
         path.write_text("mine")
         finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path))
         assert (finished.status, finished.out) == (2, "")
-        assert "exists; use another --name or --output" in finished.err
+        assert "exists; name another file" in finished.err
         assert path.read_text() == "mine"
 
     @pytest.mark.parametrize(

@@ -167,3 +167,10 @@ def test_in_a_folder_that_may_not_be_written_the_file_stays(path: Path) -> None:
     denied = in_a_process(path, "os.setgid(65534); os.setuid(65534)")
     assert (denied.returncode, denied.stdout.strip()) == (0, str(errno.EACCES)), denied.stderr
     assert path.read_bytes() == OLD.encode()
+
+
+def test_the_mark_in_front_of_a_file_stays_and_no_edit_sees_it(path: Path) -> None:
+    """Some editors of Windows write one."""
+    path.write_bytes(b"\xef\xbb\xbf" + OLD.encode())
+    edit_file(path, renewed)
+    assert path.read_bytes() == b"\xef\xbb\xbf" + NEW.encode()

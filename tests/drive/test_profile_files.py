@@ -1,10 +1,16 @@
 """Profile files: the shipped ones hold, and each way to be wrong is told."""
 
+import copy
 import math
 import tomllib
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
+import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -384,3 +390,26 @@ def test_every_key_of_the_schema_is_documented() -> None:
 def test_a_shipped_profile_is_plain_toml(name: str) -> None:
     data = tomllib.loads((profile_folder() / f"{name}.toml").read_text(encoding="utf-8"))
     assert data["schema"] == 1
+
+
+def leaves(table: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    items = table.items() if isinstance(table, dict) else enumerate(table) if isinstance(table, list) else ()
+    if not items:
+        yield path
+    for key, value in items:
+        yield from leaves(value, (*path, key))
+
+
+@pytest.mark.thorough("loads a profile for each value of a file", quick=2)
+@pytest.mark.parametrize("name", ["generic_cia402_modbus", "maxon_epos2", *profile_names()])
+def test_a_value_of_any_wrong_type_is_a_fault_and_no_other_error(name: str, tmp_path: Path) -> None:
+    whole = tomllib.loads((profile_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    for path in [each for each in leaves(whole) if each[0] != "sources"]:
+        for wrong in (lambda value: [value], lambda value: {"a": value}, lambda value: datetime(2026, 11, 1)):
+            changed = copy.deepcopy(whole)
+            table: Any = changed
+            for step in path[:-1]:
+                table = table[step]
+            table[path[-1]] = wrong(table[path[-1]])
+            with suppress(ProfileError):
+                load_profile(write(tmp_path, tomlkit.dumps(changed)))

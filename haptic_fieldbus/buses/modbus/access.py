@@ -201,7 +201,7 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
     if best is None:
         return FoundNode(number, sure=_why_none(fitting))
     unit = _unit(requester, number, best)
-    known = {each.name: unit.read(each) for each in best.identity}
+    known = {each.name: unit.optional(each) for each in best.identity}
     sure = "possible match: it has the registers of the profile, and none between them"
     if _tells(best):
         sure = "likely: the model registers match the profile"
@@ -211,7 +211,7 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
         known.get("vendor"),
         known.get("product code"),
         known.get("revision"),
-        None if best.serial is None else unit.read(best.serial),
+        None if best.serial is None else unit.optional(best.serial),
         profile=best.name,
         sure=sure + (f"; {also} would match too" if also else ""),
         power_state=PROTOCOL.power_table(best).state(unit.read(best.power.status)).value,

@@ -106,6 +106,8 @@ class FrameForm:
         self.head = bytes((question.unit, question.function)) + repeated
         """Begin of the right answer, from the unit id on."""
         start, data = 0 if serial else HEADER_OCTETS, 2 * question.count
+        self.repeated = slice(start + 1, start + 6)
+        """Place in the request of what the answer to a write repeats: function, address, and value or count."""
         self.data = slice(start + len(self.head), start + len(self.head) + data)
         """Place of the registers in the answer."""
         self.size = self.data.stop + (CRC_OCTETS if serial else 0)
@@ -206,4 +208,5 @@ class Framing:
         if asked.count:
             fits = len(pdu.registers) == asked.count and len(body) == 2 + 2 * asked.count
             return Answer(struct.pack(f">{asked.count}H", *pdu.registers)) if fits else DroppedOctets.SIZE
-        return DroppedOctets.EARLIER  # a write that is another one, since the right answer has been told by its octets
+        # A write is answered by the first octets of its request.
+        return Answer() if body == self._asked.frame[self._asked.repeated] else DroppedOctets.EARLIER

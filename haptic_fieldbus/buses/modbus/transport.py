@@ -51,7 +51,7 @@ def port_errors() -> tuple[type[Exception], ...]:
 
 def translate(error: Exception, subject: str) -> BusError:
     """Return an error of a socket or a serial port as a BusError that begins with `subject`."""
-    if isinstance(error, socket.gaierror):
+    if isinstance(error, socket.gaierror | UnicodeError):  # a name with an empty or a long part is the latter
         return BusError(f"{subject}: no such host; check its name, or write its address in numbers")
     if isinstance(error, TimeoutError):
         return BusError(f"{subject}: {WORDS[errno.ETIMEDOUT]}")
@@ -110,7 +110,7 @@ class TcpTransport:
     def _connected(self, seconds: float) -> socket.socket:
         try:
             connected = self._connection(seconds)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             raise translate(error, f"cannot connect to {self.name}") from error
         self._peer = connected.family, connected.getpeername()
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

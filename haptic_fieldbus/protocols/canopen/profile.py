@@ -17,7 +17,15 @@ from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo
-from haptic_fieldbus.protocols.protocol import TORQUES, check_echo, check_motion, check_types, check_units, check_usable
+from haptic_fieldbus.protocols.protocol import (
+    TORQUES,
+    check_echo,
+    check_fits,
+    check_motion,
+    check_types,
+    check_units,
+    check_usable,
+)
 
 # Checks of a CANopen profile that its dataclasses cannot state.
 
@@ -51,6 +59,10 @@ def check_profile(document: Document) -> None:
     _check_guard(document)
     _check_fixed(document)
     _check_simulated(document)
+    rows = document.value("setup", "writes")
+    written = [("setup", "writes", number) for number in range(len(rows) if isinstance(rows, list) else 0)]
+    for path in (*written, ("torque", "slope")):
+        check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
 
 
 def _check_objects(document: Document) -> None:
@@ -79,9 +91,10 @@ def _check_fixed(document: Document) -> None:
             if sum(bits) > 8 * LARGEST_PAYLOAD or any(each not in OCTETS for each in bits):
                 expected = "objects of 8, 16 or 32 bits, 64 together, as in [0x60400010, 0x60710010]"
                 document.fault(("pdo", key, place, "maps"), f"not a PDO mapping; expected {expected}")
-            if each.get("number") in numbers:
-                document.fault(("pdo", key, place, "number"), f"{each['number']} is already used; expected another one")
-            numbers.add(each.get("number"))
+            number = each.get("number")
+            if type(number) is int and number in numbers:
+                document.fault(("pdo", key, place, "number"), f"{number} is already used; expected another one")
+            numbers |= {number} if type(number) is int else set()
 
 
 def _check_simulated(document: Document) -> None:

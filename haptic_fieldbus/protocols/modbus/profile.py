@@ -21,7 +21,15 @@ from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import FULL_SCALE, METRES, is_current
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.protocol import TORQUES, check_echo, check_motion, check_types, check_units, check_usable
+from haptic_fieldbus.protocols.protocol import (
+    TORQUES,
+    check_echo,
+    check_fits,
+    check_motion,
+    check_types,
+    check_units,
+    check_usable,
+)
 from haptic_fieldbus.signals import Signal
 
 Address = Annotated[int, Ge(0), Le(0xFFFF)]
@@ -295,6 +303,7 @@ def check_profile(document: Document) -> None:
     check_types(document, {path: _TYPES.get(path, _ALL) for path in _registers(document)})
     check_units(document, _UNITS)
     _check_full_scale(document)
+    _check_values(document)
     check_echo(document, ECHOES, "register")
     _check_power(document)
 
@@ -314,7 +323,7 @@ def _check_line(document: Document) -> None:
 def _check_functions(document: Document) -> None:
     """Note functions with which no feedback can be read, or no set-point written."""
     functions = document.value("line", "functions")
-    known = set(functions) if isinstance(functions, list) else {READ_WRITE}
+    known = {each for each in functions if type(each) is int} if isinstance(functions, list) else {READ_WRITE}
     both = READ_WRITE in known
     if not both and not {READ_HOLDING, READ_INPUT} & known:
         document.refuse(("line", "functions"), "3, 4 or 23 among them: otherwise nothing can be read")
@@ -322,6 +331,17 @@ def _check_functions(document: Document) -> None:
     if not both and WRITE_MULTIPLE not in known and not (single and WRITE_SINGLE in known):
         wanted = "6, 16 or 23" if single else "16 or 23"
         document.refuse(("line", "functions"), f"{wanted} among them: otherwise no target torque can be written")
+
+
+def _check_values(document: Document) -> None:
+    """Note values that their registers cannot hold, among them the time of the watchdog."""
+    check_fits(document, ("mode", "value"), document.value("mode", "value"), document.value("mode", "write", "type"))
+    for path in _setup(document):
+        check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
+    time, deadline = document.table("watchdog", "time"), document.value("watchdog", "deadline")
+    if isinstance(deadline, int | float):
+        steps = round(deadline * (1000 if time.get("unit") == "ms" else 1))
+        check_fits(document, ("watchdog", "deadline"), steps, time.get("type"))
 
 
 def _check_full_scale(document: Document) -> None:

@@ -211,7 +211,7 @@ async def _host(
     opened: Callable[[BusName], None],
 ) -> None:
     section, clock = modbus_section(bus.section), MonotonicClock()
-    errors = port_errors() if section.serial else (OSError,)
+    errors = port_errors() if section.serial else (OSError, UnicodeError)
     server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
     for slot in slots:
         server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()

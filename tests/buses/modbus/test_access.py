@@ -17,7 +17,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.signals import Signal, Workspace
 from tests.buses.modbus.benches import NAME, PROFILE, section_of
-from tests.buses.modbus.servers import ERROR, FAULT, STATUS, Drive, Server, rtu_server, tcp_server
+from tests.buses.modbus.servers import ERROR, FAULT, IDENTITY, SERIAL, STATUS, Drive, Server, rtu_server, tcp_server
 
 Lines = Callable[..., AbstractContextManager[Server]]
 LINES: dict[str, Lines] = {"tcp": tcp_server, "rtu": rtu_server}
@@ -65,6 +65,16 @@ def test_a_server_that_has_every_register_is_taken_for_no_drive() -> None:
         assert NAME in (node.sure or "")
         assert "also other registers between them, as any server may have" in (node.sure or "")
         assert "use --drive PROFILE" in (node.sure or "")
+
+
+@pytest.mark.parametrize("lacks", [SERIAL, IDENTITY])
+def test_a_unit_without_serial_number_or_identity_is_found_all_the_same(lacks: int) -> None:
+    with tcp_server(Drive()) as server:
+        for address in (lacks, lacks + 1):
+            del server.drive.registers[address]
+        (node,) = ACCESS.scan(section_of(server.name), AXES, None).nodes
+        assert (node.node, node.profile) == (1, NAME)
+        assert (node.serial is None) is (lacks == SERIAL)
 
 
 def test_a_profile_that_cannot_render_force_is_named_and_not_proposed(tmp_path: Path) -> None:

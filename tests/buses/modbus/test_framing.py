@@ -185,3 +185,28 @@ def test_noise_never_raises_and_is_an_answer_only_by_the_chance_of_a_checksum(fr
                 taken += not octets.startswith(good)
     # A checksum of 16 bits holds by chance, and no twist of one bit escapes it. A frame on TCP has none of its own.
     assert taken <= 3 + frames * 2**-15 or not serial
+
+
+@pytest.mark.parametrize("tail", [b"\x00", b"\xff", b"\x11\x03"], ids=["zero", "ones", "begin of another"])
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_octets_behind_the_answer_spoil_it_neither_of_a_read_nor_of_a_write(example: str, tail: bytes) -> None:
+    """A glitch of the line that turns round comes in the same piece."""
+    question, _, answer, registers = EXAMPLES[example]
+    framing = Framing(serial=True)
+    asked(framing, question)
+    used, found = framing.take(rtu(bytes.fromhex(answer)) + tail)
+    assert used >= len(rtu(bytes.fromhex(answer)))
+    assert isinstance(found, Answer)
+    assert found.registers == registers
+
+
+@pytest.mark.parametrize("serial", [True, False], ids=["rtu", "tcp"])
+def test_the_answer_to_another_write_is_none(serial: bool) -> None:
+    for question, other in (
+        (Question(17, 6, 1, 0, (3,)), "06 0001 0004"),
+        (Question(17, 16, 1, 0, (0xA, 0x102)), "10 0002 0002"),
+        (Question(17, 16, 1, 0, (0xA, 0x102)), "10 0001 0003"),
+    ):
+        framing = Framing(serial=serial)
+        asked(framing, question)
+        assert framing.take(framed(bytes.fromhex(other), serial=serial))[1] is DroppedOctets.EARLIER

@@ -243,3 +243,9 @@ def test_a_device_that_is_no_serial_line_says_so(device: str, tmp_path: Path) ->
 def test_a_device_that_is_not_there_is_told_as_such() -> None:
     with pytest.raises(BusError, match="no such device"):
         open_line(ModbusSection("modbus-rtu", "/dev/nowhere"), CLOCK)
+
+
+@pytest.mark.parametrize("host", ["192.168.0..10", ".local", 64 * "a" + ".example"])
+def test_a_name_that_no_host_can_have_is_told_as_one(host: str) -> None:
+    with pytest.raises(BusError, match="no such host; check its name"):
+        TcpTransport(f"modbus-tcp:{host}", (host, 502), CLOCK)

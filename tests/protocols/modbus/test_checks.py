@@ -18,6 +18,9 @@ from tests.protocols.modbus.lines import on, traffic_of
 GENERIC = (profile_folder() / "generic_cia402_modbus.toml").read_text(encoding="utf-8")
 
 
+UNIT = 'unit = "full_scale/32767"'
+
+
 def faults_of(folder: Path, *replacements: tuple[str, str]) -> list[str]:
     """All faults of the generic profile after replacements."""
     text = GENERIC
@@ -53,6 +56,20 @@ def faults_of(folder: Path, *replacements: tuple[str, str]) -> list[str]:
         ('table = "cia402"', 'table = "cia402"\nreset = 1', "power.reset: no effect"),
         ('evidence = "standard"', 'evidence = "standard"\nusable = false', "drive.usable: false without a reason"),
         ("[position]", "[places]", "position: missing, like [velocity]"),
+        ("value = 10 ", "value = 40000 ", "mode.value: 40000; expected -32768 to 32767, which fit into int16"),
+        (
+            "[sources]",
+            '[[setup]]\naddress = 0x0401\ntype = "uint16"\nvalue = 70000\n[sources]',
+            "setup[0].value: 70000; expected 0 to 65535, which fit into uint16",
+        ),
+        (
+            "deadline = 0.05",
+            'deadline = 40.0\nwrites = [{ address = 0x0400, type = "int16", value = 40000 }]',
+            "watchdog.writes[0].value: 40000; expected -32768 to 32767",
+        ),
+        ("functions = [3, 4, 6, 16, 23]", "functions = [[3], { a = 1 }]", "line.functions[0]: "),
+        ('echo = "demand"', 'echo = ["demand"]', "torque.echo: "),
+        ('echo = "demand"', "echo = { a = 1 }", "torque.echo: "),
     ],
 )  # fmt: skip
 def test_a_fault_is_told_with_its_key(old: str, new: str, words: str, tmp_path: Path) -> None:
@@ -135,3 +152,26 @@ def test_a_drive_of_canopen_is_told_where_it_belongs() -> None:
         on("sim", drive="generic_cia402_modbus")
     with pytest.raises(PlanError, match=r"Simplex Motion .* supports Modbus RTU, but sim-modbus-tcp is TCP"):
         on("sim-modbus-tcp", drive="simplex_motion")
+
+
+def test_a_watchdog_time_that_its_register_cannot_hold_is_refused(tmp_path: Path) -> None:
+    old = 'time = { address = 0x0204, type = "uint16"'
+    faults = faults_of(tmp_path, (old, old.replace("uint16", "int16")), ("deadline = 0.05", "deadline = 40.0"))
+    assert any("watchdog.deadline" in fault and "which fit into int16" in fault for fault in faults)
+
+
+def test_no_value_in_the_unit_of_full_scale_is_above_full_scale(tmp_path: Path) -> None:
+    """Its sixteen bits are those of the unit, whatever the register: beyond them the sign of the torque turns."""
+    wide = 'target = { address = 0x0210, type = "int32", unit = "full_scale/32767"'
+    text = GENERIC.replace('target = { address = 0x0201, type = "int16", unit = "permille_of_rated_torque"', wide)
+    text = text.replace('0x0101, type = "int16", unit = "permille_of_rated_torque"', f'0x0101, type = "int16", {UNIT}')
+    assert wide in text
+    assert UNIT in text
+    path = tmp_path / "own.toml"
+    for full_scale, refused in ((0.5, False), (0.3, True)):
+        path.write_text(text.replace("[torque]", f"[torque]\nfull_scale = {full_scale}"), encoding="utf-8")
+        if refused:
+            with pytest.raises(PlanError, match="at most 32767 steps are possible"):
+                on("sim-modbus-rtu", drive=str(path))
+        else:
+            assert on("sim-modbus-rtu", drive=str(path)).axes[0].limits.effort > 0.0
