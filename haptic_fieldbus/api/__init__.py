@@ -332,9 +332,13 @@ def repeat(
     those that differ. A hand, method or estimator that was an object of Python is given again, as a recording has its
     name alone. Raises UsageError when the source has no provenance, and the errors of `run`.
     """
-    from haptic_fieldbus.recordings.reading import read_provenance
+    from haptic_fieldbus.recordings.reading import check_apart, read_provenance
 
-    found = source if isinstance(source, Provenance) else read_provenance(source)
+    if not isinstance(source, Provenance):
+        found = read_provenance(source)
+        check_apart(source, record)
+    else:
+        found = source
     given = {"hand": hand, "method": method, "estimator": estimator}
     parts = {name: name_of(part) for name, part in given.items() if part is not None}
     return repeat_run(replace(found, conditions=replace(found.conditions, **parts)), Trial(record=record))

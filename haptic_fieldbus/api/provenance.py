@@ -30,6 +30,7 @@ from haptic_fieldbus.recordings.provenance import (
     Provenance,
     RunText,
     digest,
+    hidden,
     marked,
     scrubbed,
     without_secrets,
@@ -79,7 +80,7 @@ def provenance_of(
         faults=RunText.of("faults.toml", toml_of(faults)) if faults else None,
         settings=dict(parsed(task.settings)),
         conditions=conditions,
-        bus=bus,
+        bus=hidden(bus),
         simulated=plan.simulated,
     )
     if repeats is not None:

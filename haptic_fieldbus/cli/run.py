@@ -59,9 +59,10 @@ def _repeat(options: RunOptions) -> None:
     """Repeat the run that a file describes, and print its result."""
     from haptic_fieldbus import api
     from haptic_fieldbus.api.provenance import differences_of, repeated
-    from haptic_fieldbus.recordings.reading import read_provenance
+    from haptic_fieldbus.recordings.reading import check_apart, read_provenance
 
     provenance = read_provenance(cast("Path", options.source))
+    check_apart(cast("Path", options.source), options.record, options.plot)
     show([("note", text) for text in differences_of(provenance)], sys.stderr)
     with repeated(provenance) as (task, conditions):
         run_and_tell(options, task, replace(options.given(api.Trial), **conditions), provenance)

@@ -3,6 +3,7 @@
 The Python API and the command line both use these functions, so both refuse the same requests in the same words.
 """
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -187,13 +188,14 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
     if not path.parent.is_dir():
         return [f'{option} "{path}": no folder {path.parent}']
     # Opening to append tests the permissions without changing an existing file.
-    existed = path.exists()
-    if path.is_fifo():  # opening it would wait for a reader
+    real = Path(os.path.realpath(path))  # a link stays
+    existed = real.exists()
+    if real.is_fifo():  # opening it would wait for a reader
         return [f'{option} "{path}": it is a FIFO; expected a regular file']
     try:
-        path.open("ab").close()
+        real.open("ab").close()
     except OSError as error:
         return [f'{option} "{path}": cannot be written: {error.strerror}']
     if not existed:
-        path.unlink()
+        real.unlink()
     return []

@@ -95,11 +95,12 @@ class McapFile:
             self._writer.add_message(self._channel, t_ns, self._pack(*self._values), t_ns)
         self._writer.flush()
 
-    def close(self, provenance: str) -> None:
-        """Write the last provenance and the index, and close; raises OSError."""
+    def close(self, provenance: str | None) -> None:
+        """Write the last provenance and the index, and close; raises OSError. None: leave the file as cut off."""
         try:
-            self._tell(provenance)
-            self._writer.finish()
+            if provenance is not None:
+                self._tell(provenance)
+                self._writer.finish()
             self._file.flush()
         finally:
             self._file.raw.close()

@@ -26,6 +26,11 @@ MARK = "haptic-fieldbus provenance "
 """In front of the compressed JSON object in the description of a picture."""
 SECRET = re.compile(r"token|password|passwd|secret", re.IGNORECASE)
 """Names of options and arguments whose values are never kept."""
+LONGEST_NAME = 200
+_IN_NO_NAME = re.compile(r"[/\\:\x00-\x1f]")
+"""Characters that no name of a file has on every system."""
+_ARGUMENT = re.compile(rf"([^=,;\s]*(?:{SECRET.pattern})[^=,;\s]*=)[^,;]*", re.IGNORECASE)
+_USER = re.compile(r"(://[^/@:]*:)[^/@]*@")
 HIDDEN = "left out"
 
 
@@ -50,6 +55,7 @@ class RunText:
     @classmethod
     def of(cls, name: str, text: str, source: str | Path | None = None) -> "RunText":
         """Return the text with its digest, and with path and digest of the file that it comes from, if there is one."""
+        name = _IN_NO_NAME.sub("_", name)[-LONGEST_NAME:]
         if not source or not (path := Path(source)).is_file():
             return cls(name, text, digest(text))
         return cls(name, text, digest(text), str(path), digest(path.read_bytes()))
@@ -157,6 +163,11 @@ def marked(text: str) -> str:
     return MARK + b64encode(zlib.compress(text.encode(), 9)).decode()
 
 
+def hidden(text: str) -> str:
+    """Return a text such as the name of a bus without the values of secret arguments: `KEY=VALUE`, `USER:VALUE@`."""
+    return _USER.sub(rf"\1{HIDDEN}@", _ARGUMENT.sub(rf"\1{HIDDEN}", text))
+
+
 def scrubbed(command: Sequence[str], *, paths: bool = True) -> tuple[str, ...]:
     """Return a command line without the values of secret options; without folders unless `paths`."""
     found: list[str] = []
@@ -164,18 +175,23 @@ def scrubbed(command: Sequence[str], *, paths: bool = True) -> tuple[str, ...]:
     for word in command:
         name, equals, _ = word.partition("=")
         secret = word.startswith("-") and bool(SECRET.search(name))
-        shown = HIDDEN if hide else f"{name}={HIDDEN}" if secret and equals else word
-        found.append(shown if paths or os.sep not in shown else f"{PurePath(shown).name}")
+        shown = HIDDEN if hide else f"{name}={HIDDEN}" if secret and equals else hidden(word)
+        if not paths and os.sep in shown:  # the name of a folder may be that of a person
+            shown = PurePath(shown).name if PurePath(shown).suffix or not found else HIDDEN
+        found.append(shown)
         hide = secret and not equals
     return tuple(found)
 
 
 def without_secrets(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table without the values of secret keys, at any depth."""
-    return {
-        key: HIDDEN if SECRET.search(key) else without_secrets(value) if isinstance(value, Mapping) else value
-        for key, value in table.items()
-    }
+    return {key: HIDDEN if SECRET.search(key) else _without(value) for key, value in table.items()}
+
+
+def _without(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return without_secrets(value)
+    return [_without(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def side_file(path: Path) -> Path:

@@ -1,6 +1,7 @@
 """Recordings read back: arrays by column, with units and the provenance; and rows written in another format."""
 
 import json
+import os
 import re
 import struct
 import zlib
@@ -18,7 +19,16 @@ from numpy.typing import NDArray
 from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE, check_regular, read_octets
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.mcap import CUT, McapFile, read_mcap
-from haptic_fieldbus.recordings.provenance import MARK, METADATA, PICTURES, Provenance, digest, side_file, write_beside
+from haptic_fieldbus.recordings.provenance import (
+    LONGEST_NAME,
+    MARK,
+    METADATA,
+    PICTURES,
+    Provenance,
+    digest,
+    side_file,
+    write_beside,
+)
 from haptic_fieldbus.recordings.tables import UNIT, arrow_table, column_units, heading, row_line
 
 if TYPE_CHECKING:
@@ -32,7 +42,7 @@ _FRAME = re.compile(r"\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*|R)$")
 
 # Provenance of any file that a run leaves.
 
-_FILE_NAME = re.compile(r"(?!\.\.?$)[^/\\:\x00-\x1f]{1,200}")
+_FILE_NAME = re.compile(rf"(?!\.\.?$)[^/\\:\x00-\x1f]{{1,{LONGEST_NAME}}}")
 # Whole groups of four: the next octet of a picture, such as the checksum of a PNG chunk, may be a digit of base64 too.
 _MARKED = re.compile(MARK.encode() + rb"((?:[A-Za-z0-9+/]{4})*(?:[A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?)")
 
@@ -49,6 +59,14 @@ def read_provenance(path: str | Path) -> Provenance:
     if found is None:
         raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
     return checked(found, path)
+
+
+def check_apart(source: str | Path, *targets: str | Path | None) -> None:
+    """Raise UsageError if a repeated run would be written over the file that it repeats, or over that beside it."""
+    kept = {os.path.realpath(each) for each in (source, side_file(Path(source)))}
+    for target in [Path(each) for each in targets if each is not None]:
+        if kept & {os.path.realpath(each) for each in (target, side_file(target))}:
+            raise UsageError(f"{target}: this file is repeated, and would be overwritten; name another one")
 
 
 def _read(path: Path, reader: Callable[[Path], Any], fault: str) -> Any:
@@ -258,7 +276,7 @@ HOLDERS = {".mcap": read_mcap, ".parquet": _parquet}
 
 
 def _candump(path: Path) -> RecordedRun:
-    text = path.read_text(encoding="ascii")
+    text = path.read_text(encoding="utf-8")
     found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
     if not all(found):
         raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")

@@ -335,7 +335,10 @@ class Live:
     def _judge(self) -> None:
         while (task := self._tasks.get()) is not None:
             began = monotonic()
-            task()
+            try:
+                task()
+            except Exception as error:  # the page must go on to answer, and to tell trips
+                self._tell({"refused": f"this cannot be shown: {type(error).__name__}: {error}"})
             if self._plan is not None and not self._plan.simulated:  # the loop is in real time
                 sleep(min(LONGEST_REST, REST * (monotonic() - began)))
 

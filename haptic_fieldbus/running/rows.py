@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from haptic_fieldbus.buses.writing import LogFile, WritingProcess
 from haptic_fieldbus.errors import UsageError, require
-from haptic_fieldbus.recordings.provenance import Provenance
+from haptic_fieldbus.recordings.provenance import Provenance, side_file
 from haptic_fieldbus.recordings.tables import column_units, heading, row_line
 
 if TYPE_CHECKING:  # imported for its type alone: the writing process does without numpy
@@ -25,14 +25,43 @@ ROW_SUFFIXES = (".csv", ".mcap")
 """Suffixes of files of rows."""
 
 
+def set_aside(record: Path | None) -> list[tuple[Path, Path]]:
+    """Give an earlier recording of this name another one, with the file beside it; return both names of each file.
+
+    A file that cannot get another name is left, and will be overwritten; so is a device.
+    """
+    moved: list[tuple[Path, Path]] = []
+    for file in () if record is None else (record, side_file(record)):
+        target = Path(os.path.realpath(file))  # a link stays
+        other = target.with_name(f"{target.name}.before-{os.getpid()}")
+        with suppress(OSError):
+            if target.is_file():
+                os.replace(target, other)
+                moved.append((target, other))
+    return moved
+
+
+def put_back(moved: Sequence[tuple[Path, Path]], *, is_replaced: bool = False) -> None:
+    """Give earlier files their names again; remove them if a run that has begun replaces them."""
+    for target, other in moved:
+        with suppress(OSError):
+            if is_replaced:
+                other.unlink()
+            else:
+                os.replace(other, target)
+
+
 class RowFile(Protocol):
     """A file that takes rows while the loop runs, as doubles of this machine."""
 
     def take(self, octets: bytes) -> None:
         """Take whole rows; raises OSError if it can take no more."""
 
-    def close(self, provenance: str) -> None:
-        """Finish the file with the last provenance; raises OSError when it is not complete."""
+    def close(self, provenance: str | None) -> None:
+        """Finish the file with the last provenance; raises OSError when it is not complete.
+
+        None: the file ended before the run, and stays as one that was cut off.
+        """
 
 
 class CsvFile:
@@ -48,7 +77,7 @@ class CsvFile:
             self._file.add(row_line(values[first : first + self._width]))
         self._file.flush()
 
-    def close(self, provenance: str) -> None:
+    def close(self, provenance: str | None) -> None:
         self._file.close()
 
 
@@ -65,9 +94,10 @@ class ProcessFile:
     def take(self, octets: bytes) -> None:
         self._process.take(pickle.dumps(octets))
 
-    def close(self, provenance: str) -> None:
+    def close(self, provenance: str | None) -> None:
         try:
-            self._process.take(pickle.dumps(provenance))
+            if provenance is not None:
+                self._process.take(pickle.dumps(provenance))
         finally:
             self._process.close()
 
@@ -111,7 +141,8 @@ class Rows:
         self.flush()
         if self._file is not None:
             try:
-                self._file.close("" if provenance is None else provenance.text())
+                text = "" if provenance is None else provenance.text()
+                self._file.close(text if self.fault is None else None)
             except OSError as error:
                 self.fault = error  # of the disk itself, so it says more than that of the pipe
 
@@ -130,7 +161,8 @@ def _pieces() -> Iterator[Any]:
 def main() -> None:
     """Write the pieces that come on standard input."""
     try:
-        pieces, path, last = _pieces(), Path(sys.argv[1]), ""
+        pieces, path = _pieces(), Path(sys.argv[1])
+        last: str | None = None  # as it stays when the run was killed
         begin = next(pieces, None)
         if begin is None:
             return

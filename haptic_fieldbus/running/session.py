@@ -28,7 +28,7 @@ from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.recordings.provenance import COUNTED, Provenance, write_beside
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.loop import UNCONFIRMED, Caller, Steps, enabling_time, finished, loop_steps
-from haptic_fieldbus.running.rows import ROW_SUFFIXES, Rows
+from haptic_fieldbus.running.rows import ROW_SUFFIXES, Rows, put_back, set_aside
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
@@ -120,10 +120,14 @@ class Session:
         record = self.kept = Record(columns(plan), room)
         if self.live is not None:
             self.live.follow(plan, record)
+        earlier = set_aside(self.record)
         try:
             self._keep_provenance()
             rows = Rows(record, self.record, simulated=plan.simulated, provenance=self.provenance)
-        except OSError as error:
+        except (OSError, UsageError) as error:
+            put_back(earlier)
+            if isinstance(error, UsageError):
+                raise
             raise UsageError(f"cannot record to {self.record}: {error.strerror}") from error
         assessment: Assessment | None = None
         faults: list[str] = []
@@ -183,6 +187,7 @@ class Session:
             faults = [*faults, *([] if rows.fault is None else [rows.fault.strerror or str(rows.fault)])]
             if not faults:
                 self._keep_count()
+            put_back(earlier, is_replaced=report.enabled_at_ns is not None)
             if report.released:
                 ending.freed()
         stopped = ending.stopped(report, duration)

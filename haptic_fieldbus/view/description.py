@@ -156,9 +156,12 @@ def _parameter(plan: Plan, running: Plan, name: str, value: float, limit: float 
     return {**told, "low": low, "high": high, "step": step}
 
 
+SMALLEST_STEP = 1e-300
+
+
 def round_scale(low: float, high: float, whole: bool) -> tuple[float, float, float]:
     """Return the ends of a scale and the step of its slider, 1, 2 or 5 · 10ⁿ; the ends are whole multiples of it."""
-    least = max((high - low) / MOST_STEPS, 1.0 if whole else 0.0)
+    least = max((high - low) / MOST_STEPS, 1.0 if whole else SMALLEST_STEP)
     power = 10.0 ** math.floor(math.log10(least))
     step = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= least * (1.0 - ROUNDING))
     low, high = math.floor(low / step + ROUNDING) * step, math.ceil(high / step - ROUNDING) * step

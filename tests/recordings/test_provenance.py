@@ -26,6 +26,7 @@ from haptic_fieldbus.recordings.provenance import (
     MARK,
     PICTURES,
     digest,
+    hidden,
     marked,
     scrubbed,
     side_file,
@@ -208,8 +209,27 @@ def test_secrets_are_left_out() -> None:
         "c",
     )
     assert scrubbed(["/a/b/x", "c/d.toml"], paths=False) == ("x", "d.toml")
-    table = {"can0": {"channel": "x", "arguments": {"password": "a", "port": 1}}}
-    assert without_secrets(table) == {"can0": {"channel": "x", "arguments": {"password": HIDDEN, "port": 1}}}
+    assert scrubbed(["/home/ada/bin/x", "--profiles", "/home/ada/", "/home/ada"], paths=False) == (
+        "x", "--profiles", HIDDEN, HIDDEN,
+    )  # fmt: skip
+    table = {"can0": {"channel": "x", "arguments": {"password": "a", "port": 1}, "also": [{"token": "b"}]}}
+    shown = {"channel": "x", "arguments": {"password": HIDDEN, "port": 1}, "also": [{"token": HIDDEN}]}
+    assert without_secrets(table) == {"can0": shown}
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("socketcand:can0,host=h,password=hunter2,port=1", f"socketcand:can0,host=h,password={HIDDEN},port=1"),
+        ("--bus=remote:x,api_token=hunter2", f"--bus=remote:x,api_token={HIDDEN}"),
+        ("password=hunter2", f"password={HIDDEN}"),
+        ("ws://ada:hunter2@host:80/x", f"ws://ada:{HIDDEN}@host:80/x"),
+        ("wall.stiffness=400", "wall.stiffness=400"),
+    ],
+)
+def test_a_secret_inside_of_a_word_is_left_out_too(text: str, shown: str) -> None:
+    assert scrubbed([text]) == (shown,)
+    assert hidden(text) == shown
 
 
 def test_an_element_of_python_is_told_and_not_repeated(tmp_path: Path) -> None:

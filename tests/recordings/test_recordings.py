@@ -19,8 +19,14 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from haptic_fieldbus import RecordedRun, UsageError, compare_recording, read_provenance, read_recording, repeat, run
 from haptic_fieldbus.api.replaying import shown
+from haptic_fieldbus.assessing.loop_report import Record
+from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.recordings.provenance import side_file
 from haptic_fieldbus.report.plot import draw_run
+from haptic_fieldbus.running.rows import Rows
+from haptic_fieldbus.running.session import Session
+from haptic_fieldbus.scenes.catalogue import load_scene
 from tests.cli.command import Command
 
 DURATION, FADE_IN = 0.6, 0.1
@@ -203,11 +209,82 @@ def test_a_full_disk_leaves_no_complete_recording(tmp_path: Path) -> None:
         assert (len(found) > 50, found.complete) == (True, False)
 
 
+def test_a_disk_that_is_full_for_a_while_leaves_no_complete_recording(tmp_path: Path) -> None:
+    from haptic_fieldbus.recordings.mcap import McapFile
+
+    record, whole, full = Record(("t_ns", "x"), 100), McapFile.take, [True, False]
+
+    def take(self: McapFile, octets: bytes) -> None:
+        if full and full.pop():
+            raise OSError(28, "No space left on device")
+        whole(self, octets)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(McapFile, "take", take)
+        rows = Rows(record, tmp_path / "x.mcap", simulated=True)
+        for number in range(3):
+            record.push((1e6 * number, 0.0))
+            rows.flush()
+        rows.close()
+    assert rows.fault is not None
+    assert not read_recording(tmp_path / "x.mcap").complete
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap", ".log"])
+@pytest.mark.parametrize("refused", [(CanopenBus, "inspect"), (Session, "_ask")], ids=["by the bus", "by a person"])
+def test_a_run_that_never_begins_leaves_the_earlier_recording(
+    suffix: str, refused: tuple[type, str], tmp_path: Path
+) -> None:
+    path = tmp_path / f"old{suffix}"
+    run("wall", duration=0.05, record=path)
+    before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(*refused, raising)
+        with pytest.raises(BusError):
+            run("wall", duration=0.05, record=path)
+    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
+    run("wall", duration=0.07, record=path)
+    assert {each.name for each in tmp_path.iterdir()} == {*before}
+    assert path.read_bytes() != before[path.name]
+
+
+def raising(*_: object) -> None:
+    raise BusError("the adapter is not there")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap"])
+def test_a_run_is_not_repeated_over_itself(suffix: str, command: Command, tmp_path: Path) -> None:
+    path = tmp_path / f"bench{suffix}"
+    run("wall", duration=0.05, record=path)
+    before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / f"other{suffix}").symlink_to(path)
+    for record in (path, tmp_path / "link" / f"other{suffix}"):
+        with pytest.raises(UsageError, match="this file is repeated, and would be overwritten"):
+            repeat(path, record=record)
+        assert command("run", "--from", path, "--record", record).status == 2
+    assert {each.name: each.read_bytes() for each in tmp_path.iterdir() if each.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["wall 12:30", "a\\b", "two\nlines", "x" * 240])
+def test_a_scene_of_any_name_is_recorded_read_and_repeated(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    run(replace(load_scene("wall"), name=name), duration=0.05, record=path)
+    assert read_recording(path).complete
+    repeat(path, record=tmp_path / "b.csv")
+    assert path.read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_a_record_through_a_link_to_a_file_that_is_not_there_leaves_the_link(tmp_path: Path) -> None:
+    target, link = tmp_path / "big.csv", tmp_path / "run.csv"
+    link.symlink_to(target)
+    run("wall", duration=0.05, record=link)
+    assert link.is_symlink()
+    assert read_recording(target).columns
+
+
 def test_another_process_writes_the_same_file(recorded: Path, tmp_path: Path) -> None:
     """As on a real bus: rows go through a pipe."""
-    from haptic_fieldbus.assessing.loop_report import Record
-    from haptic_fieldbus.running.rows import Rows
-
     found = read_recording(of(recorded, ".mcap"))
     assert found.provenance is not None
     record = Record(list(found.columns), len(found))

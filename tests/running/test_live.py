@@ -436,6 +436,24 @@ def test_what_is_no_change_is_refused_and_the_next_one_is_judged(change: Any) ->
     assert not run_watched(watch).trips
 
 
+def test_an_error_while_a_change_is_shown_is_told_and_the_next_one_is_judged() -> None:
+    def described_badly(plan: Plan, running: Plan) -> dict[str, Any]:
+        if described(plan, running)["stiffness"] == 650.0:
+            raise ValueError("math domain error")
+        return described(plan, running)
+
+    def watch(watcher: Watcher) -> None:
+        enabled(watcher)
+        watcher.reader.send({"change": {"wall.stiffness": 650.0}})
+        assert watcher.until("refused") == "this cannot be shown: ValueError: math domain error"
+        watcher.reader.send({"change": {"wall.stiffness": 700.0}})
+        assert watcher.until("changed") == {"wall.stiffness": 700.0}
+        watcher.reader.send({"stop": True})
+
+    with Live(described_badly) as live, watched(live, watch):
+        run("wall", duration=LONG, live=live)
+
+
 def test_a_change_above_the_limit_of_a_simulation_is_made_with_a_warning_and_says_when_it_begins() -> None:
     def watch(watcher: Watcher) -> None:
         enabled(watcher)
