@@ -1,7 +1,7 @@
 """A recording as a regression test of a controller: its feedback through today's cycle, period by period."""
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from haptic_fieldbus.api.provenance import repeated
 from haptic_fieldbus.assessing.result import Result, Trace
 from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.recordings.reading import RecordedRun, check_rows, read_recording
 from haptic_fieldbus.scenes.own_faults import own_faults
@@ -60,7 +61,10 @@ def compare_recording(recording: str | Path | RecordedRun) -> FirstDifference | 
     changes: Changes | None
     with repeated(found.provenance, simulated=False) as (task, conditions):
         force, changes = conditions["force"], conditions["changes"]
-        plan = (load if force else select)(task).plan.fading_in(conditions["fade_in"])
+        selection = (load if force else select)(task)
+        if force and not found.provenance.simulated and any(above_limit(selection.plan)):
+            selection = replace(selection, forced=True)  # as in the run
+        plan = selection.plan.fading_in(conditions["fade_in"])
         if changes is not None:
             longest = 1.0 + max((time for time, _ in changes.scheduled), default=0.0)
             changes.check(plan, max(conditions["duration"], longest), force=force)

@@ -287,6 +287,8 @@ class LiveSession:
         if steps is None:
             return False
         try:
+            if isinstance(error, StopIteration):  # no generator passes one on
+                return False
             if error is None or isinstance(error, GeneratorExit):
                 self.result = finished(steps)
                 return False

@@ -8,6 +8,7 @@ any moment goes on with the chunks that are missing when it is asked for again; 
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -183,6 +184,10 @@ METADATA = b"haptic_fieldbus.sweep"
 """Key of the metadata of each Parquet file, whose value is the digest of the inputs."""
 
 
+_LEFT = re.compile(rf"(?:{re.escape(MANIFEST)}|chunk-\d+\.parquet)\.(\d+)\.new")
+"""Name of a file of ours that is being written, with the number of its process."""
+
+
 def _is_alive(process: str) -> bool:
     """Return whether a process with this number is there."""
     try:
@@ -192,10 +197,22 @@ def _is_alive(process: str) -> bool:
     return True
 
 
-def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
+def _is_linked(new: Path, path: Path) -> bool:
+    """Give a file a second name; False on a file system without such names. Raises FileExistsError."""
+    try:
+        os.link(new, path)
+    except FileExistsError:
+        raise
+    except OSError:
+        return False
+    return True
+
+
+def _write_whole(path: Path, write: Callable[[Path], object], *, only_new: bool = False) -> None:
     """Write a file under another name, flush it to the disk and rename it.
 
-    Makes its folder if there is none. Raises UsageError where nothing can be written, such as on a full disk.
+    Makes its folder if there is none. Raises UsageError where nothing can be written, such as on a full disk, and
+    FileExistsError for a file that is there but must be `only_new`.
     """
     new = path.with_name(f"{path.name}.{os.getpid()}.new")
     try:
@@ -203,8 +220,14 @@ def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
         write(new)
         with new.open("rb") as written:
             os.fsync(written.fileno())
-        new.replace(path)
+        if only_new and _is_linked(new, path):
+            new.unlink()
+        else:
+            new.replace(path)
         sync_folder(path.parent)
+    except FileExistsError:
+        new.unlink(missing_ok=True)
+        raise
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
 
@@ -242,9 +265,13 @@ class SweepFolder:
                 "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
                 "names": list(points.values), "units": dict(units), "inputs": json.loads(text),
             }  # fmt: skip
-            _write_whole(manifest, lambda new: new.write_bytes(json.dumps(content, indent=1).encode() + b"\n"))
+            octets = json.dumps(content, indent=1).encode() + b"\n"
+            try:
+                _write_whole(manifest, lambda new: new.write_bytes(octets), only_new=True)
+            except FileExistsError:  # another sweep began meanwhile
+                return cls.begun(path, points, chunk, inputs, units)
         for left in path.glob("*.new"):  # of a sweep that was killed while it wrote, not of one that still writes
-            if not _is_alive(left.suffixes[-2].lstrip(".")):
+            if (named := _LEFT.fullmatch(left.name)) and not _is_alive(named[1]):
                 left.unlink(missing_ok=True)
         return found
 
@@ -355,6 +382,15 @@ class Sweep:
             types = SweepFolder.known(self.path).points.types | {name: TYPES[name] for name in ("outcome", "message")}
             fields = [(name, getattr(pyarrow, kind)()) for name, kind in types.items() if name in (columns or types)]
             return pyarrow.schema(fields).empty_table()
+        # A figure of a measure may be a number at one point and a text at another.
+        kinds: dict[str, set[str]] = {}
+        for each in (each for table in tables for each in table.schema):
+            kinds.setdefault(each.name, set()).add(str(each.type))
+        texts = [name for name, found in kinds.items() if len(found - {"null"}) > 1 and found & {"string", "bool"}]
+        for place, table in enumerate(tables):
+            for name in (name for name in texts if name in table.column_names):
+                table = table.set_column(table.column_names.index(name), name, table[name].cast(pyarrow.string()))
+            tables[place] = table
         return pyarrow.concat_tables(tables, promote_options="permissive")
 
     def to_frame(self) -> "pandas.DataFrame":

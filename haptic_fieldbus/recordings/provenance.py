@@ -12,6 +12,7 @@ import re
 import zlib
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path, PurePath
@@ -211,5 +212,10 @@ def write_beside(path: Path, provenance: Provenance, count: int | None = None) -
     target = side_file(path)
     new = target.with_name(target.name + ".new")
     table = provenance.to_json() | ({"count": count} if path.suffix in COUNTED else {})
-    new.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-    new.replace(target)
+    try:
+        new.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+        new.replace(target)
+    except OSError:
+        with suppress(OSError):
+            new.unlink()
+        raise

@@ -32,6 +32,7 @@ from haptic_fieldbus.recordings.provenance import (
 from haptic_fieldbus.recordings.tables import UNIT, arrow_table, column_units, heading, row_line
 
 if TYPE_CHECKING:
+    import can
     import pandas
     import pyarrow
 
@@ -181,6 +182,8 @@ class RecordedRun:
             if path.suffix == ".csv" and self.provenance is not None:
                 write_beside(path, self.provenance, len(table) if self.complete else None)
             new.replace(path)
+            if path.suffix == ".csv" and self.provenance is None:
+                side_file(path).unlink(missing_ok=True)  # that of another recording
         except OSError as error:
             with suppress(OSError):
                 new.unlink()
@@ -275,14 +278,29 @@ HOLDERS = {".mcap": read_mcap, ".parquet": _parquet}
 """By suffix: function that returns columns, units, provenance, and whether the file has its end."""
 
 
+EXTENDED, REMOTE, ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+"""Flags of a CAN-ID (linux/can.h)."""
+
+
+def _can_id(message: "can.Message") -> int:
+    flags = EXTENDED * message.is_extended_id | REMOTE * message.is_remote_frame | ERROR * message.is_error_frame
+    return message.arbitration_id | flags
+
+
 def _candump(path: Path) -> RecordedRun:
     text = path.read_text(encoding="utf-8")
     found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
     if not all(found):
         raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")
     frames = [
-        (float(time), channel, int(can_id, 16), b"" if data == "R" else bytes.fromhex(data))
+        (
+            float(time),
+            channel,
+            number | EXTENDED * (len(can_id) > 3 and not number & ERROR) | REMOTE * (data == "R"),
+            b"" if data == "R" else bytes.fromhex(data),
+        )
         for time, channel, can_id, data in (each.groups() for each in found if each is not None)
+        for number in (int(can_id, 16),)
     ]
     return _frames(path, frames, complete=text.endswith("\n"))
 
@@ -293,7 +311,7 @@ def _blf(path: Path) -> RecordedRun:
     try:
         with path.open("rb") as stream:
             reader = BLFReader(stream)
-            frames = [(each.timestamp, str(each.channel), each.arbitration_id, bytes(each.data)) for each in reader]
+            frames = [(each.timestamp, str(each.channel), _can_id(each), bytes(each.data)) for each in reader]
     except (BLFParseError, struct.error, zlib.error) as error:
         raise ValueError(error) from error
     return _frames(path, frames, complete=reader.file_size == path.stat().st_size)  # it is written at the end

@@ -29,6 +29,7 @@ from html import escape
 from pathlib import Path
 from time import monotonic
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import uvicorn
@@ -533,7 +534,9 @@ def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: 
     ))  # fmt: skip
 
     async def follow() -> None:
-        ready(f"http://{shown}:{number}/?token={token}")  # who comes before the first answer waits at the socket
+        ready(
+            f"http://{shown}:{number}/?token={quote(token, safe='')}"
+        )  # who comes before the first answer waits at the socket
         hub.follow()
         await hub.over.wait()
         await asyncio.sleep(FAREWELL)

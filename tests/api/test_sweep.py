@@ -25,6 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
+from haptic_fieldbus.api import sweep_folder
 from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.api.sweep_folder import SweepPoints
 from haptic_fieldbus.documents.own_parts import OwnName, content_digest
@@ -733,3 +734,39 @@ def test_the_manifest_says_what_the_rows_are_of(tmp_path: Path) -> None:
     assert [*manifest["inputs"]["profiles"]] == ["maxon_epos4.toml"]
     assert found.to_frame().shape == (3, 6)
     assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+
+
+def test_of_two_sweeps_that_begin_at_once_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other one begins between our look at the folder and our manifest."""
+    whole, out, others = sweep_folder._write_whole, tmp_path / "out", [{"wall.stiffness": [300.0]}]
+
+    def write(path: Path, *given: Any, **words: Any) -> None:
+        if others:
+            sweep("wall", others.pop(), out=out, workers=1)
+        whole(path, *given, **words)
+
+    monkeypatch.setattr(sweep_folder, "_write_whole", write)
+    with pytest.raises(UsageError, match="holds a sweep with other inputs"):
+        sweep("wall", {"wall.stiffness": [200.0]}, out=out, workers=1)
+    assert Sweep.read(out).to_arrow().column("wall.stiffness").to_pylist() == [300.0]
+
+
+def test_files_of_somebody_else_in_the_folder_stay(tmp_path: Path) -> None:
+    points = {"wall.stiffness": [200.0, 300.0]}
+    sweep("wall", points, out=tmp_path, workers=1)
+    own = [tmp_path / name for name in ("figure.svg.new", "notes.new", "data.999999999.new")]
+    torn = tmp_path / f"{sweep_folder.MANIFEST}.999999999.new"
+    for path in (*own, torn):
+        path.write_text("mine", encoding="utf-8")
+    assert sweep("wall", points, out=tmp_path, workers=1).computed == 0
+    assert [path.exists() for path in (*own, torn)] == [True, True, True, False]
+
+
+def number_or_text(result: Result) -> dict[str, Any]:
+    return {"found": "none felt" if result.plan is not None and "300" in str(result.plan.scene.elements[0]) else 1.5}
+
+
+def test_a_figure_that_is_a_number_here_and_a_text_there_is_a_text(tmp_path: Path) -> None:
+    points = {"wall.stiffness": [200.0, 300.0]}
+    found = sweep("wall", points, out=tmp_path, workers=1, measure=number_or_text, **RUNS)
+    assert found.to_arrow().column("found").to_pylist() == ["1.5", "none felt"]

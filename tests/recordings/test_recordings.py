@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -527,3 +528,26 @@ def test_a_run_that_is_killed_leaves_its_whole_chunks(tmp_path: Path) -> None:
     assert not found.complete
     assert len(found) > 1000
     assert compare_recording(found) is None
+
+
+def test_identifiers_have_the_flags_that_tell_kinds_of_frames_apart(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("".join(f"(1.000000) can0 {each}\n" for each in ("181#", "00000181#", "701#R", "20000004#00")))
+    assert [hex(each) for each in read_recording(path)["can_id"]] == ["0x181", "0x80000181", "0x40000701", "0x20000004"]
+    messages = [
+        can.Message(arbitration_id=0x181, is_extended_id=False),
+        can.Message(arbitration_id=0x181, is_extended_id=True),
+        can.Message(arbitration_id=0x701, is_extended_id=False, is_remote_frame=True),
+    ]
+    with can.BLFWriter(tmp_path / "a.blf") as writer:
+        for message in messages:
+            writer.on_message_received(message)
+    assert [hex(each) for each in read_recording(tmp_path / "a.blf")["can_id"]] == ["0x181", "0x80000181", "0x40000701"]
+
+
+def test_rows_without_provenance_have_none_of_another_recording(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    run("wall", duration=0.05, record=path)
+    found = read_recording(path)
+    replace(found, provenance=None).write(path)
+    assert read_recording(path).provenance is None
