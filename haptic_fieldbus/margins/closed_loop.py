@@ -194,6 +194,10 @@ class ClosedLoop(ABC):
         """Return whether the loop is stable, up to rounding."""
         return self.growth(environment) <= 1.0 + ROUNDING
 
+    def rounding_is_bridged(self, environment: StateSpace) -> bool:
+        """Return whether friction absorbs what rounding gives; a single axis is judged by its places instead."""
+        return True
+
     def quantisation_limit(self, environment_of: EnvironmentOf) -> float | None:
         """Return the stiffness up to which friction holds each handle between two counts; None without quantisation."""
         limits = [

@@ -24,7 +24,8 @@ that move around a closed path may then extract energy in every turn, and no ver
 Encoder and Coulomb friction are judged at each handle while the others are held. A count D_i changes the force at its
 own handle by κ_i·K·D_i, where κ_i is the force there per stiffness of the coupling and position (1 and n² for a spring
 between x1 and n·x2). Friction bridges half of this force up to K = 2·fc_i/(κ_i·D_i). The smallest of these limits
-counts.
+counts. For *passive*, the friction of each handle must also absorb what the counts of all other handles give it:
+fc_i ≥ Σ_j (½·L_ij·D_j + B_ij·D_j/T), with the slope L_ij and the damping B_ij between them.
 """
 
 import math
@@ -39,7 +40,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis, linearised
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings
-from haptic_fieldbus.margins.passivity import MOST_WEIGHTS, searched, spread_of
+from haptic_fieldbus.margins.passivity import FADED, MOST_WEIGHTS, QUIET, searched, spread_of
 from haptic_fieldbus.margins.stiffness_map import Places
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel
@@ -260,11 +261,28 @@ class CoupledAxes(ClosedLoop):
     def _steps(self, environment: StateSpace) -> Matrix:
         """Return the dampings B·κ_i·κ_j: T times the sum over all periods of |step response − force at rest|."""
         at_rest, state = _at_rest(environment), np.zeros((environment.order, len(self.axes)))
-        total: Matrix = np.zeros_like(at_rest)
-        for _ in range(MOST_WEIGHTS if environment.order else 1):
-            total = total + np.abs(environment.c @ state + environment.d - at_rest)
+        total, quiet = np.zeros_like(at_rest), 0
+        for _ in range(MOST_WEIGHTS):
+            part = np.abs(environment.c @ state + environment.d - at_rest)
+            total = total + part
             state = environment.a @ state + environment.b
-        return self.period * total
+            quiet = quiet + 1 if (part <= FADED * total.max()).all() else 0
+            if not environment.order or quiet == QUIET:
+                return self.period * total
+        return np.full_like(total, math.inf)
+
+    def rounding_is_bridged(self, environment: StateSpace) -> bool:
+        """Return whether Coulomb friction absorbs the energy that the rounding of all encoders may give.
+
+        A count of one axis acts on the other ones too, by the slope and the damping between them.
+        """
+        per_count = 0.5 * np.abs(_at_rest(environment)) + self._steps(environment) / self.period
+        needed = per_count @ np.array([axis.plant.resolution for axis in self.axes])
+        for place, axis in enumerate(self.axes):
+            if isinstance(axis.environment, Places):
+                own = axis.environment.increments
+                needed[place] += (0.5 * own.slope + own.damping / self.period) * axis.plant.resolution
+        return bool((np.array([axis.plant.coulomb for axis in self.axes]) >= needed).all())
 
     def _damping_left(self, axis: Axis) -> float:
         """Return the device damping minus the need of its own elements [N·s/m or N·m·s/rad]; below 0: too little."""

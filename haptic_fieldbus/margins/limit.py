@@ -6,13 +6,15 @@ these ranges.
 The search tries the corners of the ranges. For a spring the limit is close to b/(T/2 + td + λ): it grows with the
 damping b, and falls with delay td and lag λ. The worst corner of a spring is therefore known except for the mass.
 Virtual damping, virtual masses and couplings can reverse this: with much virtual damping a light device is worst.
-Therefore all corners are tried. Tests draw benches from inside the ranges, and none has a smaller limit.
+Therefore all corners are tried, and of a compliant coupling places between its ends too: with virtual damping the load
+may swing at the worst frequency between them. Tests draw benches from inside the ranges, and none has a smaller limit.
 
 Delays that change from period to period, by jitter or by a drive whose control tick is not locked to SYNC, are covered
-by the longest delay. A spring whose force is older by δ(t) at every instant acts like a damping −K·δ(t), which is never
-below −K·δ_max, whatever the pattern. The small-gain condition for varying delays agrees: with T(s) the closed loop at
-the shortest delay, |T(jω)|·δ_max·ω < 1 is enough (Kao & Lincoln, Automatica 40(8), 2004, 1429), and at the resonance of
-a lightly damped spring this is K·δ_max < b − K·td again.
+by the longest delay for springs and for weak virtual damping. With a virtual damping above about half of m/T, delays
+that alternate may be worse than each of them; no limit covers that. A spring whose force is older by δ(t) at every
+instant acts like a damping −K·δ(t), which is never below −K·δ_max, whatever the pattern. The small-gain condition for
+varying delays agrees: with T(s) the closed loop at the shortest delay, |T(jω)|·δ_max·ω < 1 is enough (Kao & Lincoln,
+Automatica 40(8), 2004, 1429), and at the resonance of a lightly damped spring this is K·δ_max < b − K·td again.
 """
 
 import math
@@ -158,14 +160,15 @@ class VariedLoop(Protocol):
 def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]]:
     """Yield the corners of the ranges of all axes; the worst corner for a spring comes first.
 
-    All axes are at the same corner of friction, lag, delay and compliant coupling. At the worst of these corners the
-    masses of the axes are varied independently. Equal corners, of a value that is exact, are yielded once.
+    All axes are at the same corner of friction, lag and delay, and at the same place of their compliant couplings. At
+    the worst of these corners the masses of the axes are varied independently. Equal corners, of a value that is exact,
+    are yielded once.
     """
     count = len(axes)
     alike = [(1,) * count, (0,) * count]
     mixed = [each for each in product((1, 0), repeat=count) if each not in alike] if count <= MOST_MIXED else []
     seen = set[tuple[Values, ...]]()
-    for friction, lag, delay, spring in product((0, 1), (1, 0), (1, 0), (0, 1)):
+    for friction, lag, delay, spring in product((0, 1), (1, 0), (1, 0), SPRINGS):
         for heavy in alike + (mixed if (friction, lag, delay) == WORST else []):
             corner = tuple(
                 _at(plant, ranges, mass, friction, lag, delay, spring)
@@ -176,7 +179,11 @@ def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]
                 yield corner
 
 
-def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay: int, spring: int) -> Values:
+SPRINGS = (0.0, 1.0, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
+"""Places in the range of a compliant coupling, of which its ends are 0 and 1."""
+
+
+def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay: int, spring: float) -> Values:
     changed = replace(
         plant,
         mass=plant.mass * ranges.mass[mass],
@@ -185,7 +192,8 @@ def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay:
         torque_lag=ranges.torque_lag[lag],
     )
     time = ranges.delay[delay] if ranges.total is None else max(ranges.total[delay] - changed.torque_lag, 0.0)
-    return Values(changed, time, ranges.coupling[spring])
+    soft, stiff = ranges.coupling
+    return Values(changed, time, soft * (stiff / soft) ** spring)
 
 
 def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:

@@ -90,16 +90,20 @@ def weight(estimator: str | None, period: float) -> float:
         return math.inf
     form = estimators.linear_form(estimator, period)
     # A step of the position is one move; the response in each period after it is the weight on that move.
-    state, total = form.b[:, 0], abs(float(form.d[0, 0]))
+    state, total, quiet = form.b[:, 0], abs(float(form.d[0, 0])), 0
     for _ in range(MOST_WEIGHTS):
-        part = float(form.c[0] @ state + form.d[0, 0])
-        total += abs(part)
+        part = abs(float(form.c[0] @ state + form.d[0, 0]))
+        total += part
         state = form.a @ state + form.b[:, 0]
-    return total * period
+        quiet = quiet + 1 if part < FADED * total else 0
+        if quiet == QUIET:
+            return total * period
+    return math.inf
 
 
-MOST_WEIGHTS = 400
-"""Number of periods after which the weights of an estimator count as 0."""
+MOST_WEIGHTS, QUIET, FADED = 200_000, 400, 1e-12
+"""Most periods of an estimator that are summed, and how many weights in a row must be below a share of the sum at its
+end. An estimator that is slower has no sum."""
 
 
 def sum_of_bounds(found: Iterable[tuple[float, float] | None]) -> tuple[float, float]:

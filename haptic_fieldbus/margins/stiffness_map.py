@@ -335,6 +335,11 @@ class Places(StateSpace):
     runs_off: bool = False
     """Whether the elements push the handle away without bound; the loop is then unstable."""
 
+    @property
+    def has_states(self) -> bool:
+        """Whether an element has states, whose stiffness `stiffness` leaves out."""
+        return any(each.spaces for each in self.together)
+
     @cached_property
     def increments(self) -> Increments:
         """Bounds of the law; ∞ if it has none."""

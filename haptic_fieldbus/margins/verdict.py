@@ -191,22 +191,28 @@ def judge(
         is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
     radius = sampled.spectral_radius(loop.matrix(asked))
     place, crest = loop.judged_at(asked)
-    verdict = verdict_of(is_stable, is_bridged, is_passive)
     if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at these values
-        verdict = verdict_at_places(loop, asked)
+        verdict = verdict_at_places(loop, asked, is_bridged=is_bridged or not asked.has_states)
+    else:
+        is_passive = is_passive and loop.rounding_is_bridged(asked)
+        verdict = verdict_of(is_stable, is_bridged, is_passive)
     return tuple(
         Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, verdict, place, crest)
         for axis in loop.axes
     )
 
 
-def verdict_at_places(loop: ClosedLoop, environment: Places) -> Verdict:
-    """Return the verdict of a single axis at the values that it has."""
+def verdict_at_places(loop: ClosedLoop, environment: Places, *, is_bridged: bool = True) -> Verdict:
+    """Return the verdict of a single axis at the values that it has.
+
+    `is_bridged` says whether friction holds the handle between two counts of all elements together; the stiffness of
+    the places does not have that of elements with states.
+    """
     (axis,) = loop.axes
     held = quantisation_limit(axis.plant)
     return verdict_of(
         loop.growth(environment) <= 1.0 + AT_LIMIT,
-        held is None or float(environment.stiffness.max()) <= held,
+        is_bridged and (held is None or float(environment.stiffness.max()) <= held),
         loop.damping_share(environment) <= 1.0 + ROUNDING
         and environment.increments.rounding_is_bridged(axis.plant, loop.period),
     )

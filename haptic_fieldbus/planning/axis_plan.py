@@ -147,19 +147,19 @@ class AxisPlan:
     def largest_stretch(self) -> float:
         """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1.
 
-        The nominal margin varies a single stiffness. Several elements are therefore judged by the age of their forces:
-        gaps make all forces older, by Σ(s² − s)/Σs periods at most (`margins.linear`).
+        The nominal margin varies a single stiffness. Several elements, and damped ones, are therefore judged by the age
+        of their forces: gaps make all forces older, by Σ(s² − s)/Σs periods at most (`margins.linear`).
         """
         margin, group = None if self.stability is None else self.stability.nominal_margin, self.group
-        if margin is None or margin <= 1.0:
+        if margin is not None and margin <= 1.0:
             return math.inf
         alone = group is None or len(group.couplings) + sum(len(each.elements) for each in group.members) == 1
-        if group is None or alone:
-            return 1.0 + GAP_SHARE * (margin - 1.0)
+        if group is None or (alone and Signal.VELOCITY not in self.needs):
+            return math.inf if margin is None else 1.0 + GAP_SHARE * (margin - 1.0)
         ages = {each.name: 0.5 * group.period + each.delay + each.plant.torque_lag for each in group.members}
         # No gaps make a force older than this: the loop trips before.
         most = LARGEST_MISSING_SHARE * self.limits.age
-        wanted = (margin - 1.0) * min(ages.values())
+        wanted = math.inf if margin is None else (margin - 1.0) * min(ages.values())
         further = group.further_age(min(wanted, most))
         return 1.0 + GAP_SHARE * (wanted if further == most else further) / ages[self.name]
 

@@ -11,8 +11,10 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit, passive_limit_of, stiffness_limit
 from haptic_fieldbus.margins.closed_loop import Axis
 from haptic_fieldbus.margins.coupled import CoupledAxes, PassivityPort, damping_share
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.numerics.coupled import environment
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.coupling import Coupling
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
 from tests.pairs import PairByHand, shaft
 
@@ -300,3 +302,25 @@ class TestJudgement:
         expected = stiffness_limit(LAGGING, PERIOD, 3.3e-4, wall)
         assert told.stiffness_limit.stable == pytest.approx(expected, rel=1e-8)
         assert told.stiffness_limit.passive == 0.0
+
+
+def test_a_count_of_one_axis_acts_on_the_friction_of_the_other_one() -> None:
+    """Hands that cross an edge of the coarse encoder by 2 µm, while the fine axis moves by 5 mm, gain energy."""
+    fine, coarse = Plant(0.5, 3.0, 0.01, 1e-6), Plant(0.5, 3.0, 0.2, 1e-4)
+
+    def verdict(first: Plant, second: Plant) -> Verdict:
+        members = tuple(
+            Member(name, plant, 0.0, (), None, "backward-difference") for name, plant in (("p", first), ("q", second))
+        )
+        return Group(members, (Coupling(("p", "q"), 500.0),), PERIOD).stability.verdict
+
+    assert verdict(fine, coarse) is Verdict.STABLE
+    assert verdict(replace(fine, coulomb=0.03), coarse) is Verdict.PASSIVE
+
+
+def test_the_rounding_of_a_velocity_acts_through_a_coupling_too() -> None:
+    """A to and fro of 6 µm over an edge in two periods gains 1.5 µJ: a count looks like B·D/T = 0.1 N."""
+    for coulomb, verdict in ((0.005, Verdict.STABLE), (0.25, Verdict.PASSIVE)):
+        plant = Plant(0.5, 3.0, coulomb, 1e-4)
+        members = tuple(Member(name, plant, 0.0, (), None, "backward-difference") for name in "pq")
+        assert Group(members, (Coupling(("p", "q"), 50.0, damping=1.0),), PERIOD).stability.verdict is verdict

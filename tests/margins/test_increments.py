@@ -1,5 +1,8 @@
 """Conditions of passivity for a damper that an estimator drives, and of friction beside an encoder."""
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from haptic_fieldbus.margins import Plant, Verdict
@@ -35,3 +38,34 @@ def test_friction_bridges_half_a_count_of_position_and_one_of_velocity(damping: 
         plant = Plant(0.1, 2.0, share * needed, count)
         assert alone(plant, "backward-difference", damping).stability.verdict is verdict
         assert Increments(1000.0, damping).rounding_is_bridged(plant, PERIOD) == (share > 1.0)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "period"),
+    [
+        ("low-pass:pole=0.999", 1e-3),
+        ("low-pass:pole=0.985,order=8", 2.5e-4),
+        ("filtered-derivative:tau=0.5", 2.5e-4),
+        ("moving-average:window=256", 1e-3),
+        ("kalman-velocity:index=1e-6", 1e-3),
+    ],
+)
+def test_the_weights_of_a_slow_estimator_are_summed_to_their_end(estimator: str, period: float) -> None:
+    """A move of 1 has an answer whose integral is 1, as that of a velocity has; so the moduli are at least 1."""
+    running = bind(estimator, period)
+    answers = [running(place) for place in [0.0, *[1.0] * 60_000]]
+    assert weight(estimator, period) == pytest.approx(period * sum(map(abs, answers)), rel=1e-3)
+    assert weight(estimator, period) >= 1.0 - 1e-6
+
+
+def test_a_filter_of_many_seconds_has_no_sum() -> None:
+    assert weight("low-pass:pole=0.9999,order=8", 1e-3) == math.inf
+
+
+def test_a_damper_by_a_slow_filter_is_not_called_passive() -> None:
+    """A spring hand of 227 N/m makes the loop grow: the filter turns the damper against the motion."""
+    plant = Plant(0.5, 1.0)
+    slow = Member("a", plant, 0.0, (Wall("a", 0.5, damping=3.5),), None, "low-pass:pole=0.985,order=8")
+    held = replace(slow, elements=(Wall("a", 227.5, damping=3.5),))
+    assert Group((held,), (), 2.5e-4).growth() > 1.0
+    assert Group((slow,), (), 2.5e-4).stability.verdict is not Verdict.PASSIVE

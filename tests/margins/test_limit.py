@@ -168,3 +168,19 @@ def test_no_coupling_within_its_range_has_a_smaller_limit(seed: int) -> None:
     for each in (0.5, *(random.uniform(0.5, 2.0) for _ in range(20)), 2.0):
         within = member.at(replace(at, coupling=each))
         assert least.value <= Group((within,), (), PERIOD).rough_limit() * (1.0 + 1e-3)
+
+
+def test_a_load_that_swings_at_the_worst_frequency_between_the_ends_of_a_coupling_is_found() -> None:
+    """With virtual damping both ends bear 500 N/m, and the stated coupling bears nothing."""
+    plant = Plant(0.26, 2.2, torque_lag=0.16e-3)
+    ranges = Ranges((0.112e-3, 0.224e-3), (3.07e-3, 3.07e-3), mass=(0.8, 1.25), damping=(0.5, 2.0), coupling=(0.5, 2.0))
+    member = Member(
+        "a", plant, 3.07e-3, (Wall("a", 50.0, damping=6.0),), None, "backward-difference",
+        (HungBody(0.92, 59_000.0, 2.4),), ranges,
+    )  # fmt: skip
+    found = Group((member,), (), 2e-3).limit_over_ranges()
+    assert found.value == 0.0
+    (at,) = found.judged_at
+    assert 0.7 < at.coupling < 1.1
+    ends = [Group((member.at(replace(at, coupling=each)),), (), 2e-3).rough_limit() for each in (0.5, 2.0)]
+    assert min(ends) > 400.0

@@ -10,11 +10,15 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import EnvironmentOf, Plant, Verdict, alone, judge, stiffness_limit
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.linear import LARGEST
 from haptic_fieldbus.numerals import rounded_down
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.numerics.sampled import environment, spectral_radius
+from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.scenes.standard_linear_solid import StandardLinearSolid
+from haptic_fieldbus.scenes.wall import Wall
 from tests.cases import every
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, ByHand, sprung_mass, wall, with_damping
 
@@ -287,3 +291,19 @@ class TestVerdict:
 def test_a_device_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(UsageError):
         replace(Plant(mass=0.6, damping=1.5), **wrong)
+
+
+@pytest.mark.parametrize(("rest", "branch", "time"), [(1900.0, 100.0, 0.01), (1500.0, 500.0, 0.1)])
+def test_a_tissue_between_two_counts_swings_as_a_wall_of_its_stiffness_does(
+    rest: float, branch: float, time: float
+) -> None:
+    """Friction of 0.05 N holds 1000 N/m at counts of 0.1 mm; the force of both swings by 0.2 N."""
+    plant = Plant(0.6, 3.0, 0.05, 1e-4)
+
+    def verdict(element: Element) -> Verdict:
+        member = Member("a", plant, 0.0, (element,), "exact-foh", "backward-difference")
+        return Group((member,), (), PERIOD).stability.verdict
+
+    assert verdict(Wall("a", rest + branch)) is Verdict.LIMIT_CYCLE
+    assert verdict(StandardLinearSolid("a", rest, branch, time)) is Verdict.LIMIT_CYCLE
+    assert verdict(StandardLinearSolid("a", 0.4 * rest, 0.2 * branch, time)) is not Verdict.LIMIT_CYCLE

@@ -14,7 +14,7 @@ The line through the newest sample is within the band of sample j if and only if
 and the first window whose slope leaves it ends the search.
 
 FOAW is not linear, but each of its windows is, from the backward difference (window 1) to the longest. Stability is
-judged with the longest window, which has the most delay and the lowest limit.
+judged with the longest window, which has the most delay.
 """
 
 import math
