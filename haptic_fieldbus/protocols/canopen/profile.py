@@ -16,27 +16,19 @@ from haptic_fieldbus.drive.fields import NonNegativeTime, Table, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols import protocol
 from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo
-from haptic_fieldbus.protocols.protocol import (
-    TORQUES,
-    check_echo,
-    check_fits,
-    check_motion,
-    check_types,
-    check_units,
-    check_usable,
-)
 
 # Checks of a CANopen profile that its dataclasses cannot state.
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES: dict[KeyPath, tuple[str, ...]] = {
-    **dict.fromkeys(TORQUES, ("int16", "int32")),
+    **dict.fromkeys(protocol.TORQUES, ("int16", "int32")),
     ("position", "actual"): ("int32",),
     ("velocity", "actual"): ("int32",),
 }
 _UNITS: dict[KeyPath, tuple[str, ...]] = {
-    **dict.fromkeys(TORQUES, rig.TORQUE_UNITS),
+    **dict.fromkeys(protocol.TORQUES, rig.TORQUE_UNITS),
     ("torque", "rated"): tuple(rig.RATED_TORQUE_UNITS),
     ("torque", "rated_current"): (rig.MILLIAMPERE,),
     ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE),
@@ -49,20 +41,20 @@ _OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_react
 
 def check_profile(document: Document) -> None:
     """Note all faults of a profile that go beyond its schema."""
-    check_motion(document)
-    if check_usable(document):  # a profile of an unusable drive may have any types and units
-        check_types(document, _TYPES)
-        check_units(document, _UNITS)
+    protocol.check_motion(document)
+    if protocol.check_usable(document):  # a profile of an unusable drive may have any types and units
+        protocol.check_types(document, _TYPES)
+        protocol.check_units(document, _UNITS)
     _check_objects(document)
     # What is asked is the target itself, which every profile has.
-    check_echo(document, ECHOES.keys() - {"asked"}, "object")
+    protocol.check_echo(document, ECHOES.keys() - {"asked"}, "object")
     _check_guard(document)
     _check_fixed(document)
     _check_simulated(document)
     rows = document.value("setup", "writes")
     written = [("setup", "writes", number) for number in range(len(rows) if isinstance(rows, list) else 0)]
     for path in (*written, ("torque", "slope")):
-        check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
+        protocol.check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
 
 
 def _check_objects(document: Document) -> None:

@@ -21,15 +21,7 @@ from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import FULL_SCALE, METRES, is_current
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.protocol import (
-    TORQUES,
-    check_echo,
-    check_fits,
-    check_motion,
-    check_types,
-    check_units,
-    check_usable,
-)
+from haptic_fieldbus.protocols import protocol
 from haptic_fieldbus.signals import Signal
 
 Address = Annotated[int, Ge(0), Le(0xFFFF)]
@@ -269,13 +261,13 @@ _ALL = ("int16", "uint16", "int32", "uint32")
 _TYPES: dict[KeyPath, tuple[str, ...]] = {
     ("power", "status"): ("uint16", "uint32"),
     ("power", "command"): ("uint16", "uint32"),
-    **dict.fromkeys(TORQUES, _SIGNED),
+    **dict.fromkeys(protocol.TORQUES, _SIGNED),
     ("position", "actual"): ("int32",),
     ("velocity", "actual"): _SIGNED,
 }
 """Register → types that the master can scale or compare; all others may have any of a register."""
 _UNITS: dict[KeyPath, tuple[str, ...]] = {
-    **dict.fromkeys((*TORQUES, ("torque", "limit")), rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS),
+    **dict.fromkeys((*protocol.TORQUES, ("torque", "limit")), rig.TORQUE_UNITS + rig.ABSOLUTE_TORQUE_UNITS),
     ("torque", "rated"): tuple(rig.RATED_TORQUE_UNITS),
     ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE, *METRES),
     ("velocity", "actual"): rig.VELOCITY_UNITS,
@@ -296,15 +288,15 @@ def check_profile(document: Document) -> None:
     _check_line(document)
     _check_places(document, _READ)
     _check_places(document, (*_WRITTEN, *_setup(document)))
-    if not check_usable(document):
+    if not protocol.check_usable(document):
         return
-    check_motion(document)
+    protocol.check_motion(document)
     _check_functions(document)
-    check_types(document, {path: _TYPES.get(path, _ALL) for path in _registers(document)})
-    check_units(document, _UNITS)
+    protocol.check_types(document, {path: _TYPES.get(path, _ALL) for path in _registers(document)})
+    protocol.check_units(document, _UNITS)
     _check_full_scale(document)
     _check_values(document)
-    check_echo(document, ECHOES, "register")
+    protocol.check_echo(document, ECHOES, "register")
     _check_power(document)
 
 
@@ -335,13 +327,15 @@ def _check_functions(document: Document) -> None:
 
 def _check_values(document: Document) -> None:
     """Note values that their registers cannot hold, among them the time of the watchdog."""
-    check_fits(document, ("mode", "value"), document.value("mode", "value"), document.value("mode", "write", "type"))
+    protocol.check_fits(
+        document, ("mode", "value"), document.value("mode", "value"), document.value("mode", "write", "type")
+    )
     for path in _setup(document):
-        check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
+        protocol.check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
     time, deadline = document.table("watchdog", "time"), document.value("watchdog", "deadline")
     if isinstance(deadline, int | float):
         steps = round(deadline * (1000 if time.get("unit") == "ms" else 1))
-        check_fits(document, ("watchdog", "deadline"), steps, time.get("type"))
+        protocol.check_fits(document, ("watchdog", "deadline"), steps, time.get("type"))
 
 
 def _check_full_scale(document: Document) -> None:
