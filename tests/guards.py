@@ -114,7 +114,7 @@ GUARDS = {
     ),
     "force at the start": _cycle(
         "axis",
-        "if abs(self.state.force) > self.largest_step:",
+        "if self.is_deep:",
         "if False:",
         "test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do",
     ),
@@ -170,10 +170,23 @@ GUARDS = {
     ),
     "one gap of several tied axes": _cycle(
         "cycle",
-        "state.holding = worst",
+        "state.holding = self._apart",
         "pass",
         "test_axes_that_a_coupling_ties_fade_together",
         of=TIED,
+    ),
+    "samples that tied axes miss by turns": _cycle(
+        "cycle",
+        "self._apart + 1 if",
+        "1 if",
+        "test_axes_that_miss_samples_by_turns_fade_too",
+        of=TIED,
+    ),
+    "the age of a sample in its period": _cycle(
+        "axis",
+        "and feedback[AGE_NS] <= oldest_ns",
+        "and True",
+        "test_feedback_that_comes_in_its_period_and_is_too_old_trips",
     ),
     "effort limit": _cycle(
         "safety",
@@ -288,10 +301,17 @@ GUARDS = {
     ),
     "the cap when a doubt is over": _cycle(
         "sign",
-        "if permission.fade > 0.0:",
+        "if deep or permission.fade > 0.0:",
         "if False:",
         "test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left",
         of=TIED,
+    ),
+    "the cap of a handle that was pushed deep meanwhile": _cycle(
+        "sign",
+        "if deep or permission",
+        "if permission",
+        "test_a_handle_that_a_hand_pushed_deep_during_the_first_proof_is_not_thrown_out",
+        of="tests/cycle/test_sign_watch.py",
     ),
     "the cap of an axis whose sign is known": _cycle(
         "cycle",

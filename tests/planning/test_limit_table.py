@@ -135,3 +135,14 @@ def test_a_text_that_is_too_long_keeps_whole_clauses_words_and_numbers() -> None
     assert shortened("wall at 20 mm, a spring of 600 N/m behind it", 30) == f"wall at 20 mm, {MORE}"
     assert shortened("stiffness of a wall 600 N/m at 20 mm", 34) == f"stiffness of a wall… {MORE}"
     assert shortened("a" * 60, 30) == f"{'a' * (28 - len(MORE))}… {MORE}"
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 2.0])
+def test_limits_for_less_effort_are_those_that_follow_from_it(share: float) -> None:
+    (axis,) = plan_of().axes
+    step, effort = axis.effort_unit, share * axis.limits.effort
+    lowered = axis.limits.lowered(effort, step)
+    assert lowered.effort == min(effort, axis.limits.effort)
+    assert lowered.slew == pytest.approx(lowered.effort / 0.005)
+    assert lowered.unseen == pytest.approx(min(axis.limits.unseen, math.floor(effort / step + 1e-9) * step))
+    assert replace(lowered, effort=0.0, slew=0.0, unseen=0.0) == replace(axis.limits, effort=0.0, slew=0.0, unseen=0.0)
