@@ -6,21 +6,33 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.identification.whole_benches import accurate, drawn_whole_bench, judged, measured_whole, wrong_with
+from tests.identification.whole_benches import (
+    accurate,
+    drawn_whole_bench,
+    judged,
+    limit_share,
+    measured_whole,
+    wrong_with,
+)
 
 
 def work(first: int, count: int) -> dict[str, Any]:
-    """Measure benches; return the bounds that were left, which intervals cover, which values are near, and refusals."""
+    """Measure benches; return the bounds that were left, which intervals cover, which values are near, and refusals.
+
+    The limits are shares of the true ones.
+    """
     broken, covered, near, refused = list[str](), Counter[str](), Counter[str](), list[str]()
+    limits: list[float] = []
     for seed in range(first, first + count):
         with TemporaryDirectory() as folder:
             measured = measured_whole(drawn_whole_bench(seed), Path(folder))
         broken += wrong_with(measured)
         covered.update(f"{name} {inside}" for name, inside in judged(measured).items())
         near.update(f"{name} {inside}" for name, inside in accurate(measured).items())
+        limits += [share] if (share := limit_share(measured)) is not None else []
         if measured.failure:
             refused.append(f"{seed}: {measured.failure}")
-    return {"broken": broken, "covered": dict(covered), "near": dict(near), "refused": refused}
+    return {"broken": broken, "covered": dict(covered), "near": dict(near), "refused": refused, "limits": limits}
 
 
 def table(found: Sequence[dict[str, Any]]) -> list[str]:
@@ -33,4 +45,9 @@ def table(found: Sequence[dict[str, Any]]) -> list[str]:
             f"{name} {total[f'{name} True']} of {total[f'{name} True'] + total[f'{name} False']}" for name in names
         ]
         lines.append(f"{words}: {', '.join(parts)}")
+    if limits := sorted(share for each in found for share in each.get("limits", ())):
+        below = sum(share < 1.0 for share in limits)
+        lines.append(
+            f"limits below the true one: {below} of {len(limits)}; median share {limits[len(limits) // 2]:.2f}"
+        )
     return lines

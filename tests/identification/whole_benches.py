@@ -23,6 +23,7 @@ from haptic_fieldbus.identification.experiment import Experiment
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.modbus import station
+from tests.planning.test_known_bench import oracle_limit
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 BUSES = {
@@ -30,8 +31,11 @@ BUSES = {
     "modbus-tcp": ("sim-modbus-tcp", "sim", 1, "generic_cia402_modbus"),
     "modbus-rtu": ("sim-modbus-rtu", "sim", 1, "generic_cia402_modbus"),
 }
-RATES = {"canopen": (100.0, 200.0, 250.0, 500.0, 1000.0), "modbus-tcp": (100.0, 200.0, 500.0, 1000.0),
-         "modbus-rtu": (100.0, 125.0)}  # fmt: skip
+RATES = {
+    "canopen": (100.0, 200.0, 250.0, 500.0, 1000.0),
+    "modbus-tcp": (100.0, 200.0, 500.0, 1000.0),
+    "modbus-rtu": (100.0, 125.0),
+}  # fmt: skipfrom tests.planning.test_known_bench import oracle_limit
 
 
 @dataclass(frozen=True)
@@ -278,6 +282,16 @@ def measured_whole(bench: WholeBench, folder: Path) -> Measured:
         except HapticFieldbusError as error:
             return Measured(bench, None, noted, str(error))
     return Measured(bench, found, noted)
+
+
+def limit_share(measured: Measured) -> float | None:
+    """Return the limit of a wall on the measured bench as a share of the true one; None where either is unknown."""
+    found, bench = measured.found, measured.bench
+    if found is None or found.limit is None or "delay_and_lag" not in measured.truth:
+        return None
+    delay = measured.truth["delay_and_lag"] - bench.lag
+    true = oracle_limit(bench.inertia, bench.viscous_damping, delay, bench.lag, 1.0 / bench.rate)
+    return found.limit[0] * bench.ratio**2 / true
 
 
 def wrong_with(measured: Measured) -> list[str]:
