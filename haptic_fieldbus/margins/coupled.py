@@ -266,7 +266,7 @@ class CoupledAxes(ClosedLoop):
             part = np.abs(environment.c @ state + environment.d - at_rest)
             total = total + part
             state = environment.a @ state + environment.b
-            quiet = quiet + 1 if (part <= FADED * total.max()).all() else 0
+            quiet = quiet + 1 if (part <= FADED * (total + np.abs(at_rest)).max()).all() else 0
             if not environment.order or quiet == QUIET:
                 return self.period * total
         return np.full_like(total, math.inf)

@@ -19,7 +19,7 @@ from tests.loops import BENCH, LAG, PERIOD
 from tests.pairs import PairByHand, shaft
 
 AXES = ("a", "b")
-LAGGING, LIGHT = replace(BENCH, torque_lag=LAG), Plant(0.05, 0.8)
+LAGGING, LIGHT = replace(BENCH, torque_lag=LAG), Plant(0.05, 0.8, coulomb=0.01)
 
 
 def pair(own: tuple[Element, ...], coupling: Coupling, effort: float = math.inf) -> Group:
@@ -113,3 +113,10 @@ def test_a_shaft_between_motors_that_may_cut_it_is_passive_only_where_that_is_pr
     assert pair((Wall("a", 100.0),), plain, 50.0).stability.verdict is Verdict.STABLE
     assert pair((), replace(plain, ratio=0.5), 50.0).stability.verdict is Verdict.STABLE
     assert pair((), replace(calmed, ratio=0.5), 50.0).stability.verdict is Verdict.PASSIVE
+
+
+def test_a_shaft_to_an_axis_without_friction_is_not_passive_beside_an_encoder_that_rounds() -> None:
+    free = replace(LIGHT, coulomb=0.0)
+    first, second = pair((), Coupling(AXES, 100.0), 50.0).members
+    group = Group((first, replace(second, plant=free)), (Coupling(AXES, 100.0),), PERIOD)
+    assert group.stability.verdict is Verdict.STABLE
