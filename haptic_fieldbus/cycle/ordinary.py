@@ -64,15 +64,13 @@ def bind_ordinary(
     cycle: CycleState, each: "AxisCycle", account: PlainAccount, echo: TorqueEcho, output: bytearray, full: Step
 ) -> Step:
     """Return the step of a cycle with the only axis `each`; periods that are not ordinary call `full`."""
-    state, permission, axis, after = each.state, each.permission, each.axis, each.after
+    state, permission, axis, after, limits = each.state, each.permission, each.axis, each.after, each.axis.limits
     unpack, pack_into, offset = each.image.input.unpack_from, each.image.output.pack_into, each.image.outputs[0]
     place, unit, effort_unit = axis.place_of(Signal.POSITION), axis.position_unit, axis.effort_unit
-    sign, mask = axis.rig.mechanism.sign, axis.power.mask
+    sign, mask, (lowest, highest) = axis.rig.mechanism.sign, axis.power.mask, _range(axis)
     shortest, longest, oldest_ns, largest_way, jump = each.bounds
-    lowest, highest = _range(axis)
     still_ns, standstill, limit, not_finite = each.still_ns, each.standstill, each.limit, each.not_finite
-    holding, effort = axis.limits.holding, whole_steps(axis.limits.effort, effort_unit)
-    largest_change = axis.limits.slew * each.period
+    holding, effort, largest_change = limits.holding, whole_steps(limits.effort, effort_unit), limits.slew * each.period
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
     tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
     remember, watch = echo.before.appendleft, each.sign_watch or NoSignWatch()
@@ -80,8 +78,7 @@ def bind_ordinary(
     before = in_order(steps) if steps else None
 
     def period(image: bytes | bytearray) -> bytearray:
-        sent, second_last = state.target, account.older
-        zero = state.zero_counts
+        sent, second_last, zero = state.target, account.older, state.zero_counts
         # No force is permitted yet, or contact begins or ends, or the account is to be looked at in each period.
         if (
             not cycle.enabled

@@ -12,8 +12,8 @@ DRIFTS = [
     ("else sent * account.side <= 0)", "else -sent * account.side <= 0)", "energy at up"),
     ("else sent * account.side <= 0)", "else sent * account.side == 0)", "effort at up"),
     (
-        "sent, second_last = state.target, account.older",
-        "sent, second_last = state.target, state.target",
+        "second_last, zero = state.target, account.older",
+        "second_last, zero = state.target, state.target",
         "energy at up",
     ),
     ("here = (feedback[place] - zero) * unit", "here = feedback[place] * unit", "counts wrap around 1"),
@@ -234,7 +234,7 @@ DRIFTS = [
     ),
     ("LARGEST_COUNT = 0x7FFF_FFFF", "LARGEST_COUNT = 0x8000_0000", "counts wrap around 1"),
     ("limits.slew * each.period", "limits.slew", "slew beyond up"),
-    ("whole_steps(axis", "2.0 * whole_steps(axis", "effort beyond up"),
+    ("whole_steps(limits", "2.0 * whole_steps(limits", "effort beyond up"),
     ("early, late, kept", "late, early, kept", "energy at up"),
     ("echo.kept, echo.own, echo.older", "echo.kept, echo.older, echo.own", "energy at up"),
     (

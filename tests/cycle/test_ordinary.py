@@ -184,7 +184,6 @@ def difference(case: Case, bind: Any = bind_ordinary) -> str | None:
 
 
 ALONE = (
-    "zero = state.zero_counts",
     "feedback = unpack(image)",
     "t_ns = feedback[T_NS]",
     "return full(image)",
