@@ -4,7 +4,7 @@ A value of another kind is refused with the name of the argument before anything
 fits is checked where it is used.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from importlib import import_module
 from numbers import Integral, Rational, Real
@@ -66,6 +66,13 @@ def _is_rig(value: object) -> bool:
     )
 
 
+def _is_times(value: object) -> bool:
+    """Return whether a value is a sequence of pairs of numbers."""
+    return isinstance(value, Sequence) and all(
+        isinstance(pair, Sequence) and len(pair) == 2 and all(map(_is_number, pair)) for pair in value
+    )
+
+
 def _is_faults(value: object) -> bool:
     """Return whether a value is a path or a list of faults; each fault has a kind."""
     return isinstance(value, PATH) or (isinstance(value, Sequence) and all(hasattr(each, "kind") for each in value))
@@ -87,7 +94,8 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     "method": ("a name or an Integrator", lambda value: _is_part(value, "numerics.integrators", "Integrator")),
     "estimator": ("a name or an Estimator", lambda value: _is_part(value, "numerics.estimators", "Estimator")),
     "hand": ("a name or a Hand", lambda value: _is_part(value, "sim.hand", "Hand")),
-    **dict.fromkeys(("drive", "bus", "zero", "engine", "scheduler"), ("a name", _is_name)),
+    **dict.fromkeys(("drive", "bus", "zero", "engine", "scheduler", "axis"), ("a name", _is_name)),
+    "free": ("times in s, such as [(12.0, 18.5)]", _is_times),
     **dict.fromkeys(("profiles", "record", "input", "file", "out"), ("a path", lambda value: isinstance(value, PATH))),
     "faults": ("a path, random@SEED or a list of faults", _is_faults),
     # Into a list `Changes` looks itself; most runs do not import it.
@@ -120,12 +128,17 @@ def asked_of(function: str, arguments: Mapping[str, Any], *kinds: type[Any]) -> 
 
 def check_arguments(function: str, *asked: Any) -> None:
     """Raise one TypeError for all arguments of the wrong kind in these values, each with its name."""
+    given = ((getattr(each, field.name), field) for each in asked for field in fields(each))
+    check_values(function, ((field.name, value) for value, field in given if (value, field.default) != (None, None)))
+
+
+def check_values(function: str, given: Iterable[tuple[str, Any]]) -> None:
+    """Raise one TypeError for all of these arguments that are of the wrong kind, each with its name."""
     wrong = []
-    for each, field in ((value, field) for value in asked for field in fields(value)):
-        expected, holds = KINDS.get(field.name, ("", None))
-        value = getattr(each, field.name)
-        if holds and not (value is None and field.default is None) and not holds(value):
-            given = value.part if isinstance(value, OwnName) else value
-            wrong.append(str(wrong_kind(f"{function}() {field.name}", expected, given)))
+    for name, value in given:
+        expected, holds = KINDS.get(name, ("", None))
+        if holds and not holds(value):
+            own = value.part if isinstance(value, OwnName) else value
+            wrong.append(str(wrong_kind(f"{function}() {name}", expected, own)))
     if wrong:
         raise TypeError("\n".join(wrong))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from haptic_fieldbus.api.arguments import check_values
 from haptic_fieldbus.api.identification import told_by
 from haptic_fieldbus.api.provenance import repeated
 from haptic_fieldbus.drive.power import PowerState
@@ -104,8 +105,10 @@ def twin(
 
     `hand` is the hand that held the handle, "none" for no hand; `free` are times in which nobody held it, from the
     first row [s]. One of them is needed for a run on a real bench. Raises UsageError for a recording from which no
-    bench can be fitted, and the errors of a plan.
+    bench can be fitted, TypeError for an argument of the wrong kind, and the errors of a plan.
     """
+    asked = {"rig": rig, "axis": axis, "hand": hand, "free": free, "profiles": profiles}
+    check_values("twin", ((name, value) for name, value in asked.items() if value is not None))
     found = recording if isinstance(recording, RecordedRun) else read_recording(recording)
     base = rig if isinstance(rig, Rig) else load_rig(rig, profiles)
     if found.provenance is None:

@@ -171,3 +171,13 @@ def test_twins_predict_other_scenes(group: tuple[int, ...]) -> None:
 @pytest.mark.parametrize("seed", [10, 11, 12])
 def test_planted_changes_are_named(seed: int) -> None:
     assert verdicts(seed) == {"nothing": True, "inertia": True, "lag": True, "counts": True}
+
+
+def test_arguments_of_a_wrong_kind_are_all_told_before_anything_is_read() -> None:
+    with pytest.raises(TypeError) as refused:
+        twin("nowhere.csv", 3, axis="", free="1:2")  # type: ignore[arg-type]
+    assert str(refused.value).splitlines() == [
+        "twin() rig: expected the path of a rig file, or a Rig of buses and axes, not 3 (int)",
+        "twin() axis: expected a name, not '' (str)",
+        "twin() free: expected times in s, such as [(12.0, 18.5)], not '1:2' (str)",
+    ]

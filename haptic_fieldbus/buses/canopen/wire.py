@@ -17,6 +17,11 @@ from uuid import uuid4
 
 import can
 
+try:
+    from fcntl import ioctl
+except ImportError:  # Windows: its frames have no stamps
+    ioctl = None  # type: ignore[assignment]
+
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, TOLD, ErrorFrames, is_queue_full, translate
 from haptic_fieldbus.buses.canopen.frames import (
     CAN_ID_MASK,
@@ -111,7 +116,7 @@ def _flags(message: can.Message) -> int:
 #
 # python-can opens and closes the socket. A frame is 16 octets in both directions (`struct can_frame` of linux/can.h):
 # CAN-ID with its flags, length, three octets of padding, eight octets of data. A frame costs one system call to send,
-# and two to wait for and receive.
+# and two to wait for and receive. (`recvmsg` of Python costs one more: it asks for the name of the interface.)
 #
 # - *Filters.* In the loop the kernel wakes us for frames that have a handler, and for the error frames that tell the
 #   state of the controller. A bus full of frames for others costs nothing then.
@@ -119,8 +124,8 @@ def _flags(message: can.Message) -> int:
 #   waits there is old when it goes out. Therefore room for a few periods of our frames is all that our socket asks for;
 #   beyond that a frame is refused, and the next period sends a newer one.
 # - *Time stamps.* The kernel stamps a frame as it arrives, by CLOCK_REALTIME, which may be set at any time. The stamp
-#   becomes an age by that clock, and the age an instant on ours; it must lie between the moment at which the socket was
-#   last seen empty and now, else one of these is taken.
+#   is asked for where somebody wants to know it. It becomes an age by that clock, and the age an instant on ours; it
+#   must lie between the moment at which the socket was last seen empty and now, else one of these is taken.
 #
 # Reference: Linux, Documentation/networking/can.rst, sections "RAW protocol sockets" and "Timestamps".
 
@@ -131,8 +136,8 @@ EXACTLY = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF
 TIMESPEC = Struct("@ll")
 MOST_FILTERS = 512
 """Number that the kernel takes (CAN_RAW_FILTER_MAX)."""
-STAMP_SIZE = 64
-"""Room for the control message with a time stamp, in octets."""
+SO_TIMESTAMPNS, SIOCGSTAMPNS = 35, 0x8907
+"""Option that sends a stamp along with each frame, and the request for that of the last frame (asm-generic)."""
 QUEUED_PERIODS = 4
 """Periods whose frames may wait in the transmit queue. Slow adapters confirm a frame some milliseconds after it."""
 FRAME_COST = 768
@@ -152,15 +157,13 @@ class SocketCanPort:
 
     def __init__(self, opened: socket.socket, clock: Clock) -> None:
         self._socket, self._clock = opened, clock
-        self._send, self._receive = opened.send, opened.recvmsg_into
+        self._send, self._receive = opened.send, opened.recv_into
         self._sockets = (opened,)
-        self._buffer = bytearray(FRAME.size)
-        self._buffers = (self._buffer,)
-        # Plain integers: each operation on a flag of `socket` makes a new one.
-        self._unwanted = int(socket.MSG_TRUNC | getattr(socket, "MSG_CONFIRM", 0))
-        """Flags of a frame that is none of CAN 2.0, and of one of our own."""
-        self._at_once = int(socket.MSG_DONTWAIT)
-        self._ancillary: list[tuple[int, int, bytes]] = []
+        self._buffer = bytearray(FRAME.size + 1)  # no frame of CAN 2.0 fills it
+        self._at_once = int(socket.MSG_DONTWAIT)  # a flag of `socket` makes a new one with each operation
+        with suppress(OSError):
+            opened.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 0)  # what is sent along is not kept to be asked for
+        self.arrived_ns(0)  # the first request makes the kernel stamp what comes later
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
         try:
@@ -172,21 +175,22 @@ class SocketCanPort:
         if seconds > 0.0 and not select.select(self._sockets, (), (), seconds)[0]:
             return None
         try:
-            size, self._ancillary, flags, _ = self._receive(self._buffers, STAMP_SIZE, self._at_once)
+            return self._decoded(self._receive(self._buffer, 0, self._at_once))
         except BlockingIOError:
             return None
-        return OURS if flags & self._unwanted else self._decoded(size)
 
     def _decoded(self, size: int) -> Received:
-        """Return the frame in the first octets of the buffer."""
+        """Return the frame in the first octets of the buffer, `OURS` for one that is none of CAN 2.0."""
+        if size != FRAME.size:
+            return OURS
         can_id, length, data = FRAME.unpack_from(self._buffer)
         return can_id, data[:length]  # of a remote frame, zeros
 
     def arrived_ns(self, earliest_ns: int) -> int | None:
-        stamp = self._ancillary[0][2] if self._ancillary else b""
-        if len(stamp) != TIMESPEC.size:
+        try:
+            seconds, nanoseconds = TIMESPEC.unpack(ioctl(self._socket, SIOCGSTAMPNS, bytes(TIMESPEC.size)))
+        except (OSError, TypeError):  # no frame was stamped yet; or a system without stamps
             return None
-        seconds, nanoseconds = TIMESPEC.unpack(stamp)
         age_ns: int = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
         now_ns = self._clock.now_ns()
         return min(now_ns, max(now_ns - age_ns, earliest_ns))
@@ -237,8 +241,7 @@ class MulticastPort(SocketCanPort):
 
         multicast = can_bus._multicast  # type: ignore[attr-defined]
         super().__init__(multicast._socket, clock)
-        self._buffer = bytearray(LARGEST_DATAGRAM)
-        self._buffers = (self._buffer,)
+        self._buffer = bytearray(LARGEST_DATAGRAM + 1)
         self._to: tuple[str, int] = multicast._send_destination
         self._unpack = msgpack.unpackb
         mark = uuid4().hex[:8]
@@ -269,7 +272,7 @@ class MulticastPort(SocketCanPort):
 
     def _decoded(self, size: int) -> Received:
         octets = self._buffer[:size]
-        if octets.startswith(self._own):
+        if size > LARGEST_DATAGRAM or octets.startswith(self._own):
             return OURS
         try:
             fields = self._unpack(octets)

@@ -1,10 +1,10 @@
 """A bus that goes down, comes back, or is gone, under hosted drives."""
 
 import errno
-import socket
 import struct
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 
 import can
 import pytest
@@ -14,7 +14,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.sim.canopen import hosting
 from haptic_fieldbus.sim.canopen.hosting import RETRIED_EVERY_NS, HostPort
-from tests.buses.canopen.test_socketcan import SO_TIMESTAMPNS
+from tests.buses.canopen.test_socketcan import Ends, StampedEnds
 from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 
@@ -130,11 +130,10 @@ class TestTheInstantOfAFrame:
         """The instant of a frame that the kernel stamped so long ago [s], by a clock that shows 10 ms."""
 
         def instant(ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
-            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-            with ours, theirs, can.Bus(interface="virtual", channel="stamps") as bus, monkeypatch.context() as patched:
-                ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, stamped)
-                patched.setattr(hosting, "port_to", lambda _, clock: SocketCanPort(ours, clock))
-                theirs.send(FRAME.pack(0x080, 0, b""))
+            ends = StampedEnds() if stamped else Ends()
+            with closing(ends), can.Bus(interface="virtual", channel="stamps") as bus, monkeypatch.context() as patched:
+                patched.setattr(hosting, "port_to", lambda _, clock: SocketCanPort(ends.ours, clock))
+                ends.theirs.send(FRAME.pack(0x080, 0, b""))
                 outlet = HostPort(bus, VirtualClock(10 * MS), "vcan0", print)
                 real = time.time_ns
                 patched.setattr(time, "time_ns", lambda: real() + round(ago * 1e9))
