@@ -8,6 +8,8 @@ The values of before are put back when a run ends in order. A run that was kille
 next one can tell them from the drive's, each change is noted in a file of the user until it is undone. Of a drive
 without a serial number nothing is noted, because the note could change the limit of another one. A note that is not as
 a run has written it is told, and nothing is restored from it.
+
+A limit that a drive counts below zero bounds the torque downwards; it keeps its sign.
 """
 
 import json
@@ -143,9 +145,9 @@ class TorqueLimits(Generic[Entry]):
                 self.left[entry] = held
             else:
                 original = held
-            if held == original == self.wanted:
+            if held == original == self._value(original):
                 continue
-            if original < self.wanted and not self.axis.rig.raise_max_torque:
+            if abs(original) < self.wanted and not self.axis.rig.raise_max_torque:
                 raise self._too_low(entry, original)
             if self.wanted > entry.type.limits[1]:
                 raise BusConfigurationError(
@@ -158,6 +160,10 @@ class TorqueLimits(Generic[Entry]):
             self.warn(
                 f"{self.node.label} has no serial number: if a run is killed, its torque limit stays in the drive"
             )
+
+    def _value(self, original: int) -> int:
+        """Return the limit of the axis with the sign of the drive's own limit [steps]."""
+        return -self.wanted if original < 0 else self.wanted
 
     def _read_notes(self) -> "Changes":
         """Return the notes of the drive; if somebody changed the file, warn and return nothing."""
@@ -187,9 +193,9 @@ class TorqueLimits(Generic[Entry]):
             self._note(self.notes)
         for entry, original in list(self.before.items()):
             try:
-                self.node.write(entry, self.wanted)
+                self.node.write(entry, self._value(original))
             except BusConfigurationError as error:
-                if original < self.wanted:
+                if abs(original) < self.wanted:
                     raise
                 if self.node.read(entry) == original:
                     del self.before[entry]
@@ -198,8 +204,9 @@ class TorqueLimits(Generic[Entry]):
     def _note(self, notes: "RestoreFile") -> None:
         """Write former and new values to the file first: the run may be killed before it writes to the drive."""
         try:
+            ours = {each: self._value(was) for each, was in self.before.items()}
             notes.write(
-                {str(each): ([self.wanted, self.left.get(each, self.wanted)], was) for each, was in self.before.items()}
+                {str(each): ([ours[each], self.left.get(each, ours[each])], was) for each, was in self.before.items()}
             )
         except OSError as error:
             self.warn(
@@ -225,8 +232,8 @@ class TorqueLimits(Generic[Entry]):
 
     def _words(self, entry: Entry, original: int) -> str:
         """Return the sentence about a change."""
-        change = "lowered" if original >= self.wanted else "raised, as the rig permits,"
-        between = f"from {self._percent(original)} to {self._percent(self.wanted)}"
+        change = "lowered" if abs(original) >= self.wanted else "raised, as the rig permits,"
+        between = f"from {self._percent(original)} to {self._percent(self._value(original))}"
         words = f"{entry} is {change} {between} of rated torque until the end"
         left = self.left.get(entry)
         return words if left is None else f"{words}; a run that did not end properly left it at {self._percent(left)}"
@@ -237,7 +244,7 @@ class TorqueLimits(Generic[Entry]):
         told = "" if left is None else f", after a run that did not end properly left it at {self._permille(left)}"
         return BusConfigurationError(
             f"{self.node.label}: {entry} is {self._permille(held)} of rated torque "
-            f"({in_unit(held * self.step, unit)}){told}, but the axis may use {self._permille(self.wanted)} "
+            f"({in_unit(held * self.step, unit)}){told}, but the axis may use {self._permille(self._value(held))} "
             f"({in_unit(limit, unit)}): the drive would reduce the force without a message. Write "
             f"axis.{self.axis.name}.raise_max_torque = true into the rig to raise it for each run, or set "
             f"axis.{self.axis.name}.limits.effort"

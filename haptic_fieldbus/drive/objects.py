@@ -77,6 +77,7 @@ NAMES = {
     0x6074: "torque demand",
     0x6076: "motor rated torque",
     0x6077: "torque actual value",
+    0x60B2: "torque offset",
     0x60C2: "interpolation time period",
     0x60E0: "positive torque limit value",
     0x60E1: "negative torque limit value",

@@ -214,6 +214,11 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
             "line 10: torque.actual.object: 0x6071 is already used by torque.target; expected another object",
         ),
         (
+            "[position]",
+            'actual = { object = 0x6877, type = "int16", unit = "permille_of_rated_torque" }\n[position]',
+            "line 10: torque.actual.object: 0x6877 is of a second axis; only the first can be driven",
+        ),
+        (
             "[timing]",
             "fault_reaction_option = { object = 0x6007, value = 0 }\n[timing]",
             "line 17: link_loss.fault_reaction_option.object: 0x6007 is already used by "

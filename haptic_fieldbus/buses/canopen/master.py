@@ -26,16 +26,7 @@ from haptic_fieldbus.buses.bus import traffic_of
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, OutgoingPdo, statusword_places
-from haptic_fieldbus.buses.canopen.node import (
-    ABORTED,
-    EXPEDITED,
-    REPEATED,
-    UPLOAD_DONE,
-    NmtState,
-    Node,
-    address,
-    request,
-)
+from haptic_fieldbus.buses.canopen.node import ABORTED, REPEATED, NmtState, Node, address, request, uploaded_value
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, NodeSetup
@@ -43,6 +34,7 @@ from haptic_fieldbus.buses.canopen.wire import MOST_WAITING, CanPort, Received, 
 from haptic_fieldbus.buses.release import FAULT_RESET, FAULTS, NO_CODE, ReleasedBus, check_cleared, other_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.drive.rig import SHARES_OF_RATED
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import HEADER
@@ -54,7 +46,7 @@ from haptic_fieldbus.protocols.canopen.traffic import CanMember, CanTraffic
 from haptic_fieldbus.protocols.canopen.watch_traffic import ASK_EVERY
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 from haptic_fieldbus.protocols.traffic import answer_time
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.signals import LinkFlag, Signal
 
 LATEST = 2
 """Times the patience with an answer, after which it comes no more."""
@@ -64,7 +56,7 @@ LARGEST_PERIODS = 0xFFFF
 class TargetReadback:
     """The target torque of a drive, asked by SDO beside the exchange, and never waited for.
 
-    A drive that can map nothing into a TPDO which shows its target torque still lets 6071h be uploaded. One period
+    A drive that can map nothing into a TPDO which shows its target torque still lets 6071h be uploaded_value. One period
     sends the request after its set-point; the response is taken whenever it comes, and lies behind the TPDOs in the
     image of that period, with the number of periods since the request: the drive answered some time between the two.
 
@@ -123,9 +115,10 @@ class TargetReadback:
             self._node.on_response(data)
             return
         asked, self._asked = self._asked, None
-        if data[0] >> 5 == UPLOAD_DONE and data[0] & EXPEDITED:
+        value = uploaded_value(data)
+        if value is not None:
             end = self._offset + self._entry.type.size
-            self._image[self._offset : end] = data[4 : 4 + self._entry.type.size]
+            self._image[self._offset : end] = value[: self._entry.type.size]
             pack_into("<H", self._image, end, min(self._writes - asked + 1, LARGEST_PERIODS))
         elif not self._refused:
             self._refused = True
@@ -303,7 +296,9 @@ class CanopenBus(ReleasedBus[Release]):
 
     def _setup_of(self, axis: AxisPlan, member: CanMember, traffic: CanTraffic, plan: Plan) -> NodeSetup:
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
-        permille, real = 1e-3 * axis.rated_effort, not plan.simulated
+        # Where the target is a share of a rated value, the limits of the drive are shares of the same.
+        shares = axis.profile.offers()[Signal.TARGET_TORQUE].unit in SHARES_OF_RATED
+        permille, real = axis.effort_unit if shares else 1e-3 * axis.rated_effort, not plan.simulated
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
         return NodeSetup(node, axis, traffic, member, limits, self.warnings.append)
 

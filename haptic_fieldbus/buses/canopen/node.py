@@ -49,6 +49,11 @@ def address(entry: ObjectEntry) -> bytes:
     return entry.object.to_bytes(2, "little") + bytes((entry.subindex,))
 
 
+def uploaded_value(response: bytes | bytearray) -> bytes | bytearray | None:
+    """Return the octets of the value in an upload response; None for one that is not expedited, and for another."""
+    return response[4:8] if response[0] >> 5 == UPLOAD_DONE and response[0] & EXPEDITED else None
+
+
 # The SDO client of canopen, without its thread.
 #
 # canopen's SdoClient implements the SDO protocol. Its queue of responses is replaced by a queue that receives from the

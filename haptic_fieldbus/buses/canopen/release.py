@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from haptic_fieldbus.buses.canopen.link import Link
-from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, NmtState, address, request
+from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, NmtState, address, request, uploaded_value
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD, NodeSetup
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.release import BusRelease, DriveRelease
@@ -82,21 +82,24 @@ class NodeRelease(DriveRelease[Command]):
         self.node.command(NmtState.PRE_OPERATIONAL)
 
     def _answered(self, data: bytes | bytearray) -> None:
-        """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
+        """Take an SDO response; one to an earlier request, which names another entry, is passed over.
+
+        A response without a value tells nothing about the motor: its guard may have to act.
+        """
         if self._sent is None or len(data) != 8 or bytes(data[1:4]) != address(self._sent[0]):
             return
-        specifier, command = data[0] >> 5, self._sent
+        specifier, command, value = data[0] >> 5, self._sent, uploaded_value(data)
         self._waiting_until_ns = 0
-        if command == ASK and specifier == UPLOAD_DONE:
-            self._judge(data[4] | data[5] << 8)
+        if command == ASK and value is not None:
+            self._judge(value[0] | value[1] << 8)
         elif command in self._undoing and specifier == DOWNLOAD_DONE:
             self._written = request(*command)[4:8]
             self._undoing[self._undoing.index(command)] = (command[0], None)  # to be read back
-        elif command in self._undoing and specifier in (UPLOAD_DONE, ABORTED):
+        elif command in self._undoing:
             self._undoing.remove(command)
             if specifier == ABORTED:
                 self.refused.append(f"{command[0]} (it refused: {int.from_bytes(data[4:8], 'little'):08X}h)")
-            elif data[4 : 4 + command[0].type.size] != self._written[: command[0].type.size]:
+            elif value is None or value[: command[0].type.size] != self._written[: command[0].type.size]:
                 self.refused.append(str(command[0]))
 
     def _judge(self, statusword: int) -> None:

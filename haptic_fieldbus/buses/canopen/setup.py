@@ -8,7 +8,7 @@ Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from haptic_fieldbus.buses.bus import DriveFacts
@@ -218,6 +218,9 @@ STATUSWORD = ObjectEntry(0x6041, DataType.UINT16)
 MODE_DISPLAY = ObjectEntry(0x6061, DataType.INT8)
 TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 0x60E0, 0x60E1))
 """Max torque, positive and negative torque limit value (CiA 402-2), all in ‰ of rated torque."""
+TORQUE_OFFSET = ObjectEntry(0x60B2, DataType.INT16)
+SIGNED_LIMIT = ObjectEntry(0x60E1, DataType.INT16)
+"""Negative torque limit value of a drive that counts it below zero."""
 
 DRIVE_PROFILE = 0x0192  # low word of the device type: CiA 402
 SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
@@ -251,7 +254,9 @@ class NodeSetup:
         self._check_sync()
         numbers = (vendor, product, self.node.optional(REVISION), self.node.optional(SERIAL))
         identity = Identity(*map(known_number, numbers))
-        self.torque_limits.inspect(identity, self.node.optional)
+        limits = self._limits()
+        self.torque_limits.entries = tuple(limits)
+        self.torque_limits.inspect(identity, limits.get)
         if self.member.traffic.asked:
             self._check_asked()
         profile = self.member.profile
@@ -279,6 +284,7 @@ class NodeSetup:
         prepare(self.node, self.member.profile, self.bus.rate)
         self._set_mode()
         map_pdos(self.node, self.member)
+        self._clear_offset()  # by now no PDO of another master can set it again
 
     def start(self) -> None:
         """Set the node operational, confirmed by its sign of life, with its guard engaged.
@@ -294,6 +300,39 @@ class NodeSetup:
     @property
     def _confirmation_time(self) -> float:
         return HEARTBEATS_TO_CONFIRM * self.bus.node_heartbeat_ms * 1e-3
+
+    def _limits(self) -> dict[ObjectEntry, int]:
+        """Return the values of the torque limits that the drive has [steps]; raises BusTimeoutError.
+
+        CiA 402-2 has an UNSIGNED16 in 60E1h. Some drives have an INTEGER16 of −1000 there (Ingenia Everest XCR), and to
+        them +1000 would be a lowest torque. A number above 32767 is a negative one, unless 60E0h has the same.
+        """
+        held: dict[ObjectEntry, int] = {}
+        for entry in TORQUE_LIMITS:
+            try:
+                value = self.node.optional(entry)
+            except BusConfigurationError as error:  # with which some drives refuse an object that they lack
+                self.warn(f"{error}. Only the loop applies the limit of the axis there")
+                continue
+            if value is not None:
+                held[entry] = value
+        *_, positive, negative = TORQUE_LIMITS
+        most = SIGNED_LIMIT.type.limits[1]
+        if held.get(negative, 0) > most and held[negative] != held.get(positive):
+            held[SIGNED_LIMIT] = SIGNED_LIMIT.type.unpack(negative.type.pack(held.pop(negative)))
+        return held
+
+    def _clear_offset(self) -> None:
+        """Set the torque offset to 0, which the drive would add to each set-point (CiA 402-2); raises BusError.
+
+        Its type is another one in some drives.
+        """
+        octets = self.node.found(TORQUE_OFFSET.object, 0)
+        if octets and any(octets):
+            type = DataType.INT16 if len(octets) == DataType.INT16.size else DataType.INT32
+            held, entry = int.from_bytes(octets, "little", signed=True), replace(TORQUE_OFFSET, type=type)
+            self.node.write(entry, 0)
+            self.warn(f"{self.node.label}: {entry} was {held}, and is 0 now: the drive adds it to each set-point")
 
     def _check_device_type(self) -> None:
         try:

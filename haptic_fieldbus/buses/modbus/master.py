@@ -207,7 +207,7 @@ class LineRelease(BusRelease[UnitRelease]):
     def __init__(self, requester: Requester, drives: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
         """Take the longest times of a request with its answer and of a watchdog [s]."""
         super().__init__(requester.clock, drives)
-        self._requester = requester
+        self._requester, self._linked = requester, self._drives  # in the order of the links
         self._slice_ns = round(1e9 * max(SLICE, 2.0 * exchange))
         self._patience_ns = round(1e9 * max(PATIENCE, 2.0 * exchange))
         self._held_ns = 0 if requester.transport.serial else round(1e9 * DELAYED_ACK)
@@ -225,7 +225,7 @@ class LineRelease(BusRelease[UnitRelease]):
         one whose answer is outstanding comes last.
         """
         awaited = None if self._requester.outstanding is None else self._requester.outstanding.question.unit
-        owing = zip(self._drives, missing, strict=True)
+        owing = zip(self._linked, missing, strict=True)
         ordered = sorted(owing, key=lambda each: (each[0].unit.id == awaited, each[1]))
         self._drives = tuple(drive for drive, _ in ordered)
         self._end_ns, self._begun, self._dead, self._asked = self._clock.now_ns() + self._longest_ns, True, False, None

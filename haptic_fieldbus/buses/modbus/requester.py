@@ -21,6 +21,8 @@ from haptic_fieldbus.errors import BusError
 
 LONGEST_FRAME = 256
 """Octets of a frame of RTU."""
+MOST_LATE = 16
+"""Largest number of receptions after a deadline, because octets may have waited: a peer may go on sending."""
 ECHO_ADVICE = "the adapter echoes sent octets: set echo = true in its table of the rig"
 
 
@@ -87,7 +89,8 @@ class Requester:
 
         Raises BusError when the line is dead.
         """
-        while self.outstanding is not None:
+        late = 0
+        while self.outstanding is not None and late <= MOST_LATE:
             octets = self.transport.receive(deadline_ns)
             if not octets:
                 return None
@@ -99,6 +102,7 @@ class Requester:
             answer = self._taken()
             if answer is not None:
                 return answer
+            late += self._now_ns() >= deadline_ns
         return None
 
     def _arrived(self, answer: Answer) -> Answer:
@@ -126,9 +130,10 @@ class Requester:
 
     def listen(self, deadline_ns: int) -> bytes:
         """Return what comes until the deadline [ns] although nothing was asked; raises BusError when dead."""
-        heard = b""
-        while octets := self.transport.receive(deadline_ns):
+        heard, late = b"", 0
+        while late <= MOST_LATE and (octets := self.transport.receive(deadline_ns)):
             heard += octets
+            late += self._now_ns() >= deadline_ns
         return heard
 
     def forget(self) -> None:

@@ -4,7 +4,9 @@ import errno
 import os
 import select
 import socket
+from collections.abc import Callable
 from contextlib import suppress
+from itertools import islice
 from typing import Any, Protocol
 
 import serial
@@ -81,8 +83,15 @@ DELAYED_ACK = 0.04
 """Time after which a computer acknowledges by itself what it has received [s]: TCP_DELACK_MIN of Linux (net/tcp.h)."""
 QUICKACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 """Option by which an acknowledgement goes out at once; None where the system has none: Linux alone has it."""
+MOST_RECEPTIONS = 64
+"""Largest number of receptions of what waits: a peer may go on sending."""
 LARGEST = 260
 """Octets that are taken at once: the longest answer. More would be room that is given back each time."""
+
+
+def gathered(receive: Callable[[], bytes]) -> bytes:
+    """Return what waits, up to `MOST_RECEPTIONS` of a function that returns nothing where nothing waits."""
+    return b"".join(islice(iter(receive, b""), MOST_RECEPTIONS))
 
 
 class TcpTransport:
@@ -134,10 +143,7 @@ class TcpTransport:
         """Do nothing: a network has its own speed."""
 
     def discard(self) -> bytes:
-        gathered = b""
-        while octets := self._taken():
-            gathered += octets
-        return gathered
+        return gathered(self._taken)
 
     def send(self, frame: bytes | bytearray) -> None:
         try:
@@ -241,10 +247,7 @@ class SerialTransport:
             raise translate(error, f"{self.name} at {baud} bit/s") from error
 
     def discard(self) -> bytes:
-        gathered = b""
-        while self._waits(0.0):
-            gathered += self._taken()
-        return gathered
+        return gathered(lambda: self._taken() if self._waits(0.0) else b"")
 
     def send(self, frame: bytes | bytearray) -> None:
         try:

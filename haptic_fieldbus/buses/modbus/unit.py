@@ -1,7 +1,9 @@
 """One unit on the line, register by register: for all that is asked and written beside the exchange.
 
 A request that stays without an answer is repeated, which changes nothing, since each one reads or writes a value. After
-a time-out the line is left quiet for a while, so that a late answer is not taken for that to the next question.
+a time-out the line is left quiet for a while, so that a late answer is not taken for that to the next question. An
+answer to a repeated request may be that to an earlier one. The line is then left quiet for as long as a unit needs that
+answers one request after the other: each took no longer than the first.
 """
 
 from collections.abc import Sequence
@@ -113,13 +115,15 @@ class UnitClient:
         return Question(self.id, function, address, 0, words)
 
     def _exchange(self, question: Question, purpose: str, timeout: float, tries: int) -> Answer:
-        requester = self.requester
+        requester, begun_ns = self.requester, self.now_ns()
         for late in range(tries):
             requester.ask(question)
             answer = requester.answer(requester.clock.now_ns() + round(timeout * 1e9))
             no_echo(requester)
-            if answer is None or late:
+            if answer is None:
                 requester.quiet(QUIET_NS)
+            elif late:
+                requester.quiet(QUIET_NS + late * (self.now_ns() - begun_ns))
             if answer is not None:
                 return self._accepted(answer, purpose)
         raise BusTimeoutError(

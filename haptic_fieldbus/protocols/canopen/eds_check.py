@@ -116,8 +116,7 @@ def _standard(row: StandardObject, entry: ObjectEntry) -> Iterator[Finding]:
     if row.of_current is not None and entry.unit not in (PERMILLE, PERMILLE_OF_CURRENT, ""):
         expected.append(row.of_current)
     index = entry.object
-    # The objects of a second axis on one node are 800h further on.
-    is_right = index in _MANUFACTURER or any((index - each) % 0x800 == 0 and index >= each for each in expected)
+    is_right = index in _MANUFACTURER or index in expected
     if is_right or row is not BY_KEY[row.key] or row.key == "torque.echo":
         return
     shown = str(ObjectEntry(index, entry.type))

@@ -34,6 +34,11 @@ _UNITS: dict[KeyPath, tuple[str, ...]] = {
     ("position", "actual"): (rig.COUNTS, rig.TENTH_DEGREE),
     ("velocity", "actual"): rig.VELOCITY_UNITS,
 }
+SECOND_AXIS, PROFILE_END = 0x6800, 0xA000
+"""First object of the second axis of a node, and the end of the area of device profiles (CiA 301): 800h for each axis.
+
+The objects that enable a drive are those of its first axis.
+"""
 _PLACE = re.compile(r"[0-9A-Fa-f]{4}(-[0-9A-Fa-f]{4})?(:[0-9A-Fa-f]{1,2}(-[0-9A-Fa-f]{1,2})?)?")
 """Key of an object, or of several."""
 _OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_reaction_option"))
@@ -65,6 +70,8 @@ def _check_objects(document: Document) -> None:
         if not isinstance(index, int):
             continue
         name = ".".join(map(str, path))
+        if SECOND_AXIS <= index < PROFILE_END:
+            document.fault((*path, "object"), f"0x{index:04X} is of a second axis; only the first can be driven")
         first = used.setdefault((index, subindex), name)
         if first != name:
             document.fault((*path, "object"), f"0x{index:04X} is already used by {first}; expected another object")

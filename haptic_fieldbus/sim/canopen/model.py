@@ -115,6 +115,8 @@ def _cob_id(first_id: int, number: int) -> int:
 # and BOOLEAN as one octet. Larger types, and types that the file leaves open, are stored as octets that cannot be
 # mapped.
 
+SIGNED_LIMITS = (0x60E0, 0x60E1)
+"""Torque limits that some drives have as INTEGER16."""
 STRING_OCTETS = 256
 """Capacity of a string that can be written."""
 DOMAIN_OCTETS = 32 * 1024
@@ -181,10 +183,12 @@ def _beyond(described: EdsEntry) -> bool:
 def _understood(entry: Entry, described: EdsEntry) -> bool:
     """Return whether the drive can work with every value that the file allows for an entry.
 
-    Counter-example from a vendor's file: 60E1h as INTEGER16 with the default −1000; CiA 402-2 has an UNSIGNED16. This
-    value would reverse the limit. Such an object becomes storage, and the drive uses its own value.
+    A torque limit may be signed: a vendor's file has 60E1h as INTEGER16 with the default −1000, where CiA 402-2 has an
+    UNSIGNED16. It is then the lowest torque itself.
     """
     type = data_type(described)
+    if entry.index in SIGNED_LIMITS and type is DataType.INT16:
+        return True
     if type is None or entry.type is None or type is entry.type:
         return type is entry.type
     # Another type is acceptable for a value that the master writes, unless it allows values below the drive's range.
@@ -324,7 +328,8 @@ def _unmappable(dictionary: Dictionary, record: Mapping[int, Entry], way: Mappab
 # The object dictionary of a simulated drive as its profile describes it, in [simulation.objects].
 #
 # An object that the simulated drive implements keeps its behaviour and takes access, limits, mappability and power-on
-# value from the description; one with another type, and one that the drive does not implement, only stores its value.
+# value from the description; one with another type, and one that the drive does not implement, only stores its value. A
+# torque limit may be signed.
 # What is not described stays as it is, since a profile lists differences alone.
 
 _MAPPINGS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
@@ -343,6 +348,9 @@ def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObj
             entry = present.get((index, subindex))
             if described.absent:
                 dictionary.remove(index, subindex)
+            elif entry is not None and index in SIGNED_LIMITS and described.type is DataType.INT16:
+                entry.type, (entry.low, entry.high) = described.type, described.type.limits
+                _change(entry, described, node)
             elif entry is None or (described.type is not None and described.type is not entry.type):
                 dictionary.add(_stored(index, subindex, described, node))
             else:
@@ -353,7 +361,7 @@ def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObj
 def _check_mappings(dictionary: Dictionary) -> None:
     """Raise UsageError for a PDO that after power-on maps an object that the drive does not have."""
     for count in [entry for entry in dictionary if entry.subindex == 0 and entry.index in _MAPPINGS]:
-        for subindex in range(1, count.default + 1):
+        for subindex in range(1, min(count.default, MOST_ENTRIES) + 1):
             mapping = dictionary.value(count.index, subindex)
             if mapping >> 16 not in dictionary and mapping >> 16 > _LAST_DUMMY:
                 raise UsageError(

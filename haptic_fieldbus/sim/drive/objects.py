@@ -11,7 +11,7 @@ from functools import partial
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, PositionSection, VelocitySection
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS
+from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, SHARES_OF_RATED
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable, one_of
@@ -210,6 +210,8 @@ class Objects:
     torque_mode: int
     rated_torque: float
     """[N·m], with the rounding of 6076h."""
+    permille: float
+    """‰ of the rated torque, or of the torque at rated current, of which limits and target torque are shares [N·m]."""
     torque_unit: float
     """One step of the target torque [N·m]."""
     actual_unit: float
@@ -266,6 +268,7 @@ def add_objects(
     add = dictionary.add
     add(Entry(0x6502, 0, DataType.UINT32, _supported(offered), mappable=Mappable.TPDO))
     actual, demand, target = profile.torque.actual, profile.torque.demand, profile.torque.target
+    permille = step(target.unit if target.unit in SHARES_OF_RATED else SHARES_OF_RATED[0])
     abort, reaction = profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option
     return Objects(
         error_code=add(Entry(0x603F, 0, DataType.UINT16, mappable=Mappable.TPDO)),
@@ -294,9 +297,10 @@ def add_objects(
         modes=offered,
         torque_mode=torque_mode,
         rated_torque=rated,
+        permille=permille,
         torque_unit=step(target.unit),
         actual_unit=step((actual or target).unit),
-        demand_unit=step(demand.unit) if demand is not None else rated * PERMILLE,
+        demand_unit=step(demand.unit) if demand is not None else permille,
         mode_bits=profile.torque.controlword,
         table=table,
         step=step,

@@ -1,7 +1,7 @@
 """The power stage for the modes of operation: torque within the limits, with a speed and a position loop.
 
 Theory. Torque: the demand is bounded by the smallest of 6072h, 6073h and 60E0h (60E1h downwards). Rated current makes
-rated torque, so a current limit [‰] is a torque limit [‰].
+rated torque, so a current limit [‰] is a torque limit [‰]. A 60E1h that may be negative is the lowest torque itself.
 
 Speed: a PI controller on the true speed at the control ticks, with feed-forward of inertia and damping. With gain J·a
 and integral gain J·a²/4 the shaft J·ω' = τ has a double pole at −a/2. a is a quarter of 1/(tick + lag of the torque
@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 from haptic_fieldbus.sim.drive.dictionary import Entry
-from haptic_fieldbus.sim.drive.objects import NO_LIMIT, PERMILLE, Objects
+from haptic_fieldbus.sim.drive.objects import NO_LIMIT, Objects
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.drive.units import HIGHEST, LOWEST, Units
 from haptic_fieldbus.sim.mechanics.motion import SPEED, TORQUE
@@ -60,7 +60,7 @@ class Stage:
         self._limits: tuple[Entry, Entry, Entry, Entry] = objects.torque_limits
         self._seen: tuple[int, ...] = ()
         self._low = self._high = 0.0
-        self._permille = objects.rated_torque * PERMILLE
+        self._permille = objects.permille
         self._demand_unit = objects.demand_unit
         self._demand = objects.row(0x6074)
         self._max_motor_speed = objects.row(0x6080)
@@ -76,7 +76,7 @@ class Stage:
 
     @property
     def permille(self) -> float:
-        """Return one ‰ of rated torque [N·m]."""
+        """Return one ‰ of rated torque, or of the torque at rated current [N·m]."""
         return self._permille
 
     @property
@@ -93,7 +93,7 @@ class Stage:
             self._seen = seen
             common = min(first.value, second.value, _HIGHEST_PERMILLE)
             self._high = min(common, third.value) * self._permille
-            self._low = -min(common, fourth.value) * self._permille
+            self._low = max(-common, fourth.value if fourth.low < 0 else -fourth.value) * self._permille
         return self._high if torque > self._high else self._low if torque < self._low else torque
 
     def torque(self, wanted: float, t_ns: int) -> None:

@@ -85,6 +85,10 @@ class FakeDrive:
         self.tpdo_change: Callable[[bytes], bytes] = lambda data: data
         self.aborts: dict[Key, int] = {}
         """Writes refused with a code."""
+        self.refusals: dict[Key, int] = {}
+        """Reading and writing refused with a code."""
+        self.in_segments: set[Key] = set()
+        """Objects whose upload is begun without a value, as if it followed in segments."""
         self.forgets: set[Key] = set()
         """Writes accepted and not kept."""
         self.stays_in: int | None = None
@@ -138,7 +142,11 @@ class FakeDrive:
         command, key = request[0], (int.from_bytes(request[1:3], "little"), request[3])
         if command == 0x80 or self.mute_sdo:
             return
-        if command == 0x40 and key in self.objects:
+        if key in self.refusals:
+            answer = b"\x80" + request[1:4] + self.refusals[key].to_bytes(4, "little")
+        elif command == 0x40 and key in self.in_segments:
+            answer = request[:4] + bytes(4)
+        elif command == 0x40 and key in self.objects:
             data = self.objects[key]
             answer = bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0")
         elif key not in self.objects:

@@ -10,9 +10,10 @@ import pytest
 
 from haptic_fieldbus.buses.torque_limits import RestoreFile
 from haptic_fieldbus.drive.cia402 import IdentitySection
+from haptic_fieldbus.drive.rig import MILLIAMPERE, PERMILLE_OF_CURRENT
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
-from tests.builders import PROFILE, plan_of
+from tests.builders import PROFILE, WALL, plan_of, rig_of
 from tests.buses.canopen.benches import Bench
 from tests.buses.canopen.limited import HALF, MAX_TORQUE, RUNS, SERIAL, Shelf, bench_of, half_plan
 
@@ -46,6 +47,52 @@ def test_a_higher_limit_is_lowered_for_the_time_of_the_run(index: int) -> None:
     assert "is lowered from 300 % to 50 % of rated torque until the end" in told
     assert bench.bus.stop() is True
     assert (bench.drive.value(index), bench.bus.warnings) == (3000, [])
+
+
+@pytest.mark.parametrize(("other", "lowered"), [(3000, 0x10000 - HALF), (0x10000 - 3000, HALF)])
+def test_a_limit_downwards_that_the_drive_counts_below_zero_keeps_its_sign(other: int, lowered: int) -> None:
+    """60E1h as INTEGER16 of −3000 (so Ingenia Everest XCR): +500 ‰ there would be a lowest torque, and push.
+
+    In a drive with the same number in 60E0h it is one without a sign (so Elmo Gold: 50000).
+    """
+    bench = bench_of(0x10000 - 3000, entry=(0x60E1, 0))
+    bench.drive.objects[0x60E0, 0] = other.to_bytes(2, "little")
+    bench.open()
+    assert (bench.drive.value(0x60E0), bench.drive.value(0x60E1)) == (HALF, lowered)
+    assert bench.bus.stop() is True
+    assert (bench.drive.value(0x60E0), bench.drive.value(0x60E1)) == (other, 0x10000 - 3000)
+    assert bench.bus.warnings == []
+
+
+def test_a_limit_below_zero_is_raised_only_where_the_rig_says_so() -> None:
+    with pytest.raises(BusConfigurationError, match=r"60E1h.*is -100 ‰.*may use -500 ‰"):
+        bench_of(0x10000 - 100, entry=(0x60E1, 0)).open()
+    bench = bench_of(0x10000 - 100, entry=(0x60E1, 0), raised=True).open()
+    assert bench.drive.value(0x60E1) == 0x10000 - HALF
+
+
+@pytest.mark.parametrize("code", [0x0601_0000, 0x0800_0000, 0x0604_0043])
+def test_a_limit_that_the_drive_refuses_to_show_is_told_and_left_alone(code: int) -> None:
+    """Drives name an object that they lack by many codes."""
+    bench = bench_of(3000)
+    bench.drive.refusals[0x60E0, 0] = code
+    bench.open()
+    assert bench.drive.value(*MAX_TORQUE) == HALF
+    (told,) = bench.bus.warnings
+    assert "reading 60E0h:00 positive torque limit value" in told
+    assert told.endswith("Only the loop applies the limit of the axis there")
+
+
+@pytest.mark.parametrize(("unit", "wanted"), [(PERMILLE_OF_CURRENT, 200), (MILLIAMPERE, 1000)])
+def test_limits_are_shares_of_what_the_target_torque_is_a_share_of(unit: str, wanted: int) -> None:
+    """Rated torque is 0.1 N·m, that at rated current 0.5 N·m: the axis has 0.1 N·m, a fifth of the latter."""
+    rig = rig_of(WALL, rated_torque=0.1, rated_current=5.0, torque_constant=0.1)
+    target = replace(PROFILE.torque.target, unit=unit)
+    profile = replace(PROFILE, torque=replace(PROFILE.torque, target=target, actual=None, rated=None, demand=None))
+    bench = Bench(plan_of(rig=rig, profile=replace(profile, torque=replace(profile.torque, echo="asked"))))
+    bench.drive.objects[MAX_TORQUE] = (3000).to_bytes(2, "little")
+    bench.open()
+    assert bench.drive.value(*MAX_TORQUE) == wanted
 
 
 def test_a_limit_that_the_object_cannot_hold_is_refused_before_anything_is_written() -> None:

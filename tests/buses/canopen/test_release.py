@@ -309,3 +309,22 @@ def test_a_download_is_expedited_with_its_size(kind: DataType, first: int) -> No
 
 def test_an_upload_request_holds_nothing_but_the_address() -> None:
     assert request(ObjectEntry(0x6041, DataType.UINT16), None) == b"\x40\x41\x60\x00" + bytes(4)
+
+
+def test_an_answer_without_a_value_does_not_say_that_a_motor_is_off() -> None:
+    """An upload may be answered in segments (CiA 301 7.2.4.3.5); a statusword of 0 would be a motor without power."""
+    two = TwoDrives()
+    drive = two.drives[0]
+    drive.in_segments.add((0x6041, 0))
+    drive.mute_tpdos, drive.power_stays = True, ENABLED
+    assert two.bus.stop() is False
+    assert drive.value(*GUARD) != 0
+    assert two.drives[1].value(*GUARD) == 0
+    assert any("node 1" in told and "did not confirm that its motor is off" in told for told in two.bus.warnings)
+
+
+def test_what_is_put_back_and_answered_without_a_value_is_told() -> None:
+    two = TwoDrives()
+    two.drives[0].in_segments.add(GUARD)
+    assert two.bus.stop() is True
+    assert any("1016h:01" in told for told in two.bus.warnings)

@@ -319,3 +319,33 @@ def test_a_bus_can_be_opened_again_after_a_failure() -> None:
     bench.drive.aborts.clear()
     bench.open()
     assert bench.drive.state == 0x05
+
+
+@pytest.mark.parametrize("octets", [bytes.fromhex("2c 01"), bytes.fromhex("d4 fe ff ff")])
+def test_a_torque_offset_of_another_program_is_cleared_and_told(octets: bytes) -> None:
+    """The drive adds 60B2h to each set-point (CiA 402-2), in 16 bits or, so Ingenia Everest XCR, in 32."""
+    bench = Bench()
+    bench.drive.objects[0x60B2, 0] = octets
+    bench.open()
+    assert bench.drive.objects[0x60B2, 0] == bytes(len(octets))
+    names = [name for name, _ in bench.written()]
+    assert names.index("60B2h:00") > names.index("1400h:01")
+    held = int.from_bytes(octets, "little", signed=True)
+    assert bench.bus.warnings == [
+        f"node 1 (axis handle): 60B2h:00 torque offset was {held}, and is 0 now: the drive adds it to each set-point"
+    ]
+
+
+def test_a_torque_offset_that_stays_is_refused() -> None:
+    bench = Bench()
+    bench.drive.objects[0x60B2, 0] = bytes((44, 1))
+    bench.drive.forgets.add((0x60B2, 0))
+    with pytest.raises(BusConfigurationError, match="did not keep 60B2h:00 torque offset: wrote 0, read back 300"):
+        bench.open()
+
+
+def test_no_torque_offset_is_not_written() -> None:
+    bench = Bench()
+    bench.drive.objects[0x60B2, 0] = bytes(2)
+    bench.open()
+    assert "60B2h:00" not in [name for name, _ in bench.written()]

@@ -81,8 +81,24 @@ def test_a_pdo_that_maps_what_is_not_there_is_told_in_words() -> None:
         bench_of({"1601:01": SimulatedObject(value=0x2012_0020)})
 
 
+def test_a_number_of_mapped_objects_that_no_pdo_has_does_not_stop_the_drive() -> None:
+    """A vendor's file may have any default there, such as 7FFFFFFFh in 32 bits."""
+    bench = bench_of({"1603": SimulatedObject(type=DataType.INT32, access="rw", value=0x7FFF_FFFF)})
+    assert bench.read(0x1603) == 0x7FFF_FFFF
+
+
 class TestShippedDrives:
     """Traps of single drives, as their simulated drives have them."""
+
+    def test_an_everest_takes_its_limit_downwards_as_the_lowest_torque(self) -> None:
+        """Its 60E1h is an INTEGER16 of −1000; +300 would push with that from the moment it is enabled."""
+        bench = DriveBench(profile("ingenia_everest"))
+        assert bench.read(0x60E1) == 0x10000 - 1000
+        bench.enable()
+        assert bench.read(0x6074) == 0
+        assert bench.write(0x60E1, 0, 300, "h") is None
+        bench.control(0x0F, 0)
+        assert bench.read(0x6074) == 300
 
     def test_an_epos4_lacks_what_the_real_one_lacks_and_holds_what_it_holds(self) -> None:
         bench = DriveBench(profile("maxon_epos4"))

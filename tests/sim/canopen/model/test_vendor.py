@@ -210,13 +210,15 @@ class TestTakenOver:
         assert bench.write(0x60B2, 0, -100, "i") is None
         assert bench.write(0x60B2, 0, 40000, "i") == Refusal(AbortCode.VALUE_TOO_HIGH.value)
 
-    def test_a_limit_that_the_file_turns_round_is_stored_and_not_followed(self) -> None:
+    @pytest.mark.parametrize(("limit", "asked", "shown"), [(-1000, -500, -500), (-300, -500, -300), (300, 0, 300)])
+    def test_a_signed_limit_downwards_is_the_lowest_torque(self, limit: int, asked: int, shown: int) -> None:
         """60E1h as INTEGER16 of −1000 (Ingenia Everest XCR); CiA 402-2 has an UNSIGNED16 there."""
         bench = bench_of(changed(generic(), 0x60E1, type=EdsType.INTEGER16, default=-1000))
         assert bench.read(0x60E1) == 0x10000 - 1000
+        assert bench.write(0x60E1, 0, limit, "h") is None
         bench.enable()
-        bench.control(0x0F, -500)
-        assert bench.read(0x6074) == 0x10000 - 500
+        bench.control(0x0F, asked)
+        assert bench.read(0x6074) == shown % 0x10000
 
     def test_another_type_of_what_is_measured_is_stored_as_the_file_has_it(self) -> None:
         bench = bench_of(changed(generic(), 0x6078, type=EdsType.INTEGER32, default=3))
