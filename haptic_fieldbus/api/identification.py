@@ -29,7 +29,7 @@ from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.known_bench import digest_with, only_simulated
+from haptic_fieldbus.planning.known_bench import digest_with, only_simulated, scaling_of
 from haptic_fieldbus.planning.limits import SPEED_LIMIT
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
@@ -163,7 +163,7 @@ def identify(
     kept = identified_of(
         fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
         planned_delay=float(f"{bench.planned_delay:.6g}"), axis=bench.name, simulated=only_simulated(bench.bus),
-        bus=bench.bus.route,
+        bus=bench.bus.route, units=bench.units,
     )  # fmt: skip
     if write and bench.own_bus:
         found = _written(found, bench, kept)
@@ -201,7 +201,7 @@ class _Bench:
         self.stated = {key: getattr(axis, key) for key in MECHANICAL}
         self.own_bus = task.bus is None and bool(self.rig.source)
         plan = self._plan(axis)
-        self.profile = plan.axes[0].profile.name
+        self.profile, self.units = plan.axes[0].profile.name, scaling_of(plan.axes[0].profile)
         self.planned_delay = plan.axes[0].delay.transport + plan.axes[0].delay.torque_loop
         self.bus = plan.rig.bus[axis.bus]
         self.serial: int | None = None

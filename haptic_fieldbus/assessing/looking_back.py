@@ -7,14 +7,19 @@ spring. A window counts only if it leaves no more than the noise of the encoder:
 leaves much more.
 
 A hand that only holds the handle adds inertia and damping, and no window shows it. Therefore a value that is larger
-than the known one says nothing, and a smaller one contradicts it. The delay is the longest one that is open: a
-longer delay makes the damping that is seen larger. A damping wholly below 0 shows a hand that moves the handle, so its
-window does not count. `WINDOWS` windows must contradict with three standard deviations.
+than the known one says nothing, and a smaller one contradicts it. The delay is the longest one that is open, or that
+was measured: a longer delay makes the damping that is seen larger. `WINDOWS` windows must contradict with three
+standard deviations.
+
+A smooth hand leaves no more than noise either. In a spring, u = −K·x, a hand that makes it swing with ω shows an
+inertia of K/ω² and any damping. Three rules keep it out. One of the windows must be faster than `SLOWEST`, which a hand
+that plays with a spring is not. A damping counts only where it is above 0, since a hand that keeps up a swing shows 0;
+wholly below 0 the window tells nothing at all. And it counts only where the same window shows the known inertia.
 
 What contradicts is noted in the rig (`drive.rig.Contradicted`), and the next plan rests on it (`planning.known_bench`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
@@ -30,7 +35,7 @@ from haptic_fieldbus.identification.fit import ShaftRecord
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.known_bench import evidence_digest
+from haptic_fieldbus.planning.known_bench import evidence_digest, lags_of, measured_times, standing_note
 from haptic_fieldbus.planning.plan import Plan
 
 WINDOW, HOP, HALF = 0.3, 0.025, 0.012
@@ -43,6 +48,8 @@ EXCITED = 0.05
 """Largest relative standard deviation of the inertia of a window that counts."""
 SPREADS, WINDOWS = 3.0, 2
 """Standard deviations of an interval, and windows that must contradict."""
+SLOWEST = 2.0 * np.pi * 3.0
+"""Slowest swing that counts [rad/s]."""
 Array = NDArray[Any]
 WORDS = {"inertia": "an inertia", "viscous_damping": "a damping"}
 
@@ -74,8 +81,18 @@ def shaft_record(axis: AxisPlan, period: float, rows: Record, begin_ns: int) -> 
     return found
 
 
-def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Estimate]]:
-    """Yield inertia and damping of each window that counts, with intervals of three standard deviations.
+@dataclass(frozen=True)
+class SeenWindow:
+    """Values that a window shows, with intervals of three standard deviations."""
+
+    swing: float
+    """Acceleration over speed, without its mean [rad/s]; the angular frequency of a harmonic motion."""
+    inertia: Estimate
+    viscous_damping: Estimate
+
+
+def seen_values(record: ShaftRecord, delay: float) -> Iterator[SeenWindow]:
+    """Yield the values of each window that counts.
 
     `delay` [s] is that of the set-points, with lag.
     """
@@ -98,9 +115,9 @@ def seen_values(record: ShaftRecord, delay: float) -> Iterator[Mapping[str, Esti
             yield from _fitted(rows[here], bend[here], float(noise), 0.5 * w)
 
 
-def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[Mapping[str, Estimate]]:
+def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[SeenWindow]:
     """Yield the values of a window, if it counts; `alike` neighbouring rows count as one."""
-    turned = np.ptp(rows[:, 2]) > 0.0
+    turned, swing = np.ptp(rows[:, 2]) > 0.0, float(np.sqrt(np.mean(bend**2)) / np.std(rows[:, 1]))
     rows = rows if turned else rows[:, [0, 1, 3]]
     scales = np.maximum(np.abs(rows).max(axis=0), 1e-300)
     found = np.linalg.lstsq(rows / scales, bend, rcond=None)[0] / scales
@@ -115,10 +132,7 @@ def _fitted(rows: Matrix, bend: Matrix, noise: float, alike: float) -> Iterator[
     wide = SPREADS * inertia * np.array([inertia * spread[0], spread[1]])
     damping = -inertia * found[1]
     if damping + wide[1] >= 0.0:  # below it something moves the handle
-        yield {
-            "inertia": _estimate(inertia, wide[0], "kg·m²"),
-            "viscous_damping": _estimate(damping, wide[1], "N·m·s/rad"),
-        }
+        yield SeenWindow(swing, _estimate(inertia, wide[0], "kg·m²"), _estimate(damping, wide[1], "N·m·s/rad"))
 
 
 def _estimate(value: float, half: float, unit: str) -> Estimate:
@@ -152,15 +166,21 @@ def contradictions(plan: Plan, rows: Record, begin_ns: int) -> Iterator[Contradi
     for axis in plan.axes:
         if axis.integrates or axis.plant is None:
             continue
-        delay = axis.delay.range[1] + 1.4 * axis.delay.torque_loop
+        lags = lags_of(axis.profile)
+        times = measured_times(axis.bench, axis.profile, axis.delay, lags)
+        delay = axis.delay.range[1] + lags[1] if times is None else times.totals[1]
         # While the force fades in, a hand that takes hold rises with it.
         since_ns = begin_ns + round(1e9 * (axis.limits.fade_in + WINDOW))
         windows = list(seen_values(shaft_record(axis, plan.period, rows, since_ns), delay))
-        for place, key in enumerate(WORDS):
+        least, most = (share * (axis.bench.inertia or 0.0) for share in axis.bench.shares[0])
+        free = [each for each in windows if each.inertia.high >= least and each.inertia.low <= most]
+        decays = [each for each in free if each.viscous_damping.low > 0.0]
+        for (place, key), counting in zip(enumerate(WORDS), (windows, decays), strict=True):
             known = getattr(axis.bench, key)
-            below = [each[key] for each in windows if each[key].high < axis.bench.shares[place][0] * known]
-            if len(below) >= WINDOWS:
-                best = min(below, key=lambda each: each.high - each.low)
+            below = [each for each in counting if getattr(each, key).high < axis.bench.shares[place][0] * known]
+            quick = [getattr(each, key) for each in below if each.swing >= SLOWEST]
+            if len(below) >= WINDOWS and quick:
+                best = min(quick, key=lambda each: each.high - each.low)
                 yield Contradiction(axis.name, key, known, axis.bench.basis.value, best)
 
 
@@ -169,9 +189,12 @@ def noted(plan: Plan, found: Iterator[Contradiction]) -> Iterator[str]:
     notes: dict[str, Contradicted] = {}
     for each in found:
         yield each.text()
-        note = notes.get(each.axis, Contradicted(simulated=plan.simulated))
+        present = standing_note(plan.axis(each.axis).rig)
+        if plan.simulated and present and not present.simulated:
+            continue  # what a real bench has shown stays, and its limit holds here too
+        kept = present if present and present.simulated == plan.simulated else Contradicted(simulated=plan.simulated)
         shown: dict[str, Any] = {each.key: each.seen.value, f"{each.key}_interval": (each.seen.low, each.seen.high)}
-        notes[each.axis] = replace(note, **shown)
+        notes[each.axis] = replace(notes.get(each.axis, kept), **shown)
     for name, note in notes.items():
         note = replace(note, date=datetime.now().astimezone().isoformat(timespec="seconds"))
         note = replace(note, digest=evidence_digest(plan.axis(name).rig, note))

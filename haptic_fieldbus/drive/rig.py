@@ -402,6 +402,9 @@ class Identified(Table):
     bus: Annotated[str, Len(1)] | None = field(default=None, repr=False)
     """Interface, channel and adapter at the measurement. With others the longest delay of the profile counts too. None:
     a table of an earlier version, as with others."""
+    units: Annotated[str, Len(1)] | None = field(default=None, repr=False)
+    """Units by which the profile scaled torque and position at the measurement; with others no value counts. None: a
+    table of an earlier version."""
     resonance: fields.Frequency | None = field(default=None, repr=False)
     """Resonance of an elastic shaft [Hz]. With it there is no measured value, and no limit is known unless
     `simulation.coupling` states the shaft."""

@@ -208,7 +208,8 @@ def draft_axis(
         rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
         position_steps(profile, axis),
     )
-    bench = with_evidence(known_bench(rig, scene_axis.name, profile), axis, simulated=rig.bus[axis.bus].simulated)
+    simulated = only_simulated(rig.bus[axis.bus])
+    bench = with_evidence(known_bench(rig, scene_axis.name, profile), axis, simulated=simulated)
     protocol, plant = _protocol(profile, rig, axis), plant_of(bench, axis, profile, steps)
     capped = forced or bool(cap_reason(profile, axis, bench.unknown))
     limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)

@@ -15,14 +15,7 @@ from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig
 from haptic_fieldbus.margins import Basis, Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
-from haptic_fieldbus.margins.plant import (
-    ASSUMED_BANDWIDTH,
-    COUPLING_SHARES,
-    SOURCED_BANDWIDTH,
-    Range,
-    Ranges,
-    exact_bench,
-)
+from haptic_fieldbus.margins.plant import COUPLING_SHARES, Ranges, exact_bench
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.sampled import TACHOMETER
@@ -31,7 +24,7 @@ from haptic_fieldbus.planning.encoder_probe import encoder_probe
 from haptic_fieldbus.planning.energy import unbounded, with_energy_limits
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
-from haptic_fieldbus.planning.known_bench import KnownBench, measured_times
+from haptic_fieldbus.planning.known_bench import KnownBench, lags_of, measured_times
 from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time, load_of
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.sign_probe import check_steps, sign_probe, sign_text
@@ -44,26 +37,15 @@ from haptic_fieldbus.signals import Signal
 
 # Ranges of the values of an axis; the limit of the axis is the smallest over all of them (`margins.plant`).
 
-BANDWIDTH, TIMING = "timing.torque_bandwidth", "timing"
-"""Keys of a profile whose source is the source of the bandwidth."""
-
 
 def ranges_of(profile: DriveProfile, delay: Delay, bench: KnownBench, *, compliant: bool) -> Ranges:
     """Return the ranges of an axis with this drive, delay and bench, with or without a compliant coupling."""
     if bench.basis is Basis.SIMULATED:
-        return exact_bench(_lags(profile), delay.range, bench.basis)
-    times = measured_times(bench, profile, delay, _lags(profile))
-    lags, total = (_lags(profile), None) if times is None else (times.lags, times.totals)
+        return exact_bench(lags_of(profile), delay.range, bench.basis)
+    times = measured_times(bench, profile, delay, lags_of(profile))
+    lags, total = (lags_of(profile), None) if times is None else (times.lags, times.totals)
     ranges = Ranges(lags, delay.range, *bench.shares, basis=bench.basis, total=total)
     return replace(ranges, coupling=COUPLING_SHARES) if compliant else ranges
-
-
-def _lags(profile: DriveProfile) -> Range:
-    """Return the shortest and the longest time constant of the torque [s]; a torque slope of the drive is exact."""
-    assumed = {BANDWIDTH, TIMING} & {*profile.assumed}
-    lowest, highest = ASSUMED_BANDWIDTH if assumed else SOURCED_BANDWIDTH
-    loop = profile.torque_lag - profile.ramp
-    return profile.ramp + loop / highest, profile.ramp + loop / lowest
 
 
 # Delays and verdicts of the axes of a plan; coupled axes are judged together.
@@ -126,7 +108,7 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
     """Return the axis as its loop is judged; with a compliant coupling the plant is the motor alone."""
     # A tachometer does not measure the load, so its axis is judged as a rigid one.
     load = None if axis.integrates else load_of(axis.rig, plant)
-    times, delay = measured_times(axis.bench, axis.profile, axis.delay, _lags(axis.profile)), axis.delay.transport
+    times, delay = measured_times(axis.bench, axis.profile, axis.delay, lags_of(axis.profile)), axis.delay.transport
     if times is not None:
         plant, delay = replace(plant, torque_lag=times.lag), times.delay
     return Member(

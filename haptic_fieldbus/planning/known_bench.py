@@ -29,10 +29,21 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import MECHANICAL, BusSection, Contradicted, Identified, LinearMechanism, Rig, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Basis
-from haptic_fieldbus.margins.plant import COULOMB_SHARES, DAMPING_SHARES, EXACT, INERTIA_SHARES, Range
-from haptic_fieldbus.numerals import in_unit, rounded, with_interval
+from haptic_fieldbus.margins.plant import (
+    ASSUMED_BANDWIDTH,
+    COULOMB_SHARES,
+    DAMPING_SHARES,
+    EXACT,
+    INERTIA_SHARES,
+    SOURCED_BANDWIDTH,
+    Range,
+)
+from haptic_fieldbus.numerals import exactly, in_unit, rounded, with_interval
 from haptic_fieldbus.protocols.traffic import Delay
+from haptic_fieldbus.signals import Signal
 
+BANDWIDTH, TIMING = "timing.torque_bandwidth", "timing"
+"""Keys of a profile whose source is the source of the bandwidth."""
 WIDER = 2.0
 """Half width of the region of 99.7 %, in half widths of the intervals of 95 %."""
 SMALLEST = 1e-3
@@ -138,6 +149,9 @@ def _fault(axis: RigAxis, profile: DriveProfile) -> str:
         return f"{found}, and simulation.coupling states no elastic shaft"
     if measured.profile is not None and measured.profile != profile.name:
         return f"the values of [identified] were measured with the profile {measured.profile}"
+    if measured.units is not None and measured.units != scaling_of(profile):
+        now = scaling_of(profile)
+        return f"the profile {profile.name} had the units {measured.units} at the measurement, and has {now} now"
     if measured.digest is not None and measured.digest != digest_with(axis, measured):
         return "the axis or its [identified] was changed after the measurement"
     for key in (*MECHANICAL, "delay_and_lag", "torque_lag"):
@@ -151,6 +165,14 @@ def _fault(axis: RigAxis, profile: DriveProfile) -> str:
         low, _ = widened(measured.inertia, measured.inertia_interval)
         return "" if low > 0.0 else "the inertia was measured too roughly for a limit"
     return ""
+
+
+def scaling_of(profile: DriveProfile) -> str:
+    """Return the units of torque and position of a profile, with the full scale of its torque if it has one."""
+    offered = profile.offers()
+    motion = offered.get(Signal.POSITION) or offered[Signal.VELOCITY]
+    full = "" if profile.full_scale is None else f" of {exactly(profile.full_scale)} N·m"
+    return f"{offered[Signal.TARGET_TORQUE].unit}{full}, {motion.unit}"
 
 
 def digest_with(axis: RigAxis, measured: Identified | Contradicted) -> str:
@@ -175,10 +197,16 @@ def evidence_digest(axis: RigAxis, note: Contradicted) -> str:
     )
 
 
+def standing_note(axis: RigAxis) -> Contradicted | None:
+    """Return the note of an earlier run about an axis; None without one, and when what it contradicts has changed."""
+    note = axis.contradicted
+    return note if note.digest is not None and note.digest == evidence_digest(axis, note) else None
+
+
 def with_evidence(bench: KnownBench, axis: RigAxis, *, simulated: bool) -> KnownBench:
     """Return the bench with the note of an earlier run in its region, if it counts; it permits no more than before."""
-    note = axis.contradicted
-    if note.digest is None or note.simulated != simulated or note.digest != evidence_digest(axis, note):
+    note = standing_note(axis)
+    if note is None or note.simulated != simulated:
         return bench
     shares, told = list(bench.shares), []
     for place, key in enumerate(("inertia", "viscous_damping")):
@@ -237,6 +265,14 @@ class MeasuredTimes:
     def delay(self) -> float:
         """Delay without lag."""
         return max(self.total - self.lag, 0.0)
+
+
+def lags_of(profile: DriveProfile) -> Range:
+    """Return the shortest and the longest time constant of the torque [s]; a torque slope of the drive is exact."""
+    assumed = {BANDWIDTH, TIMING} & {*profile.assumed}
+    lowest, highest = ASSUMED_BANDWIDTH if assumed else SOURCED_BANDWIDTH
+    loop = profile.torque_lag - profile.ramp
+    return profile.ramp + loop / highest, profile.ramp + loop / lowest
 
 
 def measured_times(bench: KnownBench, profile: DriveProfile, delay: Delay, lags: Range) -> MeasuredTimes | None:

@@ -3,21 +3,24 @@
 import math
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from haptic_fieldbus.api import Trial, prepare_run, run
-from haptic_fieldbus.assessing.looking_back import contradictions, seen_values
+from haptic_fieldbus.api import Trial, plan, prepare_run, run
+from haptic_fieldbus.assessing.looking_back import Contradiction, contradictions, noted, seen_values
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.errors import SafetyTripError, UnstableSceneError
+from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Experiment, Stage
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim.hand import Hand, Piece
 from tests.api.test_identification import rig_text
 from tests.identification.benches import Bench, conducted, plant_of_bench
 
@@ -47,7 +50,7 @@ def shown(other: float, coulomb: float = 2e-3) -> list[tuple[float, float, float
     hidden = other * np.sin(0.03 * np.arange(len(record.torques)))
     record = replace(record, torques=tuple((np.array(record.torques) - hidden).tolist()))
     found = list(seen_values(record, bench.model.delay + bench.model.lag))
-    pairs = [(each["inertia"], each["viscous_damping"]) for each in found]
+    pairs = [(each.inertia, each.viscous_damping) for each in found]
     return [(j.value / 4e-5, j.high / 4e-5, b.value / 1e-4, b.high / 1e-4) for j, b in pairs]
 
 
@@ -208,3 +211,57 @@ def test_a_rig_made_in_python_and_a_run_on_the_shipped_bench_do_not_look_back(
     assert looked == []
     run("wall", bench, hand="none", duration=0.05)
     assert len(looked) == 1
+
+
+@pytest.mark.thorough("runs a bench for 80 s", quick=("0",))
+@pytest.mark.parametrize("seed", [pytest.param(each, id=str(each)) for each in range(4)])
+def test_a_hand_that_plays_with_a_spring_contradicts_no_correct_bench(seed: int, tmp_path: Path) -> None:
+    """It leads the handle by eight waves up to 2 Hz; a fit of a window leaves only noise."""
+    assert run("spring", rig_for("spring", tmp_path), hand=player(seed), duration=20.0).warnings == ()
+
+
+def player(seed: int) -> Hand:
+    """A hand of 1 t, which nothing disturbs, on a smooth way of 3 cm to each side; it starts at rest."""
+    random, every, mass = np.random.default_rng(seed), 0.02, 1000.0
+    times = np.arange(0.0, 20.0, every / 10.0)
+    rates, shares, phases = random.uniform(2.0, 12.0, 8), random.normal(size=8), random.uniform(0.0, 6.0, 8)
+    way = np.sin(times[:, None] * rates + phases) @ shares
+    way *= 0.03 / np.abs(way).max() * np.sin(0.5 * np.pi * np.minimum(times, 1.0)) ** 4
+    forces = mass * np.gradient(np.gradient(way, times), times)[::10]
+    pieces = [
+        Piece(every * at, float(force), float(after - force) / every)
+        for at, (force, after) in enumerate(pairwise(forces))
+    ]
+    return Hand("player", tuple(pieces), mass=mass)
+
+
+def noting(rig: Path, key: str, value: float, bus: str | None = None) -> float:
+    """Note a value of a run on a rig, and return the limit of the next plan."""
+    seen = Estimate(value, 0.9 * value, 1.1 * value, "kg·m²" if key == "inertia" else "N·m·s/rad")
+    list(noted(plan("wall", rig, bus=bus), iter([Contradiction("handle", key, 1.0, "stated", seen)])))
+    return limit(rig)
+
+
+def limit(rig: Path, bus: str | None = None) -> float:
+    verdict = plan("wall", rig, bus=bus).axis("handle").stability
+    assert verdict is not None
+    return verdict.limit.value
+
+
+def test_a_second_note_keeps_the_first(bench: Path) -> None:
+    without = limit(bench)
+    first = noting(bench, "viscous_damping", 1e-4)
+    assert first < without
+    assert noting(bench, "inertia", 1e-5) <= first
+    note = load_rig(bench).axis["handle"].contradicted
+    assert (note.viscous_damping, note.inertia) == (1e-4, 1e-5)
+
+
+def test_a_note_of_the_simulation_takes_the_place_of_none_of_a_real_bench(bench: Path) -> None:
+    text = bench.read_text(encoding="utf-8").replace('"haptic_sim"', '"socketcan"')
+    bench.write_text(text, encoding="utf-8")
+    real = noting(bench, "viscous_damping", 1e-4)
+    before = bench.read_text(encoding="utf-8")
+    assert noting(bench, "inertia", 1e-5, "sim") == real
+    assert bench.read_text(encoding="utf-8") == before
+    assert limit(bench, "sim") == real

@@ -8,7 +8,7 @@ from haptic_fieldbus.drive.rig import Contradicted, Rig
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.known_bench import evidence_digest
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.bus import CanSection, StandInCanSection
 from haptic_fieldbus.scenes.catalogue import load_scene
 from tests.planning.test_known_bench import AXIS, PROFILE, limit_of, told
 
@@ -51,6 +51,13 @@ def test_a_note_counts_only_for_the_values_that_it_contradicts_and_for_its_kind_
     assert limit_of(planned(replace(NOTE, simulated=True), "haptic_sim")) < without
     (axis,) = planned(NOTE, viscous_damping=None).axes
     assert axis.bench.evidence == ""
+
+
+def test_a_note_of_a_real_bench_counts_for_the_simulation_in_its_place() -> None:
+    own = replace(AXIS, contradicted=NOTE)
+    own = replace(own, contradicted=replace(NOTE, digest=evidence_digest(own, NOTE)))
+    rig = Rig({"b": StandInCanSection("haptic_sim", "can0")}, {"handle": own}, source="rig.toml")
+    assert limit_of(compile_plan(load_scene("wall"), rig, {"p": PROFILE}, 1000.0)) == limit_of(planned(NOTE))
 
 
 def test_a_new_measurement_ends_a_note() -> None:

@@ -45,6 +45,7 @@ from haptic_fieldbus.protocols.canopen.bus import CanSection, StandInCanSection
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.signals import Workspace
+from tests.builders import canopen
 
 PROFILE = load_profile("maxon_epos4")
 LOCKED = replace(PROFILE, timing=replace(PROFILE.timing, control_tick="sync", encoder_latency=0.0))
@@ -399,6 +400,23 @@ def test_what_was_measured_on_another_axis_does_not_count() -> None:
     assert bench_of(sealed).fault == "the values of [identified] were measured on the axis left"
     renamed = replace(sealed, identified=replace(sealed.identified, axis="handle"))
     assert "was changed after the measurement" in bench_of(renamed).fault
+
+
+@pytest.mark.parametrize("key", ["torque", "position"])
+def test_what_was_measured_with_other_units_of_the_profile_does_not_count(key: str) -> None:
+    """With a torque of a tenth the damping that was measured is ten times too large, and so would the limit be."""
+    measured = replace(told(), units="permille_of_rated_torque, counts")
+    sealed = replace(AXIS, identified=replace(measured, digest=digest_with(AXIS, measured)))
+    assert bench_of(sealed).fault == ""
+    profile = canopen("maxon_epos4")
+    assert profile.position is not None
+    corrected: dict[str, Any] = {
+        "torque": replace(profile.torque, target=replace(profile.torque.target, unit="mA")),
+        "position": replace(profile.position, actual=replace(profile.position.actual, unit="0.1 deg")),
+    }
+    rig = Rig({"b": CanSection("haptic_sim", "sim")}, {"handle": sealed})
+    fault = known_bench(rig, "handle", replace(profile, **{key: corrected[key]})).fault
+    assert fault.startswith(f"the profile {PROFILE.name} had the units {measured.units} at the measurement, and has ")
 
 
 def test_an_earlier_table_counts_unless_two_axes_have_the_same() -> None:

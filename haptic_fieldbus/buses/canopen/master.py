@@ -56,7 +56,7 @@ LARGEST_PERIODS = 0xFFFF
 class TargetReadback:
     """The target torque of a drive, asked by SDO beside the exchange, and never waited for.
 
-    A drive that can map nothing into a TPDO which shows its target torque still lets 6071h be uploaded_value. One period
+    A drive that can map nothing into a TPDO which shows its target torque still lets 6071h be uploaded. One period
     sends the request after its set-point; the response is taken whenever it comes, and lies behind the TPDOs in the
     image of that period, with the number of periods since the request: the drive answered some time between the two.
 
