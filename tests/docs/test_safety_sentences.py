@@ -105,7 +105,10 @@ TESTS: dict[int, dict[str, str]] = {
     79: {
         "at most 80 % of the predicted": f"{CERTIFIED}is_told_and_not_reached",
     },
-    80: {},
+    80: {
+        "never replaces the note of a real bench": "tests/assessing/test_looking_back.py::"
+        "test_a_note_of_the_simulation_takes_the_place_of_none_of_a_real_bench",
+    },
     81: {
         "never raises a permitted torque": "tests/api/test_twin.py::test_a_twin_raises_no_permitted_torque",
     },
