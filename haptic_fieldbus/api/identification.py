@@ -36,6 +36,7 @@ from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.planning.sign_probe import sign_probe
 from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.running.ending import ended_by_signals
 from haptic_fieldbus.running.loop import Caller
 from haptic_fieldbus.running.session import Session, Site
 from haptic_fieldbus.scenes.element import Element, Law
@@ -318,6 +319,10 @@ class _Taken:
         return record, [stages[each] for each in held]
 
 
+OFF = "; the motor is off"
+"""End of the sentence about a signal, which may come in any run of several, or between two of them."""
+
+
 def conduct(session: Session, place: AbstractContextManager[Site], watch: Callable[[Session], bool]) -> Session:
     """Conduct a run, and return it; after each period `watch` gets it, and returns whether it is to end.
 
@@ -339,6 +344,9 @@ def conduct(session: Session, place: AbstractContextManager[Site], watch: Callab
     except StopIteration as ended:
         if ended.value is not None and ended.value.stopped is not None:
             raise KeyboardInterrupt from None
+    finally:
+        with ended_by_signals() as ending:  # those of the command, which makes several runs
+            ending.when = OFF
     return session
 
 

@@ -181,9 +181,9 @@ def _rendered(run: Run) -> str:
 
 
 def _cut(run: Run, axis: str) -> float:
-    """Return the share of the periods in which limit or cap cut the force, or a gap shifted the scene."""
+    """Return the share of the periods in which limit, cap or a check cut the force, or a gap shifted the scene."""
     permission = run.cycle.axes[axis].permission
-    periods = permission.clipped + permission.gaps.shifted
+    periods = permission.clipped + permission.checked + permission.gaps.shifted
     return min(1.0, periods / max(1, run.report.cycles))
 
 
@@ -215,6 +215,11 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             yield _clipped(axis, share, asked)
         if report.cycles and (unseen := sign.unseen) is not None:
             yield _unseen(axis, unseen, sign.broken_off)
+        elif permission.checked >= WORTH_TELLING * report.cycles > 0:
+            yield (
+                f"axis {axis.name}: {_often(permission.checked / report.cycles)} the motor direction check took the "
+                f"place of the {axis.workspace.effort_name} of the scene. It lasts longer where feedback is missing"
+            )
         if doubts:
             yield (
                 f"axis {axis.name}: the handle moved against the torque {doubts} times, as after a blow; the "
@@ -233,8 +238,12 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         )
 
 
+def _often(share: float) -> str:
+    return f"in {100 * share:.0f} % of the periods"
+
+
 def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
-    unit, often = axis.workspace.effort_unit, f"in {100 * share:.0f} % of the periods"
+    unit, often = axis.workspace.effort_unit, _often(share)
     if asked > axis.limits.effort:
         return (
             f"axis {axis.name}: the motor applied {axis.limits.effort:.3g} of the {asked:.3g} {unit} requested, {often}"
@@ -259,7 +268,7 @@ def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
 def _shifted(axis: AxisPlan, gaps: GapCounts, share: float) -> str:
     return (
         f"axis {axis.name}: after {_times(gaps.short + gaps.long, 'feedback gap')} the scene was displaced by up to "
-        f"{in_unit(gaps.farthest, axis.workspace.length_unit)}, in {100 * share:.0f} % of the periods; it moves back "
+        f"{in_unit(gaps.farthest, axis.workspace.length_unit)}, {_often(share)}; it moves back "
         "as the handle gives way"
     )
 
@@ -267,7 +276,7 @@ def _shifted(axis: AxisPlan, gaps: GapCounts, share: float) -> str:
 def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
     return (
         f"axis {axis.name}: after {_times(gaps, 'long feedback gap')} the {axis.workspace.effort_name} stayed limited "
-        f"to its value before the gap, in {100 * share:.0f} % of the periods; the limit ends when the handle leaves "
+        f"to its value before the gap, {_often(share)}; the limit ends when the handle leaves "
         "contact"
     )
 

@@ -81,9 +81,8 @@ def _ended(arguments: Sequence[str] | None, ending: EndSignals) -> int:
         wrong = ended.__context__  # Typer exits while it handles an error of its own
         if as_json and isinstance(wrong, TYPER_ERROR):
             print_object(wrong)
-        status = ended.code if isinstance(ended.code, int) else 0
-    try:
+        gone = isinstance(wrong, BrokenPipeError)  # the reader of the output, who wanted no more
+        status = ended.code if isinstance(ended.code, int) and not gone else 0
+    with suppress(BrokenPipeError):
         sys.stdout.flush()
-    except BrokenPipeError:  # its reader wanted no more
-        status = status or 1
     return status

@@ -146,6 +146,8 @@ class Permission:
     """Largest energy that encoder pulses may have given to the hand since the energy ledger last read it [J]."""
     clipped: int = 0
     """Periods in which effort, fade-in or cap cut the force."""
+    checked: int = 0
+    """Periods in which the motor direction check took the place of a force of the scene."""
     asked: float = 0.0
     """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
     blind: bool = False
@@ -281,6 +283,7 @@ def bind_limiter(
         # The scene alone defines contact: neither a pulse of the proof nor its pause leaves a contact.
         permission.leave_contact(force, least)
         if permission.proof is not None:
+            permission.checked += abs(force) >= least
             force, permission.blind, permission.pulse = bounded(permission.proof(force), unseen), False, 0.0
         else:
             fade = permission.fade = min(1.0, permission.fade + growth)

@@ -344,7 +344,13 @@ def _shipped_bench(scene: Scene, drive: str | None, bus: BusName, node: int) -> 
 
     On a real bus the motors are unknown, so rated torque, inertia, damping and friction are None.
     """
-    name, drive = bus.text.partition("@")[0], drive or protocol_named(bus.section.protocol).default_drive
+    protocol, last = protocol_named(bus.section.protocol), node + len(scene.axes) - 1
+    if wanted := protocol.wanted_node(last, bus.section.interface):
+        raise UsageError(
+            f"node {node}: the {len(scene.axes)} axes of the scene would take the numbers {node} to {last}; "
+            f"a node-ID is {wanted}"
+        )
+    name, drive = bus.text.partition("@")[0], drive or protocol.default_drive
     axes = {}
     for number, axis in enumerate(scene.axes, start=node):
         made = RigAxis(name, number, drive, shipped_mechanism(axis.workspace), COUNTS_PER_REVOLUTION)

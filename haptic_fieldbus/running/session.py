@@ -19,7 +19,7 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
-from haptic_fieldbus.numerals import exactly, percent
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.known_bench import check_measured_drive
@@ -367,7 +367,7 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     serial = "" if number is None else f" (serial {number:#010x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
-        f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
+        f"at most {percent(share)} of rated torque, {rounded(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{'. '.join((f'{facts.link_loss}, read back from the drive', *facts.changes))}."
         f"{'' if probe is None else f' First, {sign_text(axis, probe)}.'}"
     )

@@ -276,3 +276,14 @@ def test_an_output_that_is_full_or_closed_is_told_once_and_changes_no_other_stat
     assert told in done.stderr
     assert "Traceback" not in done.stderr + done.stdout
     assert done.stderr.count("the output is not complete") == told.count("the output is not complete")
+
+
+@pytest.mark.parametrize("words", [("profiles", "show", "maxon_epos4"), ("run", "--help"), ("scenes", "list")])
+def test_a_reader_that_wants_no_more_does_not_change_the_exit_status(words: tuple[str, ...]) -> None:
+    """As `| head -1` in a shell with pipefail."""
+    command = [sys.executable, "-m", "haptic_fieldbus", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert (process.stderr.read(), process.wait()) == (b"", 0)

@@ -98,6 +98,14 @@ def test_a_sign_that_friction_hides_is_told_with_what_to_do() -> None:
     assert "2.51 N" in warning
 
 
+def test_a_check_that_took_the_place_of_the_scene_for_long_is_told() -> None:
+    """A hand holds the handle rigidly in a soft wall, and lets go after 0.8 s; the direction is seen after that."""
+    hand = Hand("holds it", mass=1000.0, damping=1e4, stiffness=1e6, release=0.8)
+    settings = {"wall.position": -0.02, "wall.stiffness": 20.0}
+    (warning,) = run("wall", rig=unseen_rig(Task("wall")), hand=hand, duration=5.0, settings=settings).warnings
+    assert "of the periods the motor direction check took the place of the force of the scene" in warning
+
+
 def weighted(newtons: float) -> Plan:
     """A bench on which a weight pulls the handle, as on an upright axis; friction alone holds 0.25 N."""
     return unseen_plan(Task("wall"), simulation=Mechanics(gravity=Weight(newtons * METRES)))
