@@ -320,8 +320,8 @@ def _wall_loop(bench: _WallBench) -> WallLoop | None:
         return None
     (member,), environment = group.members, group.environment()
     wall, (low, high) = cast(Wall, plan.axes[0].elements[0]), member.travel
-    if not isinstance(environment, Places) or not low < wall.position < high:
-        return None  # a wall at an end of the travel or beyond it, which the handle may not reach
+    if not isinstance(environment, Places) or not low < wall.position < high or len(environment.together) > 1:
+        return None  # a wall where the handle may not reach it, or a velocity that is judged in two ways
     (states,), (device,) = environment.together, group.loop.devices
     free = loop_matrix(device, states.free)
     spring, damper = (loop_matrix(device, each) - free for each in (states.spring, states.damper))

@@ -24,7 +24,9 @@ STEP = 1e-7
 
 def drawn(name: str, random: np.random.Generator) -> Any:
     if name == "counted":
-        return Detents("a", 1.0, 10.0 ** random.uniform(-2.5, -1.5), random.uniform(-1.0, 1.0), random.integers(1, 300))
+        return Detents(
+            "a", 1.0, 10.0 ** random.uniform(-2.5, -1.5), random.uniform(-1.0, 1.0), int(random.integers(1, 300))
+        )
     if name == "pendulum":
         return Pendulum("a", 100.0, random.uniform(-30.0, 30.0))
     return element(name, 10.0 ** random.uniform(1.0, 3.0), 10.0, random)
