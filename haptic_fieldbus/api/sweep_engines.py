@@ -10,10 +10,10 @@ all matrices are found in one call. Any other point costs a plan. `loop` simulat
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any, cast, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,21 @@ def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
     if rest:
         return replace(part, **{key: _with_value(getattr(part, key), rest, name, value)})  # type: ignore[type-var]
     return part if value is None else replace(part, **{key: value})  # type: ignore[type-var]
+
+
+def whole_parameters(names: Iterable[str], job: SweepJob) -> frozenset[str]:
+    """Return the parameters that are whole numbers."""
+    scene, rig = cast(Scene, job.task.scene), cast(Rig, job.task.rig)
+    elements = {element.name: element for element in scene.elements}
+
+    def is_whole(name: str) -> bool:
+        first, *path = name.removeprefix(RIG).split(".")
+        owner: Any = (rig.axis if name.startswith(RIG) else elements).get(first)
+        for part in path[:-1]:
+            owner = getattr(owner, part, None)
+        return bool(path) and get_type_hints(type(owner)).get(path[-1]) in (int, int | None)
+
+    return frozenset(name for name in names if name == "seed" or is_whole(name))
 
 
 def units_of_parameters(names: Sequence[str], job: SweepJob) -> dict[str, str]:

@@ -770,3 +770,38 @@ def test_a_figure_that_is_a_number_here_and_a_text_there_is_a_text(tmp_path: Pat
     points = {"wall.stiffness": [200.0, 300.0]}
     found = sweep("wall", points, out=tmp_path, workers=1, measure=number_or_text, **RUNS)
     assert found.to_arrow().column("found").to_pylist() == ["1.5", "none felt"]
+
+
+WHOLE = frozenset({"a.b"})
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_hypercube_of_a_whole_number_has_each_of_its_values_as_often(seed: int) -> None:
+    drawn = replace(SweepPoints.of({"a.b": (3, 12)}, 40, seed), whole=WHOLE)
+    values: list[Any] = drawn.columns(0, 40)["a.b"]
+    assert sorted(values) == [value for value in range(3, 13) for _ in range(4)]
+    assert {type(value) for value in values} == {int}
+    assert drawn.types == {"a.b": "int64"}
+    spread: list[Any] = replace(SweepPoints.of({"a.b": (1, 1023, "log")}, 50, seed), whole=WHOLE).columns(0, 50)["a.b"]
+    assert [sum(2**power <= value < 2 ** (power + 1) for value in spread) for power in range(10)] == [5] * 10
+    largest: list[Any] = replace(SweepPoints.of({"a.b": (0, 2**63 - 1)}, 50, seed), whole=WHOLE).columns(0, 50)["a.b"]
+    assert 0 <= min(largest) < max(largest) <= 2**63 - 1
+
+
+@pytest.mark.parametrize(("ends", "whole"), [((3.0, 12), WHOLE), ((3, 12), frozenset())])
+def test_a_hypercube_of_numbers_is_not_rounded(ends: tuple[float, float], whole: frozenset[str]) -> None:
+    drawn = replace(SweepPoints.of({"a.b": ends}, 40, 0), whole=whole)
+    values: list[Any] = drawn.columns(0, 40)["a.b"]
+    assert any(value % 1.0 for value in values)
+    assert drawn.types == {"a.b": "float64"}
+
+
+def test_seeds_counts_and_encoders_are_whole_numbers_and_a_stiffness_is_not() -> None:
+    rows = sweep("detents", {"detents.count": (1, 10), "seed": (0, 99), "detents.pitch": (1, 2)}, engine="full",
+                 sample=3, workers=1, duration=0.02).to_frame()  # fmt: skip
+    assert rows["outcome"].tolist() == ["done"] * 3
+    assert [rows[name].dtype.kind for name in ("detents.count", "seed", "detents.pitch")] == ["i", "i", "f"]
+    counts = "rig.handle.encoder_counts_per_revolution"
+    rows = sweep("wall", {counts: (500, 4000), "wall.stiffness": (100, 900)}, sample=3, workers=1).to_frame()
+    assert [rows[name].dtype.kind for name in (counts, "wall.stiffness")] == ["i", "f"]
+    assert rows["outcome"].tolist() == ["done"] * 3
