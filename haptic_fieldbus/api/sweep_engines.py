@@ -38,7 +38,7 @@ from haptic_fieldbus.margins.closed_loop import environment_of
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.margins.passivity import spread_of, weight
-from haptic_fieldbus.margins.plant import quantisation_limit
+from haptic_fieldbus.margins.plant import quantisation_limit, sample
 from haptic_fieldbus.margins.stiffness_map import ParallelStates, Places
 from haptic_fieldbus.margins.verdict import AT_LIMIT, Verdict
 from haptic_fieldbus.numerics import batch
@@ -364,8 +364,8 @@ FLICK = {Workspace.LINEAR: 1.0, Workspace.ROTARY: 20.0}
 """Velocity at the start [m/s or rad/s], far above an encoder count a period."""
 
 
-AT_REST = 1e-9
-"""Relative growth of an excursion that counts as rounding."""
+AT_REST, ALIGNED = 1e-9, 1e-7
+"""Relative growth of an excursion, and angle of an eigenvalue [rad], that count as rounding."""
 
 
 def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
@@ -383,6 +383,10 @@ def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
             rows[at] = _refused(error)
     alike: dict[tuple[int, bool], list[SimulatedLoop]] = {}
     for each in loops:
+        if (least := 4.0 * each.half_swing(0.25 * job.steps)) > job.steps:
+            text = f"expected at least {math.ceil(least)}, as each quarter needs half of a swing of the handle"
+            rows[each.at] = _refused(UsageError(f"steps {job.steps}: {text}"))
+            continue
         alike.setdefault((each.environment.order, each.member.plant.torque_lag > 0.0), []).append(each)
     for group in alike.values():
         rows |= _simulated(group, job.steps)
@@ -397,6 +401,15 @@ class SimulatedLoop:
     member: Member
     period: float
     environment: StateSpace
+
+    def half_swing(self, periods: float) -> float:
+        """Return half of the slowest swing that does not die within so many periods, in periods; 0: there is none."""
+        device = sample(self.member.plant, self.period, self.member.delay)
+        modes = np.linalg.eigvals(loop_matrix(device, self.environment))
+        moduli, angles = np.abs(modes), np.abs(np.angle(modes))
+        # A double real eigenvalue may have an angle by rounding.
+        lasts = (moduli >= moduli.max() * AT_REST ** (1.0 / periods)) & (angles > ALIGNED)
+        return math.pi / float(angles.min(where=lasts, initial=math.inf))
 
 
 def _single_loop(task: Task, at: int) -> SimulatedLoop:

@@ -325,7 +325,7 @@ FINE = {"rig.handle.encoder_counts_per_revolution": [2**28]}
 )
 def test_a_simulated_loop_is_that_of_scipy(scene: str, values: dict[str, float]) -> None:
     """By `dlsim` of the matrix of a period, which the batch does not use."""
-    steps = 400
+    steps = 1200
     points = {name: [value] for name, value in values.items()} | FINE
     (row,) = rows(sweep(scene, points, engine="loop", steps=steps, workers=1))
     group = judge_scene(Task(scene, settings=values)).group
@@ -365,13 +365,30 @@ def test_a_loop_does_not_depend_on_the_loops_beside_it() -> None:
         "wall.stiffness": np.linspace(100.0, 2000.0, 5),
         "wall.damping": [0.0, 2.0],
     }
-    options: dict[str, Any] = {"engine": "loop", "steps": 200, "workers": 1}
+    options: dict[str, Any] = {"engine": "loop", "steps": 1200, "workers": 1}
     together = sweep("wall", points, **options)
     assert equal(together, sweep("wall", points, chunk=1, **options))
     assert equal(together, sweep("wall", points, chunk=7, **options))
-    assert together.loop_steps == 6000
+    assert together.loop_steps == 36_000
     assert together.loop_steps_per_s is not None
     assert together.outcomes == {"done": 20, "refused": 10, "tripped": 0}
+
+
+@pytest.mark.parametrize("steps", [16, 60, 200, 400, 1000, 4000])
+def test_a_passive_wall_never_grows_however_few_the_steps_are(steps: int) -> None:
+    """Half of a swing takes π·√(m/K) seconds, about, which must fit into a quarter of the steps of 1 ms."""
+    points = {"wall.stiffness": np.geomspace(50.0, 1200.0, 20)} | FINE
+    assert {row["verdict"] for row in rows(sweep("wall", points, workers=1))} == {"passive"}
+    found = rows(sweep("wall", points, engine="loop", steps=steps, workers=1))
+    assert not any(row["grew"] for row in found)
+    (member,) = judge_scene(Task("wall")).group.members
+    for row in found:
+        least = 4e3 * math.pi * math.sqrt(member.plant.mass / row["wall.stiffness"])
+        if abs(steps / least - 1.0) > 0.05:
+            assert row["outcome"] == ("done" if steps > least else "refused")
+            assert row["message"] is None or float(row["message"].split()[5].strip(",")) == pytest.approx(
+                least, rel=0.05
+            )
 
 
 @pytest.mark.parametrize("steps", [1000, 1500, 4000, 9000, 10000, 11000])
