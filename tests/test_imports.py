@@ -88,6 +88,7 @@ DOES_WITHOUT = {
         "documents.document": "documents.positions",
         "margins.closed_loop": "margins.bodies",
         "margins.group": "margins.coupled",
+        "margins.group": "numerics.estimators",
         "margins.passivity": "numerics.estimators",
         "margins.resting_points": "margins.own_laws",
         "numerics.coupled": "numerics.estimators",

@@ -72,7 +72,7 @@ class Member:
             return False
         from haptic_fieldbus.numerics import estimators  # only scenes that use velocity need it
 
-        return self.effort > estimators.followed(self.estimator) * self.plant.mass
+        return self.effort > estimators.most_acceleration(self.estimator) * self.plant.mass
 
     def at(self, values: Values) -> "Member":
         """Return the same axis with these values; the mass of further bodies scales with that of the plant."""

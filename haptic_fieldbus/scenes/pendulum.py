@@ -54,8 +54,8 @@ class Pendulum:
         return turning(lower - self.position, upper - self.position, self.torque, 1.0)
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return angles all around a few turns within the travel."""
-        turns = periods(2.0 * pi, self.position, lower, upper, 2)
+        """Return angles all around one turn within the travel."""
+        turns = periods(2.0 * pi, self.position, lower, upper, most=0)
         return tuple(turn + pi * number / 12.0 for turn in turns for number in range(-12, 13))
 
     def linearised(self) -> StateSpace:

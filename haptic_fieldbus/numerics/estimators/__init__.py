@@ -23,7 +23,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
     "ESTIMATORS", "ChosenEstimator", "Estimate", "Estimator", "bind", "chosen", "discrete", "estimator_named",
-    "followed", "is_timed", "linear_form", "linear_stand_in",
+    "is_timed", "linear_form", "linear_stand_in", "most_acceleration",
 ]  # fmt: skip
 
 ESTIMATORS = {
@@ -139,7 +139,7 @@ def linear_stand_in(spec: str) -> str | None:
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
 
 
-def followed(spec: str) -> float:
+def most_acceleration(spec: str) -> float:
     """Return the largest acceleration that the velocity of an estimator follows [m/s² or rad/s²]."""
     choice = chosen(spec)
     return choice.estimator.follows(choice.setup(1.0))
