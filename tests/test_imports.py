@@ -87,7 +87,7 @@ DOES_WITHOUT = {
         "cycle.laws": "numerics.estimators numerics.integrators",
         "documents.document": "documents.positions",
         "margins.closed_loop": "margins.bodies",
-        "margins.group": "margins.coupled",
+        "margins.group": "margins.coupled numerics.estimators",
         "margins.passivity": "numerics.estimators",
         "margins.resting_points": "margins.own_laws",
         "numerics.coupled": "numerics.estimators",

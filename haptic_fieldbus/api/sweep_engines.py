@@ -10,10 +10,10 @@ all matrices are found in one call. Any other point costs a plan. `loop` simulat
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any, cast, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ from haptic_fieldbus.margins.closed_loop import environment_of
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.margins.passivity import spread_of, weight
-from haptic_fieldbus.margins.plant import quantisation_limit
+from haptic_fieldbus.margins.plant import quantisation_limit, sample
 from haptic_fieldbus.margins.stiffness_map import ParallelStates, Places
 from haptic_fieldbus.margins.verdict import AT_LIMIT, Verdict
 from haptic_fieldbus.numerics import batch
@@ -131,6 +131,21 @@ def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
     if rest:
         return replace(part, **{key: _with_value(getattr(part, key), rest, name, value)})  # type: ignore[type-var]
     return part if value is None else replace(part, **{key: value})  # type: ignore[type-var]
+
+
+def whole_parameters(names: Iterable[str], job: SweepJob) -> frozenset[str]:
+    """Return the parameters that are whole numbers."""
+    scene, rig = cast(Scene, job.task.scene), cast(Rig, job.task.rig)
+    elements = {element.name: element for element in scene.elements}
+
+    def is_whole(name: str) -> bool:
+        first, *path = name.removeprefix(RIG).split(".")
+        owner: Any = (rig.axis if name.startswith(RIG) else elements).get(first)
+        for part in path[:-1]:
+            owner = getattr(owner, part, None)
+        return bool(path) and get_type_hints(type(owner)).get(path[-1]) in (int, int | None)
+
+    return frozenset(name for name in names if name == "seed" or is_whole(name))
 
 
 def units_of_parameters(names: Sequence[str], job: SweepJob) -> dict[str, str]:
@@ -320,8 +335,8 @@ def _wall_loop(bench: _WallBench) -> WallLoop | None:
         return None
     (member,), environment = group.members, group.environment()
     wall, (low, high) = cast(Wall, plan.axes[0].elements[0]), member.travel
-    if not isinstance(environment, Places) or not low < wall.position < high:
-        return None  # a wall at an end of the travel or beyond it, which the handle may not reach
+    if not isinstance(environment, Places) or not low < wall.position < high or len(environment.together) > 1:
+        return None  # a wall where the handle may not reach it, or a velocity that is judged in two ways
     (states,), (device,) = environment.together, group.loop.devices
     free = loop_matrix(device, states.free)
     spring, damper = (loop_matrix(device, each) - free for each in (states.spring, states.damper))
@@ -349,8 +364,8 @@ FLICK = {Workspace.LINEAR: 1.0, Workspace.ROTARY: 20.0}
 """Velocity at the start [m/s or rad/s], far above an encoder count a period."""
 
 
-AT_REST = 1e-9
-"""Relative growth of an excursion that counts as rounding."""
+AT_REST, ALIGNED = 1e-9, 1e-7
+"""Relative growth of an excursion, and angle of an eigenvalue [rad], that count as rounding."""
 
 
 def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
@@ -368,6 +383,10 @@ def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
             rows[at] = _refused(error)
     alike: dict[tuple[int, bool], list[SimulatedLoop]] = {}
     for each in loops:
+        if (least := 4.0 * each.half_swing(0.25 * job.steps)) > job.steps:
+            text = f"expected at least {math.ceil(least)}, as each quarter needs half of a swing of the handle"
+            rows[each.at] = _refused(UsageError(f"steps {job.steps}: {text}"))
+            continue
         alike.setdefault((each.environment.order, each.member.plant.torque_lag > 0.0), []).append(each)
     for group in alike.values():
         rows |= _simulated(group, job.steps)
@@ -382,6 +401,15 @@ class SimulatedLoop:
     member: Member
     period: float
     environment: StateSpace
+
+    def half_swing(self, periods: float) -> float:
+        """Return half of the slowest swing that does not die within so many periods, in periods; 0: there is none."""
+        device = sample(self.member.plant, self.period, self.member.delay)
+        modes = np.linalg.eigvals(loop_matrix(device, self.environment))
+        moduli, angles = np.abs(modes), np.abs(np.angle(modes))
+        # A double real eigenvalue may have an angle by rounding.
+        lasts = (moduli >= moduli.max() * AT_REST ** (1.0 / periods)) & (angles > ALIGNED)
+        return math.pi / float(angles.min(where=lasts, initial=math.inf))
 
 
 def _single_loop(task: Task, at: int) -> SimulatedLoop:

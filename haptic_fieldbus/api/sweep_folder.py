@@ -65,6 +65,8 @@ class SweepPoints:
     """
     count: int
     seed: int
+    whole: frozenset[str] = frozenset()
+    """Parameters that are whole numbers; a hypercube between whole numbers draws such ones of them."""
 
     @classmethod
     def of(cls, given: Any, sample: int | None, seed: int) -> "SweepPoints":
@@ -110,14 +112,19 @@ class SweepPoints:
         for place, (name, (low, high, logarithmic)) in enumerate(self.values.items()):
             random = np.random.default_rng([self.seed, place])
             share = (random.permutation(self.count) + random.random(self.count)) / self.count
-            found[name] = low * (high / low) ** share if logarithmic else low + share * (high - low)
+            end = high + 1 if self._draws_whole(name) else high
+            drawn = low * (end / low) ** share if logarithmic else low + share * (end - low)
+            found[name] = drawn if end == high else np.minimum(np.floor(drawn), high).astype(np.int64)
         return found
+
+    def _draws_whole(self, name: str) -> bool:
+        return name in self.whole and all(type(end) is int for end in self.values[name][:2])
 
     @cached_property
     def types(self) -> dict[str, str]:
         """Types of the columns of Arrow: whole numbers, numbers, truth values, or texts for everything else."""
         if self.kind == "hypercube":
-            return dict.fromkeys(self.values, "float64")
+            return {name: "int64" if self._draws_whole(name) else "float64" for name in self.values}
         return {name: _type_of(values) for name, values in self.values.items()}
 
 
@@ -167,7 +174,7 @@ def _hypercube(columns: Mapping[str, tuple[Any, ...]], sample: int, seed: int) -
             raise UsageError(
                 f'{name}: expected (least, largest) or (least, largest, "log"), in rising order, "log" above 0'
             )
-        ranges[name] = (float(low), float(high), bool(how))
+        ranges[name] = (low, high, bool(how))
     return SweepPoints("hypercube", ranges, _checked_count(sample), seed)
 
 

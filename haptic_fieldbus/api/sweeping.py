@@ -24,7 +24,15 @@ from weakref import finalize
 from haptic_fieldbus.api import Trial, progress_line
 from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
-from haptic_fieldbus.api.sweep_engines import ENGINES, Measure, SweepJob, check_names, evaluate, units_of_parameters
+from haptic_fieldbus.api.sweep_engines import (
+    ENGINES,
+    Measure,
+    SweepJob,
+    check_names,
+    evaluate,
+    units_of_parameters,
+    whole_parameters,
+)
 from haptic_fieldbus.api.sweep_folder import Given, Rows, Sweep, SweepFolder, SweepPoints
 from haptic_fieldbus.defaults import (
     DEFAULT_DURATION,
@@ -222,16 +230,16 @@ def sweep(
 ) -> Sweep:
     """Judge or run a scene at many points, and return the rows.
 
-    `points` maps parameters to their values, of which every product is a point; with `sample` to (least, largest)
-    or (least, largest, "log"), of which a Latin hypercube of so many points is drawn by `seed`; or it is a list of
-    points. Parameters are element.parameter, rig.axis.key, rate, method and estimator, and for the engine `full` hand,
-    seed, duration and fade_in. The engine `verdict` judges the loop; `loop` simulates `steps` periods after a flick in
-    sustained contact; `full` runs it in simulation, with `force` above its limit too, and `measure` maps the result of
-    a run to figures. Rows go to the folder `out`, by chunks of `chunk` points; the same call goes on with a folder that
-    is not complete. The work is done by `workers` processes (one a processor), by any `executor`, or by the Dask
-    cluster whose `scheduler` has this address. Refusals and trips are rows. Raises TypeError, DocumentError or
-    UsageError for what no point could have, UsageError for a folder with other inputs, and KeyboardInterrupt after
-    Ctrl-C, SIGTERM or SIGHUP.
+    `points` maps parameters to their values, of which every product is a point; with `sample` to (least, largest) or
+    (least, largest, "log"), of which a Latin hypercube of so many points is drawn by `seed` (whole numbers where the
+    parameter and both ends are such); or it is a list of points. Parameters are element.parameter, rig.axis.key, rate,
+    method and estimator, and for the engine `full` hand, seed, duration and fade_in. The engine `verdict` judges the
+    loop; `loop` simulates `steps` periods after a flick in sustained contact; `full` runs it in simulation, with
+    `force` above its limit too, and `measure` maps the result of a run to figures. Rows go to the folder `out`, by
+    chunks of `chunk` points; the same call goes on with a folder that is not complete. The work is done by `workers`
+    processes (one a processor), by any `executor`, or by the Dask cluster whose `scheduler` has this address. Refusals
+    and trips are rows. Raises TypeError, DocumentError or UsageError for what no point could have, UsageError for a
+    folder with other inputs, and KeyboardInterrupt after Ctrl-C, SIGTERM or SIGHUP.
     """
     task, trial, asked = asked_of("sweep", locals(), Task, Trial, SweepRequest)
     asked.check()
@@ -243,6 +251,7 @@ def sweep(
 def sweep_task(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest) -> Sweep:
     """Sweep the points of a task, as `sweep` does."""
     job, inputs = _prepared(task, trial, points, asked)
+    points = replace(points, whole=whole_parameters(points.values, job))
     if asked.out is not None:
         return _swept(Path(asked.out), job, inputs, points, asked)
     path = Path(mkdtemp(prefix="haptic-fieldbus-"))

@@ -148,7 +148,7 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
     ):
         raise ValueError
     if drawn:
-        return [*ends, *how]
+        return [_plain_value(low), _plain_value(high), *how]
     values: list[float | str] = (geomspace if how else linspace)(*ends, count).tolist()
     return values
 

@@ -30,7 +30,9 @@ from haptic_fieldbus.margins.resting_points import AxisElements, axis_elements
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, OwnLaw
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval
+from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
@@ -62,6 +64,15 @@ class Member:
         """Ranges of its values."""
         lag = self.plant.torque_lag
         return self.ranges or exact_bench((lag, lag), (self.delay, self.delay), Basis.STATED)
+
+    @property
+    def loses_velocity(self) -> bool:
+        """Whether the motor can accelerate the handle by more than the velocity of the estimator follows."""
+        if self.estimator == TACHOMETER or not any(Signal.VELOCITY in each.needs for each in self.elements):
+            return False
+        from haptic_fieldbus.numerics import estimators  # only scenes that use velocity need it
+
+        return self.effort > estimators.most_acceleration(self.estimator) * self.plant.mass
 
     def at(self, values: Values) -> "Member":
         """Return the same axis with these values; the mass of further bodies scales with that of the plant."""
@@ -324,8 +335,9 @@ class Group:
 
     def _axle_of(self, member: Member) -> AxisElements:
         return axis_elements(
-            member.elements, self.period, member.method, member.estimator, member.effort, member.travel
-        )
+            member.elements, self.period, member.method, member.estimator, member.effort, member.travel,
+            member.loses_velocity,
+        )  # fmt: skip
 
     def environment(self, **changes: float) -> StateSpace:
         """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""

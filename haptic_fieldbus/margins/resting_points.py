@@ -61,6 +61,8 @@ class AxisElements:
     """Largest force of the motor [N or N·m]."""
     travel: Interval = EVERYWHERE
     """Positions that the handle can have [m or rad]."""
+    loses_velocity: bool = False
+    """Whether the estimator may stay far behind the handle; the loop is then also judged with the velocity 0."""
 
     @cached_property
     def stiffest(self) -> Element | None:
@@ -223,7 +225,8 @@ class AxisElements:
     @cached_property
     def _without_states(self) -> tuple[tuple[ParallelStates, ...], tuple[ParallelStates, ...]]:
         """`ParallelStates` without elements: for elements that need no velocity, and for elements that need it."""
-        return (ParallelStates((), self.period, None),), (ParallelStates((), self.period, self.estimator),)
+        none, estimated = (ParallelStates((), self.period, each) for each in (None, self.estimator))
+        return (none,), (estimated, none) if self.loses_velocity else (estimated,)
 
     def _scaled(self, changes: Mapping[str, float]) -> "Resting | None":
         """Return the places of a single element whose force scales with its stiffness; None for any other."""
@@ -284,10 +287,11 @@ class AxisElements:
         if len(leaving) > MOST_COMBINED:
             chosen = [chosen[0], chosen[-1]]
         estimator = self.estimator if any(Signal.VELOCITY in each.needs for each in elements) else None
-        return tuple(
+        found = [
             ParallelStates((*always, *(space for space in each if space is not None)), self.period, estimator)
             for each in chosen
-        )
+        ]
+        return (*found, *(each.still() for each in found if self.loses_velocity and estimator is not None))
 
     def _increments(self, ground: StiffnessMap | None, beside: "ElementStates") -> Increments:
         slope, damping = sum_of_bounds(beside.bounds)
@@ -316,12 +320,13 @@ def axis_elements(
     estimator: str | None,
     effort: float,
     travel: Interval,
+    loses_velocity: bool,
 ) -> AxisElements:
     """Return the elements of an axis; those of an equal axis are reused, because they do not depend on its device."""
     try:
-        return _kept(elements, period, method, estimator, effort, travel)
+        return _kept(elements, period, method, estimator, effort, travel, loses_velocity)
     except TypeError:  # an element of one's own without a hash
-        return AxisElements(elements, period, method, estimator, effort, travel)
+        return AxisElements(elements, period, method, estimator, effort, travel, loses_velocity)
 
 
 _kept = lru_cache(maxsize=KEPT_AXES)(AxisElements)

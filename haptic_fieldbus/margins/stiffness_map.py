@@ -304,6 +304,12 @@ class ParallelStates:
         kept = 0.0 if self.estimator is None else damping or KEPT
         return estimated(parallel([*self.spaces, gain([[-stiffness, -kept]])]), self.period, self.estimator)
 
+    def still(self) -> "ParallelStates":
+        """Return the same with the velocity 0 for all elements."""
+        inputs = np.array([1.0, 0.0])
+        spaces = (StateSpace(each.a, each.b * inputs, each.c, each.d * inputs) for each in self.spaces)
+        return ParallelStates(tuple(spaces), self.period, None)
+
     def at(self, stiffness: float, damping: float) -> StateSpace:
         """Return the environment with this spring and damper."""
         if not (stiffness or damping):

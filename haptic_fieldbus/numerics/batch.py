@@ -175,7 +175,9 @@ def slide(device: SampledMass, position: Array, velocity: Array, force: Array, s
     net = np.where(direction != 0.0, force - direction * device.coulomb, 0.0)
     x, v = _slip(device, position, velocity, net, span)
     # A mass whose velocity has reversed came to rest within the span, and friction changed its sign there.
-    reverses = (velocity != 0.0) & (v * direction < 0.0)
+    wrong = (velocity != 0.0) & (v * direction < 0.0)
+    reverses = wrong & (net * direction < 0.0)
+    v[wrong & ~reverses] = 0.0  # by rounding: no force opposes what is left of the velocity
     if reverses.any():
         x[reverses], v[reverses] = _through_rest(
             device.part(reverses), position[reverses], velocity[reverses], force[reverses], span[reverses]

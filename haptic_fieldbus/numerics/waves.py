@@ -77,7 +77,8 @@ class Envelope:
             raise ValueError(
                 f"fade_time {exactly(self.fade_time)}: expected a duration too, as the fade ends with the effect"
             )
-        if self.duration is not None and self.attack_time + self.fade_time > self.duration:
+        # To half of a nanosecond, because in floats 0.1 + 0.2 is above 0.3.
+        if self.duration is not None and self.attack_time + self.fade_time > self.duration + 0.5 / SECOND:
             raise ValueError(
                 f"attack_time {exactly(self.attack_time)} and fade_time {exactly(self.fade_time)}: expected to fit "
                 f"into the duration {exactly(self.duration)}"

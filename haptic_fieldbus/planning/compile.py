@@ -296,7 +296,7 @@ def _estimated(axis: AxisPlan) -> Iterator[str]:
     """Yield the steps that derive the handle's motion from the encoder."""
     yield f"position: counts → {axis.workspace.length_unit}, speed check"
     if axis.estimator:
-        yield f"velocity: {axis.estimator}{_linear_note(axis.estimator)}"
+        yield f"velocity: {axis.estimator}{_linear_note(axis)}"
 
 
 def _integrated(axis: AxisPlan) -> Iterator[str]:
@@ -310,13 +310,16 @@ def _integrated(axis: AxisPlan) -> Iterator[str]:
     )
 
 
-def _linear_note(estimator: str) -> str:
+def _linear_note(axis: AxisPlan) -> str:
     """Return a remark when the estimator is not linear, so that stability is judged with another one; else empty."""
     # Imported here, because a plan without velocity needs no estimator.
     from haptic_fieldbus.numerics.estimators import linear_stand_in
 
-    other = linear_stand_in(estimator)
-    return "" if other is None else f" (not linear: stability is checked with {other})"
+    other = linear_stand_in(_estimator(axis))
+    still = (
+        ", and with the velocity 0" if axis.group and any(each.loses_velocity for each in axis.group.members) else ""
+    )
+    return "" if other is None else f" (not linear: stability is checked with {other}{still})"
 
 
 def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:

@@ -85,12 +85,12 @@ class Detents:
         return turning(begin, end, self.amplitude, 2.0 * math.pi / self.pitch)
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return places in the valleys and on the ridges between them; of many only those next to the first."""
-        last = self.position + (self.count - 1) * self.pitch if self.count else upper
-        valleys = periods(self.pitch, self.position, self.position if self.count else lower, min(upper, last))
-        grid = [
-            valley + self.pitch * number / 12.0 for valley in valleys or (self.position,) for number in range(-6, 7)
-        ]
+        """Return places in the valleys and on the ridges between them; of many only some within the travel."""
+        if self.count:
+            last = self.position + (self.count - 1) * self.pitch
+            lower, upper = max(lower, self.position), min(upper, last)
+        valleys = periods(self.pitch, self.position, lower, upper)
+        grid = [valley + self.pitch * number / 12.0 for valley in valleys for number in range(-6, 7)]
         return (*grid, last + 0.5 * self.pitch) if self.count else tuple(grid)
 
     def linearised(self) -> StateSpace:

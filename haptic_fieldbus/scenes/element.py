@@ -118,9 +118,14 @@ def remainder(way: float, pitch: float) -> float:
 
 
 def periods(pitch: float, first: float, lower: float, upper: float, most: int = 24) -> tuple[float, ...]:
-    """Return the valleys first + n·pitch from `lower` to `upper`; of many only `most` around the first one."""
-    begin = max(math.ceil((lower - first) / pitch) if math.isfinite(lower) else -most, -most // 2)
-    end = min(math.floor((upper - first) / pitch) if math.isfinite(upper) else most, most // 2)
+    """Return the valleys first + n·pitch from `lower` to `upper`, and the one before and after them.
+
+    Of many only some are returned: the one within that is nearest to the first, and up to `most` around it.
+    """
+    low = math.ceil((lower - first) / pitch) if math.isfinite(lower) else -math.inf
+    high = math.floor((upper - first) / pitch) if math.isfinite(upper) else math.inf
+    nearest = int(min(max(0, low), high))
+    begin, end = int(max(low - 1, nearest - most // 2)), int(min(high + 1, nearest + most // 2))
     return tuple(first + number * pitch for number in range(begin, end + 1))
 
 

@@ -94,9 +94,10 @@ class Inertia:
     @property
     def strongest(self) -> float:
         """Largest force that it may give by itself [N or N·m]: 0 for a plain mass, which gives back what it took."""
-        if self.positive_coefficient == self.negative_coefficient and not (self.offset or self.dead_band):
-            return 0.0
         sides = (self.positive_saturation, self.negative_saturation)
+        is_plain = self.positive_coefficient == self.negative_coefficient and sides == (None, None)
+        if is_plain and not (self.offset or self.dead_band):
+            return 0.0
         return max(math.inf if each is None else each for each in sides)
 
     def linearised(self) -> StateSpace:

@@ -14,7 +14,7 @@ from math import cos, nan, pi, sin
 from typing import ClassVar, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Local, Place, PositiveEffort, turning
+from haptic_fieldbus.scenes.element import STRICT, Local, Place, PositiveEffort, periods, turning
 from haptic_fieldbus.signals import Signal, Workspace
 
 
@@ -54,8 +54,9 @@ class Pendulum:
         return turning(lower - self.position, upper - self.position, self.torque, 1.0)
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return angles all around one turn."""
-        return tuple(self.position + pi * number / 12.0 for number in range(-12, 13))
+        """Return angles all around one turn within the travel."""
+        turns = periods(2.0 * pi, self.position, lower, upper, most=0)
+        return tuple(turn + pi * number / 12.0 for turn in turns for number in range(-12, 13))
 
     def linearised(self) -> StateSpace:
         """Return the spring about the angle at which it hangs."""

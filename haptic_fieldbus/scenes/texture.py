@@ -109,13 +109,13 @@ class Texture:
         return found
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        """Return places all over the ridges; of many only those next to the middle."""
+        """Return places all over the ridges; of many only some within the travel."""
         if self.profile == "sine":
             grid = [self.pitch * number / 12.0 for number in range(-6, 7)]
         else:
             bend = 0.25 * self.rounding * self.pitch
             grid = [-0.5 * self.pitch, bend - 0.5 * self.pitch, -bend, 0.0, bend, 0.5 * self.pitch - bend]
-        return tuple(valley + each for valley in periods(self.pitch, 0.0, lower, upper) or (0.0,) for each in grid)
+        return tuple(valley + each for valley in periods(self.pitch, 0.0, lower, upper) for each in grid)
 
     def linearised(self) -> StateSpace:
         """Return the spring of a valley."""

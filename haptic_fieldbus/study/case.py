@@ -53,14 +53,19 @@ def result_of(
     return CaseResult(expected, measured, passed, oracle, tolerance, share_used(*within) if within else None)
 
 
+def greatest(numbers: Iterable[float]) -> float:
+    """Return the largest of numbers; not-a-number if one of them is not a number."""
+    return max(numbers, key=lambda each: (each != each, each))  # NaN differs from itself
+
+
 def relative_error(found: Iterable[float], expected: Iterable[float]) -> float:
     """Return the largest relative difference of numbers from those expected."""
-    return max(abs(one / other - 1.0) for one, other in zip(found, expected, strict=True))
+    return greatest(abs(one / other - 1.0) for one, other in zip(found, expected, strict=True))
 
 
 def largest_error(found: Iterable[float], expected: Iterable[float]) -> float:
     """Return the largest difference of numbers from those expected."""
-    return max(abs(one - other) for one, other in zip(found, expected, strict=True))
+    return greatest(abs(one - other) for one, other in zip(found, expected, strict=True))
 
 
 def refused(ask: Callable[[], object]) -> str:

@@ -19,6 +19,7 @@ from haptic_fieldbus.errors import wrong_kind
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators import Estimator
 from haptic_fieldbus.numerics.integrators import Integrator, rest
+from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, expm
 from haptic_fieldbus.scenes.element import (
     AnyElement,
@@ -44,6 +45,8 @@ FURTHER = 1e-9
 """Step of the difference quotients [m or rad]."""
 REACH = (0.0, 0.03)
 """Middle and amplitude of the motions that an element is tried with, unless others are given [m or rad]."""
+GROWN = 1e-8
+"""Growth of a spectral radius beyond 1 that is more than rounding."""
 Reach = tuple[float, float]
 Check = Callable[..., Iterator[str]]
 
@@ -76,7 +79,7 @@ def check_integrator(integrator: Integrator) -> None:
     Raises TypeError for an object of another class.
     """
     _check_class("integrator", Integrator, integrator)
-    _judge(integrator, (_rest, _claims))
+    _judge(integrator, (_rest, _claims, _limits))
 
 
 def check_hand(hand: Hand) -> None:
@@ -290,6 +293,11 @@ def _oscillator(h: float) -> StateSpace:
     )  # fmt: skip
 
 
+def _decay(rate: float) -> StateSpace:
+    """Return a decay with a rate [1/s]."""
+    return StateSpace(np.array([[-rate]]), np.zeros((1, 2)), np.ones((1, 1)), np.zeros((1, 2)))
+
+
 def _free_error(integrator: Integrator, steps: int) -> float:
     """Return the error of an undamped oscillator after 1 s without input, from a given state."""
     a = np.array([[0.0, 1.0], [-4.0, 0.0]])
@@ -299,6 +307,15 @@ def _free_error(integrator: Integrator, steps: int) -> float:
     for _ in range(steps):
         stored = one.system.a @ stored
     return float(np.abs(one.state[0] @ stored - expm(a) @ begin).max())
+
+
+def _driven_error(integrator: Integrator, steps: int) -> float:
+    """Return the largest error of an oscillator at rest whose support moves as 1 − cos(2·t), over 1 s."""
+    own, driven, t = 3.0, 2.0, np.linspace(0.0, 1.0, steps + 1)
+    inputs = np.column_stack([1.0 - np.cos(driven * t), driven * np.sin(driven * t)])
+    exact = (np.cos(driven * t) - np.cos(own * t)) / (1.0 - (own / driven) ** 2)
+    found = follow(integrator.discretise(_oscillator(own), 1.0 / steps), inputs, (0.0, 0.0)).outputs[:, 0]
+    return float(np.abs(found - exact).max())
 
 
 def _rest(integrator: Integrator) -> Iterator[str]:
@@ -318,20 +335,37 @@ def _rest(integrator: Integrator) -> Iterator[str]:
         yield "virtual states at rest begin to move"
 
 
+def _radius(integrator: Integrator, space: StateSpace) -> float:
+    return float(np.abs(np.linalg.eigvals(integrator.discretise(space, 1.0).system.a)).max())
+
+
+def _limits(integrator: Integrator) -> Iterator[str]:
+    """Check that oscillators and decays grow just beyond the limits that the method claims, and not before."""
+    limits = (
+        ("oscillator_limit", integrator.oscillator_limit, _oscillator),
+        ("lag_limit", integrator.lag_limit, _decay),
+    )
+    for name, limit, space in limits:
+        # Of a limit of 0 nothing is within, and nothing is beyond an infinite one.
+        for share, grows in ((1.0 - 1e-3, False), (1.0 + 1e-3, True)):
+            h = share * limit if 0.0 < limit < math.inf else 0.1 if grows else 1e3
+            found = _radius(integrator, space(h))
+            if limit != (math.inf if grows else 0.0) and (found <= 1.0 + GROWN) is grows:
+                yield f"{name} {limit:.9g}: spectral radius {found:.9g} at {h:.9g}"
+
+
 def _claims(integrator: Integrator) -> Iterator[str]:
-    """Check growth, order and limits that the method claims."""
+    """Check growth and order that the method claims."""
     for h in (0.1, 0.5, 1.0):
-        one = integrator.discretise(_oscillator(h), 1.0)
-        found, claimed = float(np.abs(np.linalg.eigvals(one.system.a)).max()), integrator.oscillator_growth(h)
+        found, claimed = _radius(integrator, _oscillator(h)), integrator.oscillator_growth(h)
         if not math.isclose(found, claimed, rel_tol=1e-6):
             yield f"spectral radius {found:.9g} on an oscillator of h = {h}, claimed {claimed:.9g}"
     if integrator.growth is not None:
-        decay = StateSpace(np.array([[-0.3]]), np.zeros((1, 2)), np.ones((1, 1)), np.zeros((1, 2)))
-        found, claimed = float(integrator.discretise(decay, 1.0).system.a[0, 0]), abs(integrator.growth(-0.3))
-        if not math.isclose(abs(found), claimed, rel_tol=1e-9):
+        found, claimed = _radius(integrator, _decay(0.3)), abs(integrator.growth(-0.3))
+        if not math.isclose(found, claimed, rel_tol=1e-9):
             yield f"growth {found:.9g} of a decay with λ·T = -0.3, claimed {claimed:.9g}"
-    coarse, fine = (_free_error(integrator, steps) for steps in (64, 128))
-    if coarse > 1e-11:
-        order = math.log2(coarse / fine)
-        if order < integrator.free_order - 0.3:
-            yield f"error of a free motion falls with order {order:.2f}, claimed {integrator.free_order}"
+    motions = (("free", _free_error, integrator.free_order), ("driven", _driven_error, integrator.order))
+    for motion, error, order in motions:
+        coarse, fine = (error(integrator, steps) for steps in (64, 128))
+        if coarse > 1e-11 and math.log2(coarse / fine) < order - 0.3:
+            yield f"error of a {motion} motion falls with order {math.log2(coarse / fine):.2f}, claimed {order}"

@@ -325,7 +325,7 @@ FINE = {"rig.handle.encoder_counts_per_revolution": [2**28]}
 )
 def test_a_simulated_loop_is_that_of_scipy(scene: str, values: dict[str, float]) -> None:
     """By `dlsim` of the matrix of a period, which the batch does not use."""
-    steps = 400
+    steps = 1200
     points = {name: [value] for name, value in values.items()} | FINE
     (row,) = rows(sweep(scene, points, engine="loop", steps=steps, workers=1))
     group = judge_scene(Task(scene, settings=values)).group
@@ -365,13 +365,30 @@ def test_a_loop_does_not_depend_on_the_loops_beside_it() -> None:
         "wall.stiffness": np.linspace(100.0, 2000.0, 5),
         "wall.damping": [0.0, 2.0],
     }
-    options: dict[str, Any] = {"engine": "loop", "steps": 200, "workers": 1}
+    options: dict[str, Any] = {"engine": "loop", "steps": 1200, "workers": 1}
     together = sweep("wall", points, **options)
     assert equal(together, sweep("wall", points, chunk=1, **options))
     assert equal(together, sweep("wall", points, chunk=7, **options))
-    assert together.loop_steps == 6000
+    assert together.loop_steps == 36_000
     assert together.loop_steps_per_s is not None
     assert together.outcomes == {"done": 20, "refused": 10, "tripped": 0}
+
+
+@pytest.mark.parametrize("steps", [16, 60, 200, 400, 1000, 4000])
+def test_a_passive_wall_never_grows_however_few_the_steps_are(steps: int) -> None:
+    """Half of a swing takes π·√(m/K) seconds, about, which must fit into a quarter of the steps of 1 ms."""
+    points = {"wall.stiffness": np.geomspace(50.0, 1200.0, 20)} | FINE
+    assert {row["verdict"] for row in rows(sweep("wall", points, workers=1))} == {"passive"}
+    found = rows(sweep("wall", points, engine="loop", steps=steps, workers=1))
+    assert not any(row["grew"] for row in found)
+    (member,) = judge_scene(Task("wall")).group.members
+    for row in found:
+        least = 4e3 * math.pi * math.sqrt(member.plant.mass / row["wall.stiffness"])
+        if abs(steps / least - 1.0) > 0.05:
+            assert row["outcome"] == ("done" if steps > least else "refused")
+            assert row["message"] is None or float(row["message"].split()[5].strip(",")) == pytest.approx(
+                least, rel=0.05
+            )
 
 
 @pytest.mark.parametrize("steps", [1000, 1500, 4000, 9000, 10000, 11000])
@@ -770,3 +787,38 @@ def test_a_figure_that_is_a_number_here_and_a_text_there_is_a_text(tmp_path: Pat
     points = {"wall.stiffness": [200.0, 300.0]}
     found = sweep("wall", points, out=tmp_path, workers=1, measure=number_or_text, **RUNS)
     assert found.to_arrow().column("found").to_pylist() == ["1.5", "none felt"]
+
+
+WHOLE = frozenset({"a.b"})
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_hypercube_of_a_whole_number_has_each_of_its_values_as_often(seed: int) -> None:
+    drawn = replace(SweepPoints.of({"a.b": (3, 12)}, 40, seed), whole=WHOLE)
+    values: list[Any] = drawn.columns(0, 40)["a.b"]
+    assert sorted(values) == [value for value in range(3, 13) for _ in range(4)]
+    assert {type(value) for value in values} == {int}
+    assert drawn.types == {"a.b": "int64"}
+    spread: list[Any] = replace(SweepPoints.of({"a.b": (1, 1023, "log")}, 50, seed), whole=WHOLE).columns(0, 50)["a.b"]
+    assert [sum(2**power <= value < 2 ** (power + 1) for value in spread) for power in range(10)] == [5] * 10
+    largest: list[Any] = replace(SweepPoints.of({"a.b": (0, 2**63 - 1)}, 50, seed), whole=WHOLE).columns(0, 50)["a.b"]
+    assert 0 <= min(largest) < max(largest) <= 2**63 - 1
+
+
+@pytest.mark.parametrize(("ends", "whole"), [((3.0, 12), WHOLE), ((3, 12), frozenset())])
+def test_a_hypercube_of_numbers_is_not_rounded(ends: tuple[float, float], whole: frozenset[str]) -> None:
+    drawn = replace(SweepPoints.of({"a.b": ends}, 40, 0), whole=whole)
+    values: list[Any] = drawn.columns(0, 40)["a.b"]
+    assert any(value % 1.0 for value in values)
+    assert drawn.types == {"a.b": "float64"}
+
+
+def test_seeds_counts_and_encoders_are_whole_numbers_and_a_stiffness_is_not() -> None:
+    rows = sweep("detents", {"detents.count": (1, 10), "seed": (0, 99), "detents.pitch": (1, 2)}, engine="full",
+                 sample=3, workers=1, duration=0.02).to_frame()  # fmt: skip
+    assert rows["outcome"].tolist() == ["done"] * 3
+    assert [rows[name].dtype.kind for name in ("detents.count", "seed", "detents.pitch")] == ["i", "i", "f"]
+    counts = "rig.handle.encoder_counts_per_revolution"
+    rows = sweep("wall", {counts: (500, 4000), "wall.stiffness": (100, 900)}, sample=3, workers=1).to_frame()
+    assert [rows[name].dtype.kind for name in (counts, "wall.stiffness")] == ["i", "f"]
+    assert rows["outcome"].tolist() == ["done"] * 3

@@ -40,6 +40,13 @@ def test_a_sample_and_refused_points_are_told(command: Command, tmp_path: Path) 
     assert told["loop_steps_per_s"] is None
 
 
+def test_a_sample_of_whole_numbers_is_whole(command: Command, tmp_path: Path) -> None:
+    grid = ("--grid", "detents.count=1:4", "--grid", "detents.amplitude=1:2.5", "--sample", 4)
+    done = command("sweep", "detents", *grid, "--out", tmp_path / "rows", "--workers", 1)
+    assert done.status == 0, done.err
+    assert sorted(Sweep.read(tmp_path / "rows").to_frame()["detents.count"].tolist()) == [1, 2, 3, 4]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -155,6 +155,19 @@ def test_friction_stops_a_free_mass_after_m_v2_over_2_fc() -> None:
     np.testing.assert_array_equal(found.velocity, 0.0)
 
 
+def test_a_push_that_equals_friction_leaves_the_damping_alone() -> None:
+    """v = v₀·e^(−b·t/m), also where nothing is left of it after one period; x goes to m·v₀/b."""
+    damping, velocity = (np.ravel(each) for each in np.meshgrid(np.geomspace(0.1, 1e3, 81), [-0.7, 0.3, 1.0]))
+    mass, time = 1e-3, 50 * 1e-3
+    ended = run(
+        loops(mass=mass, damping=damping, period=1e-3, coulomb=1.0, push=np.sign(velocity), velocity=velocity), 50
+    )
+    left = np.exp(-damping * time / mass)
+    assert not ended.diverged.any()
+    np.testing.assert_allclose(ended.velocity, velocity * left, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(ended.position, velocity * mass / damping * (1.0 - left), rtol=1e-12)
+
+
 def test_what_overflows_is_flagged_as_diverged() -> None:
     found = run(loops(mass=1e-3, damping=1.0, period=PERIOD, stiffness=[100.0, 1e9], position=1.0), 200)
     assert found.diverged.tolist() == [False, True]

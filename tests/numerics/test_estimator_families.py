@@ -103,7 +103,7 @@ class TestFoaw:
 
     @settings(derandomize=True, max_examples=examples(60))
     @given(ways=WALK, best=st.booleans())
-    def test_is_the_longest_window_that_is_straight_within_the_band(self, ways: list[float], best: bool) -> None:
+    def test_is_the_last_window_before_the_first_that_leaves_the_band(self, ways: list[float], best: bool) -> None:
         band, longest = 1.234567e-5, 12
         step = bind(f"foaw-{'best' if best else 'end'}-fit:window={longest},band={band}", PERIOD)
         before = [0.3] * (longest + 1)

@@ -1,6 +1,7 @@
 """Waves in time: exact phase at any clock, forms against scipy, envelopes against their corners."""
 
 import math
+from decimal import Decimal
 from fractions import Fraction
 
 import mpmath
@@ -147,3 +148,15 @@ def test_an_effect_that_always_plays_is_itself() -> None:
     effect = turns(7.0, 0.0)
     assert played(effect, 0.0, None) is effect
     assert played(lambda elapsed: 2.0, 0.5, None)(LONG) == 2.0
+
+
+@settings(derandomize=True)
+@given(attack=st.integers(1, 10_000), fade=st.integers(1, 10_000), digits=st.integers(1, 6))
+def test_times_that_fill_the_duration_fit_into_it(attack: int, fade: int, digits: int) -> None:
+    """Decimals as in a file, such as 0.1 s and 0.2 s in 0.3 s."""
+    one, other, whole = (float(Decimal(each).scaleb(-digits)) for each in (attack, fade, attack + fade))
+    amplitude = Envelope(2.0, whole, attack_time=one, fade_time=other).amplitude()
+    assert amplitude(nanoseconds(one)) == 2.0
+    assert amplitude(nanoseconds(whole)) == 0.0
+    with pytest.raises(ValueError, match="expected to fit"):
+        Envelope(2.0, whole - 2e-9, attack_time=one, fade_time=other)

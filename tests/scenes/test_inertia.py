@@ -145,6 +145,19 @@ def test_beyond_the_dead_band_each_sign_has_its_share_and_its_saturation() -> No
         assert [law(acceleration * k * PERIOD) for k in range(200)][-1] == pytest.approx(force, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("positive", "negative", "strongest"), [(None, None, 0.0), (0.5, 2.0, 2.0), (0.5, None, math.inf)]
+)
+def test_a_saturated_mass_is_active(positive: float | None, negative: float | None, strongest: float) -> None:
+    """Sped up at 50 m/s² it takes 0.5 N at most, and braked at 1 m/s² it gives 0.3 N: up to 0.15 J from ½·m·v²."""
+    inertia = Inertia("handle", 0.3, 1e-3, positive_saturation=positive, negative_saturation=negative)
+    assert inertia.strongest == strongest
+    law = inertia.begin(PERIOD)
+    speeds = np.concatenate([np.linspace(0.0, 1.0, 21), np.linspace(1.0, 0.0, 1001)])
+    given = sum(law(speed) * speed * PERIOD for speed in speeds.tolist())
+    assert (given > 0.1) is (strongest > 0.0)
+
+
 def test_one_of_the_coefficients_is_that_of_all_of_the_mass() -> None:
     with pytest.raises(ValueError, match=r"positive_coefficient 0\.5, negative_coefficient 0\.7"):
         Inertia("handle", mass=0.5, positive_coefficient=0.5, negative_coefficient=0.7)

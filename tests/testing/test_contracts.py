@@ -1,5 +1,6 @@
 """Contracts that anybody holds parts of his own to: ours keep them, and a planted fault is told."""
 
+import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -206,7 +207,13 @@ def test_an_estimator_that_breaks_a_clause_is_told(changes: dict[str, Any], faul
     [
         ({"oscillator_growth": lambda h: 1.0}, "on an oscillator of h = 0.1, claimed 1"),
         ({"growth": lambda product: 1.0}, "growth 0.7 of a decay with λ·T = -0.3, claimed 1"),
-        ({"free_order": 2.0}, "falls with order 1.0"),
+        ({"free_order": 2.0}, "error of a free motion falls with order 1.0"),
+        ({"order": 2}, "error of a driven motion falls with order 1.0"),
+        ({"oscillator_limit": 0.5}, "oscillator_limit 0.5: spectral radius 1.1"),
+        ({"oscillator_limit": math.inf}, "oscillator_limit inf: spectral radius 1000.0"),
+        ({"lag_limit": 1.99}, "lag_limit 1.99: spectral radius 0.99"),
+        ({"lag_limit": 2.01}, "lag_limit 2.01: spectral radius 1.0"),
+        ({"lag_limit": 0.0}, "lag_limit 0: spectral radius 0.9"),
         ({"discretise": METHODS["rk4"].discretise}, "on an oscillator of h = "),
         ({"discretise": lambda space, period: 1 / 0}, "rest: ZeroDivisionError"),
     ],
@@ -215,6 +222,15 @@ def test_a_method_that_breaks_a_clause_is_told(changes: dict[str, Any], fault: s
     with pytest.raises(AssertionError) as caught:
         check_integrator(replace(METHODS["forward-euler"], name="mine", **changes))
     assert fault in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"), [("verlet", 1.99), ("verlet", 2.01), ("verlet", 0.0), ("rk4", 2.82), ("rk4", 2.84)]
+)
+def test_a_limit_that_is_not_that_of_the_method_is_told(name: str, limit: float) -> None:
+    """Verlet's is 2, that of rk4 2·√2."""
+    with pytest.raises(AssertionError, match=f"oscillator_limit {limit:.9g}: spectral radius"):
+        check_integrator(replace(METHODS[name], oscillator_limit=limit))
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
     "ESTIMATORS", "ChosenEstimator", "Estimate", "Estimator", "bind", "chosen", "discrete", "estimator_named",
-    "is_timed", "linear_form", "linear_stand_in",
+    "is_timed", "linear_form", "linear_stand_in", "most_acceleration",
 ]  # fmt: skip
 
 ESTIMATORS = {
@@ -137,6 +137,12 @@ def linear_stand_in(spec: str) -> str | None:
     choice = chosen(spec)
     # No stand-in depends on the period, so any period serves.
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
+
+
+def most_acceleration(spec: str) -> float:
+    """Return the largest acceleration that the velocity of an estimator follows [m/s² or rad/s²]."""
+    choice = chosen(spec)
+    return choice.estimator.follows(choice.setup(1.0))
 
 
 @lru_cache(maxsize=KEPT)

@@ -94,5 +94,7 @@ class Estimator:
     """Function that raises UsageError for parameters that do not fit each other or the period."""
     stand_in: Callable[[EstimatorSetup], str] = lambda setup: "backward-difference"
     """Function that returns the text of the linear estimator with which stability is judged if `system` is None."""
+    follows: Callable[[EstimatorSetup], float] = lambda setup: math.inf
+    """Function that returns the largest acceleration that the velocity follows [m/s² or rad/s²]."""
     timed: bool = False
     """True when the step takes the time of the sample [ns] beside the position."""

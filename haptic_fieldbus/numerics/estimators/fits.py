@@ -4,10 +4,10 @@
   line the noise gain is √(12/(N·(N² − 1)))/T and the delay (N − 1)·T/2. From p = 2 on slow motions have no delay, but
   more noise.
 - foaw-end-fit, foaw-best-fit: first-order adaptive windowing (Janabi-Sharifi, Hayward, Chen, IEEE Trans. Control
-  Systems Technology 8(6), 2000, 1003, doi:10.1109/87.880606). The estimator uses the longest window whose line through
-  the newest sample passes within ±`band` of all its samples. The slope of the line is the chord over the window, or the
-  least-squares slope. Slow motions get long windows and little noise, fast motions short windows and little delay. A
-  constant speed needs a band of one encoder count.
+  Systems Technology 8(6), 2000, 1003, doi:10.1109/87.880606). The window grows while its line through the newest sample
+  passes within ±`band` of all its samples. It ends before the first length that fails, although a longer one may fit
+  again. The slope of the line is the chord over the window, or the least-squares slope. Slow motions get long windows
+  and little noise, fast motions short windows and little delay. A constant speed needs a band of one encoder count.
 
 The line through the newest sample is within the band of sample j if and only if its slope lies between
 (x_n − x_{n−j} ∓ band)/(j·T). One pass over the window is therefore enough: the interval of allowed slopes only shrinks,
@@ -136,14 +136,14 @@ LEAST_SQUARES = Estimator(
 )
 FOAW_END_FIT = Estimator(
     "foaw-end-fit",
-    "chord over the longest window that is straight within one count",
+    "chord over a window that grows while it is straight within one count",
     start=lambda setup: _start_adaptive(setup, lambda i: (1.0 / i, 0.0, 0.0)),
     stand_in=lambda setup: f"moving-average:window={setup.whole('window')}",
     parameters=(WINDOW, BAND),
 )
 FOAW_BEST_FIT = Estimator(
     "foaw-best-fit",
-    "least-squares slope over the longest window that is straight within one count",
+    "least-squares slope over a window that grows while it is straight within one count",
     start=lambda setup: _start_adaptive(setup, _best),
     stand_in=lambda setup: f"least-squares:window={setup.whole('window') + 1}",
     parameters=(WINDOW, BAND),

@@ -15,8 +15,8 @@ There are two cases:
 - Otherwise ξ = sign(b), and √|e| is the positive root of |e| + T·λ1·√L·√|e| = |b| − T²·λ0·L; v̂ changes by −T·λ0·L·ξ.
 
 v̂ therefore never changes by more than λ0·L·T in a period, which filters the steps of the encoder. `lipschitz` is L, a
-bound of the handle's acceleration. If it is too small, fast motions are missed; if it is too large, the estimator is
-the backward difference.
+bound of the handle's acceleration. If it is too small, v̂ stays far behind a fast motion and virtual damping is lost; if
+it is too large, the estimator is the backward difference.
 """
 
 import math
@@ -55,6 +55,7 @@ ESTIMATORS = (
         "levant",
         "robust exact differentiator, implicit",
         start=_start,
+        follows=lambda setup: setup.number("lipschitz"),
         parameters=(
             Parameter("lipschitz", 50.0, "bound of the acceleration", "m/s² or rad/s²", lowest=1e-6, highest=1e9),
         ),

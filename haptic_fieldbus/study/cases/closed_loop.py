@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.cases.drive import PERIOD_NS, Feeder, feed
 from haptic_fieldbus.study.measure.loops import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
@@ -106,7 +106,7 @@ def delayed(delay: float, quick: bool) -> CaseResult:
     """Check the limits of many devices with delay against Schur and Cohn, and runs below and above one of them."""
     masses = (1e-5, 0.1, 10.0) if quick else (1e-5, 1e-3, 0.1, 1.0, 10.0)
     devices = [Plant(mass, damping) for mass in masses for damping in (1e-2, 1.0, 1e2)]
-    worst = max(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
+    worst = greatest(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
     limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
     below, above = (
         growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
@@ -127,7 +127,7 @@ def slow_loop(quick: bool) -> CaseResult:
     """Check slow loops from 20 Hz to 0.1 Hz: the device stops between samples, and the limit goes to 2b/(T − 2m/b)."""
     device, stiffness = Plant(0.1, 5.0), 600.0
     periods = (0.05, 0.2, 1.0, 10.0)
-    worst = max(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
+    worst = greatest(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
@@ -217,7 +217,7 @@ def _torn(damping: float, ratio: float) -> float:
         force = -400.0 * (first - ratio * second) - damping * (speed - ratio * turning)
         found = law(first, speed, second, turning) if damping else law(first, second)
         apart = largest_error(found, (force, -ratio * force))
-        worst = max(worst, apart / (40.0 * max(1.0, ratio**2)))
+        worst = greatest((worst, apart / (40.0 * max(1.0, ratio**2))))
     return worst
 
 
@@ -231,9 +231,9 @@ def coupled_axes(quick: bool) -> CaseResult:
     shares = [_share_by_hand(limit, *shaft, cells) for limit, shaft in zip(passive, SHAFTS, strict=True)]
     held = [2.0 * min(0.02 / 1e-5, 0.001 / 2e-6 / ratio**2) for _, ratio in SHAFTS]
     apart = relative_error(stable, by_hand)
-    worst = max(abs(share - 1.0) for share in shares)
+    worst = greatest(abs(share - 1.0) for share in shares)
     friction = relative_error([limit.quantisation or 0.0 for limit in judged], held)
-    torn = max(_torn(part * damping, ratio) for damping, ratio in SHAFTS for part in (0.0, 1.0))
+    torn = greatest(_torn(part * damping, ratio) for damping, ratio in SHAFTS for part in (0.0, 1.0))
     return result_of(
         f"ratios of -2.5 and 0.4: stable to {values_text(by_hand, 6)} N/m; where passivity ends, the worst motion of "
         f"both handles needs all of both dampings; friction bridges counts to {values_text(held, 4)} N/m",
@@ -297,7 +297,7 @@ def stiff_held_puck(quick: bool) -> CaseResult:
             inputs[:, 0] = 1.0
             runs[name] = follow(one, inputs, [0.0, 0.0])
     bounded = [name for name, run in runs.items() if not run.diverged and np.abs(run.outputs).max() <= 1.001 * k]
-    worst = max(float(np.abs(runs[name].outputs[:, 0] - exact).max()) / k for name in ("exact-zoh", "exact-foh"))
+    worst = greatest(float(np.abs(runs[name].outputs[:, 0] - exact).max()) / k for name in ("exact-zoh", "exact-foh"))
     allowed = 2e-14 * h * steps
     expected = ["backward-euler", "trapezoidal", "exact-zoh", "exact-foh"]
     return result_of(
@@ -327,7 +327,7 @@ def free_puck(quick: bool) -> CaseResult:
     """Check a free puck with a mass on a spring, pushed by 1 N: four states, a double root at 0, and an oscillation."""
     steps = 2000 if quick else 20_000
     errors = {name: _two_masses(0.2, steps * PERIOD, steps, name) for name in ("exact-zoh", "exact-foh")}
-    worst = max(errors.values())
+    worst = greatest(errors.values())
     coarse, fine = (_two_masses(0.2, 1.0, count, "rk4") for count in (100, 200))
     return result_of(
         f"exact steps on the closed form for {exactly(steps * PERIOD)} s; rk4's error 16 times less at half the step",
@@ -354,7 +354,7 @@ def light_puck(quick: bool) -> CaseResult:
         f"1e-4 to 1e-9 kg off Jury's by {rounded(worst, 1)} (1e-8 allowed)",
         "closed form of two masses; Jury's conditions by hand, 2b/T without mass",
         tolerance="1e-8 of the way and of the limit",
-        within=[(max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)), 1e-8)],
+        within=[(greatest((error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0))), 1e-8)],
         holds=euler > 1e6,
     )
 
@@ -382,9 +382,9 @@ def sampled_free_puck(quick: bool) -> CaseResult:
         virtual = sampled.environment(sprung_mass(), period=PERIOD, method=method, estimator=None)
         forces, radius = flicked(plant, virtual, steps).tolist(), sampled.growth(plant, virtual)
         brute = _textbook_forces(device, method, steps)
-        tenth, peak = steps // 10, max(map(abs, brute))
-        worst = max(worst, largest_error(forces, brute) / peak)
-        grew = max(map(abs, brute[-tenth:])) > max(map(abs, brute[:tenth]))
+        tenth, peak = steps // 10, greatest(map(abs, brute))
+        worst = greatest((worst, largest_error(forces, brute) / peak))
+        grew = greatest(map(abs, brute[-tenth:])) > greatest(map(abs, brute[:tenth]))
         if grew:
             growing.append(method)
         if grew != (radius > 1.0):

@@ -22,7 +22,7 @@ from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.faults import BusOff, Fault
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.study.case import CaseResult, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, result_of, values_text
 from haptic_fieldbus.study.oracles import events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
 
@@ -225,7 +225,7 @@ def denormal_input(quick: bool) -> CaseResult:
     step = bind(SprungMass("handle", stiffness, mass).dynamics, 1e-3, "exact-zoh")
     step(0.0)
     turn = math.sqrt(stiffness / mass) * 1e-3
-    error = max(abs(step(height) / height + stiffness * math.cos(turn * n)) for n in range(steps)) / stiffness
+    error = greatest(abs(step(height) / height + stiffness * math.cos(turn * n)) for n in range(steps)) / stiffness
     return result_of(
         f"targets 0 ‰, 0 trips; a sprung mass pushed by {exactly(height)} m swings as k·x·cos(ω·t) for {steps} "
         "periods, within 1e-6",
@@ -251,8 +251,9 @@ def encoder_wrap(quick: bool) -> CaseResult:
         crossings += moved * counts < 0
         counts = moved
         feed(cycle, counts)
+        # A Fraction of not-a-number raises ValueError.
         off = max(off, abs(float(Fraction(cycle.value("position")) - true * Fraction(1, 4096) * Fraction(1, 20))))
-        off_speed = max(off_speed, abs(cycle.value("velocity") - way * COUNT / 1e-3))
+        off_speed = greatest((off_speed, abs(cycle.value("velocity") - way * COUNT / 1e-3)))
     expected = 2 * len(ways) // 10
     return result_of(
         f"{expected} crossings, no trip, position within 1e-15 m and velocity within 1e-11 m/s of the unlimited count",
@@ -368,10 +369,10 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         exact = min(0.0, -30.0 * (x - 0.01) - VIRTUAL * (x - before) / 1e-3) if x > 0.01 else 0.0
         before = x
         outputs = [torque(cycle, counts) for cycle in cycles]
-        worst = max(worst, *(abs(cycle.value("force") - exact) for cycle in cycles))
+        worst = greatest((worst, *(abs(cycle.value("force") - exact) for cycle in cycles)))
         apart += outputs[0] != outputs[1]
     limit, judged = _limit_by_hand(plans[0]), [_judged(plan) for plan in plans]
-    off = max(abs(each / limit - 1.0) for each in judged)
+    off = greatest(abs(each / limit - 1.0) for each in judged)
     return result_of(
         f"force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, both limits of stiffness "
         f"{rounded(limit, 6)}",

@@ -17,7 +17,7 @@ from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim import mechanics
 from haptic_fieldbus.sim.mechanics import Shaft
-from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.explicit import bind_rates
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import (
@@ -46,7 +46,7 @@ def _impact(speed: float, period: float) -> tuple[float, float]:
     smallest, (depth, now) = 0.0, step()
     while depth >= 0.0:
         depth, now = step()
-        smallest = min(smallest, _contact(depth, now))
+        smallest = -greatest((-smallest, -_contact(depth, now)))
     return -now, smallest
 
 
@@ -64,9 +64,9 @@ def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
     speeds = (0.1, 1.0, 5.0, 20.0)
     found = [_impact(speed, 2e-6 if quick else 2e-7) for speed in speeds]
     exact = [_exit_speed(speed) for speed in speeds]
-    error = max(abs(left - right) / right for (left, _), right in zip(found, exact, strict=True))
+    error = greatest(abs(left - right) / right for (left, _), right in zip(found, exact, strict=True))
     pulled_out = _contact(1e-3, -3.0 / LOSS)
-    smallest = min(force for _, force in found)
+    smallest = -greatest(-force for _, force in found)
     return result_of(
         f"in at 0.1, 1, 5, 20 m/s, out at {values_text(exact, 5)} m/s (within 1e-6); never a force below 0 N",
         f"out at {values_text([left for left, _ in found], 5)} m/s, off by {rounded(error, 1)}; smallest force "
@@ -100,7 +100,7 @@ def _law(steps: int) -> float:
     law = TISSUE.begin(PERIOD)
     law(0.0)
     ramps = [(k * tau / PERIOD * -math.expm1(-PERIOD / tau), tau) for k, tau in TISSUE.branches]
-    return max(abs(law(1e-3) - force) for force in _pressed(ramps, steps))
+    return greatest(abs(law(1e-3) - force) for force in _pressed(ramps, steps))
 
 
 def multi_scale_tissue(quick: bool) -> CaseResult:
@@ -114,7 +114,7 @@ def multi_scale_tissue(quick: bool) -> CaseResult:
     late = trapezoid[15:]  # the branch of 1 ms has died away, that of 10 µs rings on
     turns = sum(a * b < 0.0 for a, b in pairwise(late))
     ratio = late[2] - late[1], late[1] - late[0]
-    error = max(*map(abs, exact), _law(steps))
+    error = greatest((*map(abs, exact), _law(steps)))
     return result_of(
         "forward Euler ×99.0 a period, the trapezoid turns sign every period by ×-0.961 (within 0.003), "
         "exact step on the closed form within 1e-12 N",
@@ -154,11 +154,11 @@ def lugre_fast_slip(quick: bool) -> CaseResult:
     limit, steps = 2.0 * LEVEL / (BRISTLE * PERIOD), 500
     below, above = _explicit_error(0.99 * limit, steps), _explicit_error(1.01 * limit, steps)
     slips = [share * limit for share in (1e-4, 0.01, 0.3, 1.0, -1.01)]
-    error = max(
+    error = greatest(
         relative_error(_element_bristle([speed] * 3), stretches(speed, PERIOD, 3, BRISTLE, LEVEL)) for speed in slips
     )
     speeds = ((-1.0) ** n * limit * 10.0 ** (n % 9) for n in range(steps if quick else 1_000_000))
-    largest = max(BRISTLE * abs(z) / LEVEL for z in _element_bristle(speeds))
+    largest = greatest(BRISTLE * abs(z) / LEVEL for z in _element_bristle(speeds))
     rates = [math.log(value) / steps for value in (below, above)]
     return result_of(
         f"explicit: error ×0.98 a period at 0.99 of {exactly(limit)} m/s, ×1.02 at 1.01; element: z = g/σ0·(1 - "
@@ -241,7 +241,7 @@ def _swing(stiffness: float, steps: int) -> float:
     positions = sampled_positions(
         HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0)
     )
-    return max(map(abs, positions[-499:])) / start
+    return greatest(map(abs, positions[-499:])) / start
 
 
 def detent_too_sharp(quick: bool) -> CaseResult:
@@ -337,7 +337,7 @@ def varying_slope(quick: bool) -> CaseResult:
         (crest.growth, hilltop[0]),
         (crest.ideal, hilltop[1]),
     )
-    off = max(abs(one / other - 1.0) for one, other in pairs)
+    off = greatest(abs(one / other - 1.0) for one, other in pairs)
     missed = abs((place.growth - 1.0) / (growth - 1.0) - 1.0)
     return result_of(
         f"elastic: stable to a slope of {rounded(by_hand, 6)} N/m at the effort limit; where passivity ends, the worst "

@@ -16,7 +16,7 @@ from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discre
 from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.study.case import CaseResult, largest_error, refused, relative_error, result_of
+from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, refused, relative_error, result_of
 from haptic_fieldbus.study.cases.drive import COUNT, PERIOD_NS, Feeder, torque
 from haptic_fieldbus.study.explicit import EXPLICIT, bind_rates
 from haptic_fieldbus.study.measure import loops
@@ -58,7 +58,7 @@ def float_overflow(quick: bool) -> CaseResult:
         targets.append(torque(cycle, COUNTS if period else 0, t_ns=period * PERIOD_NS))
         commands.append(abs(cycle.value("command")))
     tripped = cycle.trip.t_ns // PERIOD_NS if cycle.trip else PERIODS
-    after, largest = targets[tripped:], max(commands[:tripped])
+    after, largest = targets[tripped:], greatest(commands[:tripped])
     return result_of(
         f"T·ω = 10 diverges at sample {expected}; in the cycle, T·ω = 100, trip at period {expected_trip} ± 1, then 0",
         f"flagged at sample {found.diverged_at}, all {len(found.outputs)} rows before finite; trip at period "
@@ -128,9 +128,9 @@ def mass_to_zero(quick: bool) -> CaseResult:
         step = bind(sprung_mass(stiffness, mass), period, "exact-foh")
         found = [step(0.5 * acceleration * (n * period) ** 2) for n in range(steps)]
         closed = [_falling_force(mass, stiffness, acceleration, period, n) for n in range(steps)]
-        worst = max(worst, largest_error(found, closed))
-        largest.append(max(map(abs, found)))
-        expected.append(max(map(abs, closed)))
+        worst = greatest((worst, largest_error(found, closed)))
+        largest.append(greatest(map(abs, found)))
+        expected.append(greatest(map(abs, closed)))
     return result_of(
         f"m from 1 to 1e-7 kg (T·ω to {period * math.sqrt(stiffness / masses[-1]):.1f}): largest force from "
         f"{expected[0]:.4f} N (2·m·a) to {rounded(expected[-1])} N; each sample within {rounded(tolerance, 2)} N",
@@ -151,11 +151,11 @@ def zero_input_stays_zero(quick: bool) -> CaseResult:
         space = sprung_mass(stiffness, mass)
         for method in METHODS:
             step = bind(space, 1e-3, method)
-            worst = max(worst, *(abs(step(0.0)) for _ in range(steps)))
+            worst = greatest((worst, *(abs(step(0.0)) for _ in range(steps))))
         square = stiffness / mass
         for method in EXPLICIT:
             advance = bind_rates(lambda t, z, u, s=square: (z[1], s * (u - z[0])), (0.0, 0.0), 1e-3, method, (0,))
-            worst = max(worst, *(max(map(abs, advance(0.0))) for _ in range(steps)))
+            worst = greatest((worst, *(greatest(map(abs, advance(0.0))) for _ in range(steps))))
     return result_of(
         f"force and states exactly 0 for {steps} steps, also at T·ω = 31623",
         f"largest magnitude {exactly(worst)} over {len(METHODS)} linear and {len(EXPLICIT)} explicit methods",
@@ -202,7 +202,7 @@ def h_sweep(quick: bool) -> CaseResult:
             space = sprung_mass((h / period) ** 2 * mass, mass)
             for method, radius in RADII.items():
                 found, expected = spectral_radius(discrete(space, period, method).a), radius(h)
-                worst = max(worst, abs(found / expected - 1.0))
+                worst = greatest((worst, abs(found / expected - 1.0)))
     return result_of(
         "spectral radius by formula, relative error ≤ 1e-9, h = 1e-6 … 1e3",
         f"largest relative error {rounded(worst, 2)} at {count} values of h, 3 masses, {len(RADII)} methods",
@@ -222,7 +222,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
         energy = square * states[:, 0] ** 2 + states[:, 1] ** 2
         gain = math.log(energy[-1] / energy[0])
         expected = steps * math.log1p(square * period**2)
-        worst = max(worst, abs(gain / expected - 1.0))
+        worst = greatest((worst, abs(gain / expected - 1.0)))
         gains.append(gain)
     return result_of(
         f"ln(E/E₀) = {steps}·ln(1 + h²) > 0 for T = 1 µs … 10 ms (h = 2e-5 … 0.2), within 1e-5 of itself",
@@ -291,7 +291,7 @@ def damper_b_equals_kt(quick: bool) -> CaseResult:
     shares = (0.99, 1.0, 1.01)
     steppers = [discrete(oscillator(square, share * square), 1.0, "forward-euler") for share in shares]
     radii = [spectral_radius(stepper.a) for stepper in steppers]
-    worst = max(abs(r - math.sqrt(1.0 + (1.0 - f) * square)) for r, f in zip(radii, shares, strict=True))
+    worst = greatest(abs(r - math.sqrt(1.0 + (1.0 - f) * square)) for r, f in zip(radii, shares, strict=True))
     return result_of(
         f"k = 250 N/m, m = 0.4 kg, T = 1 ms: radius 1 at b = kT, {1 + 0.005 * square:.9f} at 0.99·kT; position after "
         f"{steps} steps {expected:.12f}",
@@ -314,7 +314,7 @@ def lecture_constants(quick: bool) -> CaseResult:
     measured = float((crossings[turns] - crossings[0]) / turns)
     modes = np.linalg.eigvals(discrete(sprung_mass(), PERIOD, "forward-euler").a)
     modes = modes[np.argsort(modes.imag)]
-    off = max(abs(modes[0] - (1.0 - 0.02j)), abs(modes[1] - (1.0 + 0.02j)))
+    off = greatest((abs(modes[0] - (1.0 - 0.02j)), abs(modes[1] - (1.0 + 0.02j))))
     peak = float(forces.max()) / STIFFNESS
     return result_of(
         "k = 200 N/m, m = 0.5 kg, T = 1 ms: ω_n = 20 rad/s, f_n = 3.183099 Hz, T_n = 314.1593 ms; Euler 1 ± 0.02j; "
@@ -336,7 +336,7 @@ def energy_drift(quick: bool) -> CaseResult:
     h2 = STIFFNESS / MASS * PERIOD**2
     exact, verlet = loops.free_swing("exact-foh", steps).energy, loops.free_swing("verlet", steps).energy
     tolerance = steps * 2.0**-52 + 1e-11
-    drift, low, high = max(map(abs, exact)), min(verlet), max(verlet)
+    drift, low, high = greatest(map(abs, exact)), -greatest(-each for each in verlet), greatest(verlet)
     return result_of(
         f"{rounded(steps, 1)} steps at h = 0.02: exact-foh |E/E₀ − 1| ≤ {rounded(tolerance, 2)}; verlet from −h²/4 = "
         f"{rounded(-h2 / 4, 2)} to 0",

@@ -21,7 +21,7 @@ from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.texture import Texture
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.oracles.energies import held_work, triangle
 
@@ -241,7 +241,7 @@ def stored_energy(quick: bool) -> CaseResult:
         taken = -np.cumsum([law(float(x), *rest) for x in middles]) * width
         told = np.array([stored(float(x)) for x in edges[1:]]) - stored(-FAR)
         largest.append(float(np.ptp(taken)))
-        off = max(off, float(np.abs(told - taken).max()) / largest[-1])
+        off = greatest((off, float(np.abs(told - taken).max()) / largest[-1]))
     return result_of(
         f"magnet, detents, Hunt-Crossley, spring, texture, wall: {values_text([1e3 * each for each in largest], 4)} mJ",
         f"off by at most {rounded(off, 1)} of each",

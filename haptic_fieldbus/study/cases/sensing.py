@@ -22,7 +22,15 @@ from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
-from haptic_fieldbus.study.case import CaseResult, largest_error, refused, relative_error, result_of, values_text
+from haptic_fieldbus.study.case import (
+    CaseResult,
+    greatest,
+    largest_error,
+    refused,
+    relative_error,
+    result_of,
+    values_text,
+)
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import energies, events
@@ -70,7 +78,7 @@ def zero_transition_window(quick: bool) -> CaseResult:
     share = _estimated(f"moving-average:window={window}", positions).count(0.0) / samples
     *timed, stopped = _estimated("tick-interval", positions + 1000 * positions[-1:])
     timed = timed[1000:samples]
-    least, most = min(timed) / speed - 1.0, max(timed) / speed - 1.0
+    least, most = min(timed) / speed - 1.0, greatest(timed) / speed - 1.0
     expected = 1.0 - window * ratio
     low, high = (1.0 / (apart * ratio) - 1.0 for apart in (math.ceil(1.0 / ratio), math.floor(1.0 / ratio)))
     return result_of(
@@ -195,7 +203,7 @@ def jittered_sampling(quick: bool) -> CaseResult:
     sides = [_grows_by_hand(plant, part * low, (times / PERIOD).tolist()) for part in (1.0 - 1e-3, 1.0 + 1e-3)]
     timed, instants = estimators.bind("tick-interval", PERIOD), np.cumsum(times).tolist()
     error = float(np.std(_estimated("backward-difference", instants)[1:]))
-    worst = max(abs(v - 1.0) for v in [timed(x, x * 1e9) for x in instants][1:])
+    worst = greatest(abs(v - 1.0) for v in [timed(x, x * 1e9) for x in instants][1:])
     spread = float(np.std(times[1:])) / PERIOD
     return result_of(
         f"K up to 2b·ΣT_i/ΣT_i² = {expected:.1f} N/m (1 %), against {2.0 * plant.damping / PERIOD:.0f} N/m without "
@@ -236,7 +244,7 @@ def dropped_frames(quick: bool) -> CaseResult:
         bound = 2.0 * plant.damping * sum(lengths) / (PERIOD * sum(length**2 for length in lengths))
         sides = [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)]
         agree &= sides == [False, True]
-        off = max(off, abs(limit / bound - 1.0))
+        off = greatest((off, abs(limit / bound - 1.0)))
         close &= abs(pattern_bound(plant.damping, PERIOD, gaps(lengths)) / bound - 1.0) <= 1e-12
         texts.append(f"{name} {limit:.1f}")
         bounds.append(f"{name} {bound:.1f}")
@@ -319,7 +327,7 @@ def torque_lag(quick: bool) -> CaseResult:
     by_hand = [limit_in_contact(motor, LAGS_PERIOD, delay, VIRTUAL) for motor, delay in motors]
     apart = relative_error(stable, by_hand)
     passive, shares = zip(*(_passive(lag, delay, 24 if quick else 48) for lag, delay in BENCHES), strict=True)
-    worst = max(abs(share - 1.0) for each in shares for share in each)
+    worst = greatest(abs(share - 1.0) for each in shares for share in each)
     return result_of(
         f"lags of 0.4, 0.16, 2 ms: stable to {values_text(by_hand, 6)} N/m; where passivity "
         "ends, the worst motion needs all of the device's damping",

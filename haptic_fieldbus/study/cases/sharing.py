@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.batch import Array, loops
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.case import CaseResult, relative_error, result_of, signed, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, relative_error, result_of, signed, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import events
@@ -208,7 +208,7 @@ def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool],
     """
     expected = [oracle_limit(*point) for point in points]
     found = [_package_limit(*point) for point in points]
-    apart = max(abs(one - other) / other if other else abs(one) for one, other in zip(found, expected, strict=True))
+    apart = greatest(abs(one - each) / (each or 1.0) for one, each in zip(found, expected, strict=True))
     some = [(limit, point) for limit, point in zip(expected, points, strict=True) if limit]
     right = sum(_right(limit, point, quick) for limit, point in some)
     return result_of(
@@ -283,7 +283,7 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
     expected = [0.5 * stiffness * PERIOD + virtual * (1.0 - r) / (1.0 + r) for r in poles]
     found = [damping_needed(filtered_wall(stiffness, virtual, r), PERIOD, 0.0) for r in poles]
     given = [_given_at_nyquist(stiffness, virtual, r) for r in poles]
-    apart = max(abs(each / one - 1.0) for one, *others in zip(expected, found, given, strict=True) for each in others)
+    apart = relative_error([*found, *given], [*expected, *expected])
     limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: filtered_wall(k, virtual, 0.8), math.inf)
     by_hand = 2.0 * (DEVICE.damping - virtual * 0.2 / 1.8) / PERIOD
     return result_of(

@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.linear import foh
 from haptic_fieldbus.scenes.element import Element, Interval
 from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.case import CaseResult, relative_error, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, relative_error, result_of, values_text
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
@@ -237,7 +237,7 @@ def straight_line_step(quick: bool) -> CaseResult:
             else 1.0 - math.sin(angle) / angle
         )
         expected = (RAMP * PERIOD * lag, RAMP * 2.0 * math.sin(0.5 * angle) ** 2)
-        off = max(off, relative_error(found.tolist(), expected))
+        off = greatest((off, relative_error(found.tolist(), expected)))
     return result_of(
         "q = r·t - r/ω·sin(ω·t), its speed r·(1 - cos(ω·t))",
         f"off by at most {rounded(off, 1)} at ω·T = {values_text([rate * PERIOD for rate in RATES], 2)}",

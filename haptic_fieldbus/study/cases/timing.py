@@ -34,7 +34,7 @@ from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.running.loop import finished, loop_steps
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.study.case import CaseResult, largest_error, relative_error, result_of, values_text
+from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.cases.drive import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.oracles import events
@@ -164,7 +164,7 @@ def modbus_one_period(quick: bool) -> CaseResult:
         raise ValueError("the shipped bench on Modbus has a limit of stability")
     exact = schur_cohn_limit(Plant(plant.mass, plant.damping), PERIOD, 1.0)
     late = _late(plan, 800 if quick else 3000)
-    worst = max(abs(each - PERIOD) for each in late)
+    worst = greatest(abs(each - PERIOD) for each in late)
     return result_of(
         f"limit {exact:.3f} N/m; each of at least 50 changes of torque {exactly(1e3 * PERIOD)} ms after its sample",
         f"limit off by {rounded(abs(limit / exact - 1.0), 1)} (1e-5 allowed); {len(late)} changes, off by at most "
@@ -291,7 +291,7 @@ def fade_return(quick: bool) -> CaseResult:
     off, works, by_hand = 0.0, [], []
     for gap in gaps:
         found, wanted = _forces(gap)
-        off = max(off, largest_error(found, wanted))
+        off = greatest((off, largest_error(found, wanted)))
         works.append(_given(found, gap))
         by_hand.append(_given(wanted, gap))
     apart = largest_error(works, by_hand)
