@@ -110,7 +110,7 @@ def test_the_twin_of_a_simulated_run_counts_on_a_simulated_bus_only(made: tuple[
     bench = load(Task("spring", on_a_real_bus)).plan.axes[0].bench
     assert (bench.inertia, bench.viscous_damping, bench.coulomb_friction) == (None, None, None)
     assert "measured on a simulated bus" in bench.unknown
-    with pytest.raises(PlanError, match="stability unknown.*measured on a simulated bus"):
+    with pytest.raises(PlanError, match=r"stability unknown.*measured on a simulated bus"):
         select(Task("spring", on_a_real_bus))
 
 
