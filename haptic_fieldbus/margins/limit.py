@@ -185,10 +185,11 @@ def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]
 def neighbours(axes: Sequence[tuple[Plant, Ranges]], at: tuple[Values, ...]) -> Iterator[tuple[Values, ...]]:
     """Yield the values of all axes where one axis alone is at another of its corners; its coupling stays."""
     for place, (plant, ranges) in enumerate(axes):
-        corners_of_it = (_at(plant, ranges, *corner, 0.0) for corner in product((0, 1), repeat=4))
-        for own in dict.fromkeys(replace(each, coupling=at[place].coupling) for each in corners_of_it):
-            if own != at[place]:
-                yield (*at[:place], own, *at[place + 1 :])
+        own = dict.fromkeys(
+            replace(_at(plant, ranges, mass, friction, lag, delay, 0.0), coupling=at[place].coupling)
+            for mass, friction, lag, delay in product((0, 1), repeat=4)
+        )
+        yield from ((*at[:place], each, *at[place + 1 :]) for each in own if each != at[place])
 
 
 SPRINGS = (0.0, 1.0, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
