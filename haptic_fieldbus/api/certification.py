@@ -139,7 +139,7 @@ class _TappedBench:
 
     def stiffnesses(self) -> Iterator[float]:
         """Yield each stiffness to tap, decided after the one before."""
-        value = rounded_down(FIRST_STEP * min(self.limit, self.predicted), 3)
+        value = rounded_down(min(FIRST_STEP * min(self.limit, self.predicted), self.top), 3)
         allowed = self.plan.simulated
         while not self.ended:
             if value > self.limit and not allowed:

@@ -29,7 +29,7 @@ from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.known_bench import digest_with, only_simulated, scaling_of
+from haptic_fieldbus.planning.known_bench import KnownBench, digest_with, known_bench, only_simulated, scaling_of
 from haptic_fieldbus.planning.limits import SPEED_LIMIT
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
@@ -193,11 +193,10 @@ class _Bench:
         self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
         check_request(rate=task.rate, seed=task.seed)
         _check_skipped(task)
-        self.rig, self.name = _one_axis(task)
-        self.without, self._added = _without_mass(task, self.name, self.rig.axis[self.name])
+        rig, self.name = _one_axis(task)
         # An earlier measurement leads nothing: the bench may be another one since.
-        axis = replace(self.rig.axis[self.name], identified=Identified())
-        self.rig = replace(self.rig, axis={self.name: axis})
+        axis = replace(rig.axis[self.name], identified=Identified())
+        self.rig = replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={self.name: axis})
         self.ratio = axis.mechanism.ratio
         self.stated = {key: getattr(axis, key) for key in MECHANICAL}
         self.own_bus = task.bus is None and bool(self.rig.source)
@@ -205,6 +204,8 @@ class _Bench:
         self.profile, self.units = plan.axes[0].profile.name, scaling_of(plan.axes[0].profile)
         self.planned_delay = plan.axes[0].delay.transport + plan.axes[0].delay.torque_loop
         self.bus = plan.rig.bus[axis.bus]
+        earlier = known_bench(replace(rig, bus=rig.bus | {axis.bus: self.bus}), self.name, plan.axes[0].profile)
+        self.without, self._added = _without_mass(task, self.name, rig.axis[self.name], earlier)
         self.serial: int | None = None
         self.announced = _announced(task, self.name, axis, plan.axes[0], plan.period)
         told = self.announced
@@ -357,7 +358,7 @@ def has_faded_in(cycle: Cycle, axis: str) -> bool:
 
 
 def _one_axis(task: BenchTask) -> tuple[Rig, str]:
-    """Return the rig with the axis alone, and its name; raises DocumentError or UsageError."""
+    """Return the rig, and the name of the axis; raises DocumentError or UsageError."""
     rig = task.rig if isinstance(task.rig, Rig) else load_rig(task.rig, task.profiles)
     names = ", ".join(rig.axis)
     if task.axis is None and len(rig.axis) > 1:
@@ -365,8 +366,7 @@ def _one_axis(task: BenchTask) -> tuple[Rig, str]:
     name = task.axis or next(iter(rig.axis))
     if name not in rig.axis:
         raise UsageError(f'--axis "{name}": expected an axis of the rig: {names}')
-    axis = rig.axis[name]
-    return replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={name: axis}), name
+    return rig, name
 
 
 def _check_skipped(task: BenchTask) -> None:
@@ -379,10 +379,10 @@ def _check_skipped(task: BenchTask) -> None:
     raise_all(wrong)
 
 
-def _without_mass(task: BenchTask, name: str, axis: RigAxis) -> tuple[Estimate | None, float]:
+def _without_mass(task: BenchTask, name: str, axis: RigAxis, earlier: KnownBench) -> tuple[Estimate | None, float]:
     """Return the inertia that was measured without the added mass, and that mass; None: no mass was added.
 
-    Raises UsageError.
+    Raises UsageError, also where the values of `earlier` do not count on this bench.
     """
     given = {"--with-mass": task.with_mass, "--with-inertia": task.with_inertia}
     named = {key: each for key, each in given.items() if each is not None}
@@ -396,8 +396,11 @@ def _without_mass(task: BenchTask, name: str, axis: RigAxis) -> tuple[Estimate |
     added, before = named[wanted], axis.identified
     if not 0.0 < added < math.inf:
         raise UsageError(f"{wanted} {added}: expected a finite number above 0")
-    if before.inertia is None or before.inertia_interval is None or before.digest != digest_with(axis, before):
-        raise UsageError(f"{wanted}: the rig has no valid measurement without the mass; run identify without it first")
+    if earlier.fault or before.digest is None or before.inertia is None or before.inertia_interval is None:
+        why = f" ({earlier.fault})" if earlier.fault else ""
+        raise UsageError(
+            f"{wanted}: the rig has no valid measurement without the mass{why}; run identify without it first"
+        )
     return Estimate(before.inertia, *before.inertia_interval, "kg·m²"), added
 
 

@@ -132,7 +132,7 @@ def twin(
     kept = told_by(
         fit, [key for key in KEPT if not fit.values[key].reason], scales, profile=recorded.profile.name,
         rate=1.0 / plan.period, planned_delay=float(f"{recorded.delay.transport + recorded.delay.torque_loop:.6g}"),
-        date=found.provenance.date, serial=serial,
+        date=found.provenance.date, serial=serial, simulated=found.provenance.simulated,
     )  # fmt: skip
     fitted = replace(own, proved=None, identified=kept, simulation=_simulation(fit, own, recorded))
     is_twin = own.identified != Identified()

@@ -90,11 +90,10 @@ def _rows(found: "BenchTwin", check: bool) -> "Iterator[OutputRow]":
         elif scale.value != 1.0:
             yield OutputRow(label, [f"{rounded(scale.value)} times those of the rig"])
     fit = found.fit
-    yield OutputRow(
-        "fit",
-        [f"{rounded(fit.seconds)} s of motion, hand {found.hand}; leaves {rounded(fit.residual)} counts unexplained, "
-         f"{rounded(fit.predicted)} in a part that it did not use"],
-    )  # fmt: skip
+    left = f"leaves {rounded(fit.residual)} counts unexplained"
+    if fit.predicted is not None:
+        left += f", {rounded(fit.predicted)} in a part that it did not use"
+    yield OutputRow("fit", [f"{rounded(fit.seconds)} s of motion, hand {found.hand}; {left}"])
     yield OutputRow("warning", found.warnings)
     if check:
         told = [f"{LABELS[each.name]} {each.text}" for each in found.changed]

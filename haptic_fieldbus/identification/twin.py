@@ -62,8 +62,10 @@ ROUNDING, CONTRADICTED = 1.0 / 12.0, 40.0
 """Variance of an encoder [counts²], and the fall of the sum of squares, in variances, from which a record contradicts
 that both scales are 1: chance alone gives 2, and about 10 in 1 of 100; samples of one piece vary together."""
 KNOWN_SCALE = 0.05
-"""Largest half of the interval of a scale of torque that a record tells."""
+"""Largest half of the interval of a scale that a record tells, as a share of it."""
 ONLY_A_HAND, ACT_ALIKE = "only a hand of known force tells it", "the torque of the scene and the bench act alike"
+TOO_WIDE = "its interval is too wide, so the stated hand may be wrong"
+SCALES = ("torque_scale", "count_scale")
 LEAST_SHARE, LEAST_TIME = 0.01, 2e-5
 """Half of an interval is at least this share of its value, or this time [s]."""
 
@@ -131,8 +133,8 @@ class RunFit:
     """Values with intervals of 95 %; a value with a reason is not told by the record."""
     residual: float
     """Root mean square of the error [counts]."""
-    predicted: float
-    """The same in the pieces that were not used [counts]."""
+    predicted: float | None
+    """The same in the pieces that were not used [counts]; None: all were used, since there are few."""
     top_speed: float
     """[rad/s]"""
     seconds: float
@@ -152,19 +154,31 @@ def fit_run(record: RunRecord, stated: ShaftModel) -> RunFit:
     values = np.array([stated.inertia, stated.damping, stated.coulomb, stated.delay + stated.lag, stated.lag,
                        0.0, 0.4 * record.period, 0.0, 1.0, 1.0])  # fmt: skip
     free = [each for each in range(START if record.hand is None else TORQUE) if each != LAG]
-    fit = _Fit(used, values, free).solved()
-    reason = ONLY_A_HAND
+    fit, reasons = _Fit(used, values, free).solved(), {"torque_scale": ONLY_A_HAND}
     if record.hand is not None:
-        # What explains the record needs no other counts: those of a slip leave far more than rounding.
-        freed = fit.freed(TORQUE) if fit.rms < ENCODER_NOISE else _with_scales(fit, values)
-        half_width = freed.told(math.nan).values["torque_scale"].half_width
-        scaled = _rounded(freed, fit, values)
-        gained = (fit.cost - scaled.cost) / max(scaled.rms**2, ROUNDING)
-        fit = scaled if gained > CONTRADICTED else fit
-        reason = ACT_ALIKE if fit.values[TORQUE] == 1.0 and half_width > KNOWN_SCALE else ""
-    told = fit.told(_Fit(unused, fit.values, []).solved().rms if rest.any() else math.nan)
-    torque = replace(told.values["torque_scale"], reason=reason)
-    return replace(told, values={**told.values, "torque_scale": torque})
+        fit, reasons = _scaled(fit, values)
+    told = fit.told(_Fit(unused, fit.values, []).solved().rms if rest.any() else None)
+    named = {name: replace(told.values[name], reason=reason) for name, reason in reasons.items()}
+    return replace(told, values={**told.values, **named})
+
+
+def _scaled(fit: "_Fit", values: Matrix) -> tuple["_Fit", dict[str, str]]:
+    """Return the fit with the scales that the record tells, and why it does not tell one."""
+    # What explains the record needs no other counts: those of a slip leave far more than rounding.
+    freed = fit.freed(TORQUE) if fit.rms < ENCODER_NOISE else _with_scales(fit, values)
+    scaled = _rounded(freed, fit, values)
+    if (fit.cost - scaled.cost) / max(scaled.rms**2, ROUNDING) > CONTRADICTED:
+        if any(_is_wide(scaled, name) for name in SCALES):
+            return fit, dict.fromkeys(SCALES, TOO_WIDE)
+        fit = scaled
+    alike = fit.values[TORQUE] == 1.0 and _is_wide(freed, "torque_scale")
+    return fit, {"torque_scale": ACT_ALIKE} if alike else {}
+
+
+def _is_wide(fit: "_Fit", name: str) -> bool:
+    """Return whether the interval of a scale is too wide to be told."""
+    told = fit.told(None).values[name]
+    return told.half_width > KNOWN_SCALE * told.value
 
 
 def _with_scales(fit: "_Fit", values: Matrix) -> "_Fit":
@@ -449,11 +463,12 @@ class _Fit:
             values[name] = np.clip(values[name], 0.5 * self.values[name], 2.0 * self.values[name])
         return np.clip(values, self.low, self.high)
 
-    def told(self, check: float) -> RunFit:
+    def told(self, check: float | None) -> RunFit:
         """Return the values with their intervals, and the reasons of those that the record does not tell."""
         rms, inverse, values = self.rms, np.linalg.pinv(self.slopes, rcond=1e-14), dict[str, Estimate]()
         sandwich = inverse @ self.scores.T @ self.scores @ inverse
-        variances = np.maximum(np.diag(sandwich), np.diag(inverse) * max(rms**2, ROUNDING))
+        # Where values act alike, rounding can make a variance negative.
+        variances = np.maximum(np.abs(np.diag(sandwich)), np.abs(np.diag(inverse)) * max(rms**2, ROUNDING))
         deviations = dict(zip(self.free, np.sqrt(variances) * self.scales[self.free], strict=True))
         for name, place in TOLD.items():
             value = float(self.values[place])

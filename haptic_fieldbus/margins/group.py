@@ -22,6 +22,7 @@ from haptic_fieldbus.margins.limit import (
     corners,
     least,
     least_friction,
+    neighbours,
     suggest,
 )
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
@@ -177,11 +178,21 @@ class Group:
             grown = any(self._at(values).growth() > 1.0 + ROUNDING for values in corners(ranges))
             return Limit(0.0 if grown else math.inf, basis)
         found, at = least((values, self._at(values)) for values in corners(ranges))
+        before = math.inf
+        while self._may_differ and 0.0 < found < before:
+            before = found
+            found, at = least(((values, self._at(values)) for values in neighbours(ranges, at)), found, at)
         # The delay and lag of the plan lie inside their ranges, so no corner has these values.
         found = min(found, self.stability.stiffness_limit.stable or 0.0)
         rough = self._at(least_friction(ranges))
         obstacle = None if found else self._obstacle(self.stiffest)
         return Limit(found, basis, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
+
+    @property
+    def _may_differ(self) -> bool:
+        """Whether each axis may have a worst corner of its own: not where springs alone couple free handles."""
+        is_more = any(member.elements or member.bodies for member in self.members)
+        return bool(self.couplings) and (is_more or any(Signal.VELOCITY in each.needs for each in self.couplings))
 
     def _obstacle(self, varied: AnyElement) -> Obstacle | None:
         """Return the stiffest other element if it exceeds its limit without `varied`; None with couplings."""

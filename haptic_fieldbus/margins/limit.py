@@ -7,7 +7,10 @@ The search tries the corners of the ranges. For a spring the limit is close to b
 damping b, and falls with delay td and lag λ. The worst corner of a spring is therefore known except for the mass.
 Virtual damping, virtual masses and couplings can reverse this: with much virtual damping a light device is worst.
 Therefore all corners are tried, and of a compliant coupling places between its ends too: with virtual damping the load
-may swing at the worst frequency between them. Tests draw benches from inside the ranges, and none has a smaller limit.
+may swing at the worst frequency between them. Coupled axes are first all at the same corner. With damping one of them
+may be worst with a short lag and the other with a long one. From the worst corner so far, each axis alone is therefore
+tried at its other corners, until no limit is smaller. Tests draw benches from inside the ranges, and none has a smaller
+limit.
 
 Delays that change from period to period, by jitter or by a drive whose control tick is not locked to SYNC, are covered
 by the longest delay for springs and for weak virtual damping. With a virtual damping above about half of m/T, delays
@@ -18,7 +21,7 @@ Automatica 40(8), 2004, 1429), and at the resonance of a lightly damped spring t
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Protocol
@@ -161,8 +164,8 @@ def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]
     """Yield the corners of the ranges of all axes; the worst corner for a spring comes first.
 
     All axes are at the same corner of friction, lag and delay, and at the same place of their compliant couplings. At
-    the worst of these corners the masses of the axes are varied independently. Equal corners, of a value that is exact,
-    are yielded once.
+    the worst of these corners the masses of the axes are varied independently. `neighbours` varies the rest. Equal
+    corners, of a value that is exact, are yielded once.
     """
     count = len(axes)
     alike = [(1,) * count, (0,) * count]
@@ -177,6 +180,16 @@ def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]
             if corner not in seen:
                 seen.add(corner)
                 yield corner
+
+
+def neighbours(axes: Sequence[tuple[Plant, Ranges]], at: tuple[Values, ...]) -> Iterator[tuple[Values, ...]]:
+    """Yield the values of all axes where one axis alone is at another of its corners; its coupling stays."""
+    for place, (plant, ranges) in enumerate(axes):
+        own = dict.fromkeys(
+            replace(_at(plant, ranges, mass, friction, lag, delay, 0.0), coupling=at[place].coupling)
+            for mass, friction, lag, delay in product((0, 1), repeat=4)
+        )
+        yield from ((*at[:place], each, *at[place + 1 :]) for each in own if each != at[place])
 
 
 SPRINGS = (0.0, 1.0, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
@@ -201,9 +214,10 @@ def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
     return tuple(_at(plant, ranges, 0, 0, 0, 0, 0) for plant, ranges in axes)
 
 
-def least(found: Iterator[tuple[tuple[Values, ...], VariedLoop]]) -> tuple[float, tuple[Values, ...]]:
-    """Return the smallest limit of these loops, and its values."""
-    limit, at = math.inf, tuple[Values, ...]()
+def least(
+    found: Iterable[tuple[tuple[Values, ...], VariedLoop]], limit: float = math.inf, at: tuple[Values, ...] = ()
+) -> tuple[float, tuple[Values, ...]]:
+    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
     for values, loop in found:
         if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
             continue

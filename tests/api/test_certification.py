@@ -2,12 +2,12 @@
 
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.api import Trial, certification, prepare_run
+from haptic_fieldbus.api import Trial, certification, prepare_run, stability
 from haptic_fieldbus.api.certification import CertifyTask, certify
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
@@ -77,6 +77,21 @@ def test_the_effort_is_announced_and_at_most_a_fifth_of_rated_torque(
         certify(CertifyTask(Task("wall", bench), by_hand=True), announce=told.extend)
     assert "at most 2 N" in " ".join(told)
     assert "you tap the handle with a finger" in " ".join(told)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.15, 0.8])
+def test_no_stiffness_is_above_the_announced_share(bench: Path, monkeypatch: pytest.MonkeyPatch, share: float) -> None:
+    tapped: list[tuple[float, str]] = []
+    stopping(monkeypatch)
+    with suppress(SafetyTripError):  # the smallest one is too soft for swings, and no run begins
+        certify(
+            CertifyTask(Task("wall", bench), share=share),
+            progress=lambda stiffness, unit: tapped.append((stiffness, unit)),
+        )
+    onset = stability("wall", bench).stiffness_limit.stable
+    assert onset is not None
+    assert all(0.0 < stiffness <= share * onset for stiffness, _ in tapped)
+    assert tapped
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,11 @@ import pytest
 
 from haptic_fieldbus.api.twin import BenchTwin, twin
 from haptic_fieldbus.drive.rig import Identified, LinearMechanism, Mechanics, Rig
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.planning.selection import load, select
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.recordings.reading import RecordedRun
 from tests.identification.twins import (
     LASTING,
@@ -102,6 +103,17 @@ def test_a_twin_raises_no_permitted_torque(bench: HiddenBench, made: tuple[Bench
     assert found.rig.permissions == stated.rig.permissions
 
 
+def test_the_twin_of_a_simulated_run_counts_on_a_simulated_bus_only(made: tuple[BenchTwin, Rig]) -> None:
+    axis = replace(made[1].axis["handle"], inertia=None, viscous_damping=None, coulomb_friction=None)
+    on_a_real_bus = replace(made[1], bus={"bus": CanSection("socketcan", "can0")}, axis={"handle": axis})
+    assert load(Task("spring", made[1])).plan.axes[0].bench.inertia is not None
+    bench = load(Task("spring", on_a_real_bus)).plan.axes[0].bench
+    assert (bench.inertia, bench.viscous_damping, bench.coulomb_friction) == (None, None, None)
+    assert "measured on a simulated bus" in bench.unknown
+    with pytest.raises(PlanError, match=r"stability unknown.*measured on a simulated bus"):
+        select(Task("spring", on_a_real_bus))
+
+
 def test_what_changed_is_named_alone_and_an_unchanged_bench_is_left_alone(
     bench: HiddenBench, made: tuple[BenchTwin, Rig], minute: RecordedRun, tmp_path: Path
 ) -> None:
@@ -123,6 +135,8 @@ def test_a_hand_on_a_real_bench_is_stated_or_refused(bench: HiddenBench, minute:
         twin(real, bench.stated, free=[(1.0, 2.0)])
     found = twin(real, bench.stated, hand="shake")
     assert found.fit.values["inertia"].value == pytest.approx(9e-5, rel=0.02)
+    assert not found.rig.axis["handle"].identified.simulated
+    assert load(Task("spring", found.rig)).plan.axes[0].bench.unknown == ""
 
 
 def test_a_recording_that_tells_nothing_is_refused_with_the_reason(bench: HiddenBench, minute: RecordedRun) -> None:

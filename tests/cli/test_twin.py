@@ -36,6 +36,14 @@ def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, co
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 2
 
 
+def test_a_run_that_leaves_nothing_to_check_is_told_without_a_check(folder: Path, command: Command) -> None:
+    asked = ("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--hand", "shake", "--free", "1:3.4")
+    told, ended = command(*asked, "--json"), command(*asked)
+    assert (told.status, ended.status) == (0, 0), told.err
+    assert json.loads(told.out)["predicted"]["check"] is None
+    assert "counts unexplained\n" in ended.out
+
+
 @pytest.mark.thorough("fits a bench")
 def test_a_change_is_told_by_text_and_status(folder: Path, tmp_path: Path, command: Command) -> None:
     twin, lighter = tmp_path / "twin.toml", tmp_path / "lighter.toml"

@@ -1,13 +1,17 @@
 """The check by an added mass: which slip makes which ratio, in closed form, and 20 seeded benches with each slip."""
 
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from haptic_fieldbus.api.identification import BenchTask, bounds_of, identify
+from haptic_fieldbus.drive.rig import Identified, Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck, scale_check
+from haptic_fieldbus.planning.known_bench import digest_with
+from haptic_fieldbus.protocols.catalogue import load_rig
 from tests.api.test_identification import GEARED, LINEAR, rig_text
 
 
@@ -144,3 +148,44 @@ def test_a_mass_that_tells_nothing_is_refused(
     rig.write_text(rig_text(handle=handle), encoding="utf-8")
     with pytest.raises(UsageError, match=complaint):
         bounds_of(BenchTask(rig, **words))  # type: ignore[arg-type]
+
+
+IDENTIFIED = Identified(
+    inertia=4e-5, inertia_interval=(3.9e-5, 4.1e-5), viscous_damping=1e-4, viscous_damping_interval=(9e-5, 1.1e-4),
+    coulomb_friction=2e-3, coulomb_friction_interval=(1.9e-3, 2.1e-3),
+)  # fmt: skip
+
+
+def sealed_rig(tmp_path: Path, **conditions: object) -> Rig:
+    """A rig on a simulated bus, with a table whose digest is right."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text(rig_text(), encoding="utf-8")
+    told = load_rig(rig)
+    axis, kept = told.axis["handle"], replace(IDENTIFIED, **conditions)  # type: ignore[arg-type]
+    sealed = replace(axis, identified=replace(kept, digest=digest_with(axis, kept)))
+    return replace(told, axis={"handle": sealed})
+
+
+@pytest.mark.parametrize(
+    ("conditions", "bus", "complaint"),
+    [
+        ({"simulated": True}, "socketcan:can0", r"\(the values of \[identified\] were measured on a simulated bus\)"),
+        ({"axis": "other"}, None, "were measured on the axis other"),
+        ({"profile": "elmo_gold"}, None, "were measured with the profile elmo_gold"),
+    ],
+)
+def test_a_measurement_that_counts_for_no_plan_is_compared_with_no_mass(
+    tmp_path: Path, conditions: dict[str, object], bus: str | None, complaint: str
+) -> None:
+    own = sealed_rig(tmp_path, simulated=True, axis="handle", profile="maxon_epos4")
+    assert bounds_of(BenchTask(own, with_mass=0.1)).axis == "handle"
+    with pytest.raises(UsageError, match=f"--with-mass: the rig has no valid measurement.*{complaint}"):
+        bounds_of(BenchTask(sealed_rig(tmp_path, **conditions), with_mass=0.1, bus=bus))
+
+
+def test_a_table_of_an_earlier_version_that_two_axes_share_is_compared_with_no_mass(tmp_path: Path) -> None:
+    alone = sealed_rig(tmp_path)
+    copied = replace(alone, axis=alone.axis | {"copy": replace(alone.axis["handle"], node=6)})
+    assert bounds_of(BenchTask(alone, with_mass=0.1)).axis == "handle"
+    with pytest.raises(UsageError, match="is that of the axis copy too"):
+        bounds_of(BenchTask(copied, axis="handle", with_mass=0.1))

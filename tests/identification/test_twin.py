@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from scipy.optimize import least_squares
 
 from haptic_fieldbus.drive.rig import LinearMechanism
+from haptic_fieldbus.identification import twin
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.identification.twin import HoldingHand, RunRecord, fit_run
 from haptic_fieldbus.sim.hand import HANDS, Grip, grip
@@ -70,6 +71,7 @@ def test_the_bench_is_found_from_an_ordinary_run(shaken: RunRecord) -> None:
     assert fit.values["delay_and_lag"].value == pytest.approx(9e-4, abs=5e-5)
     assert fit.values["torque_scale"].value == fit.values["count_scale"].value == 1.0
     assert fit.residual < 0.35, "a record that the model explains leaves the rounding of the encoder, 0.29 counts"
+    assert fit.predicted is not None
     assert fit.predicted < 0.35
 
 
@@ -128,7 +130,16 @@ def test_a_run_of_few_pieces_has_none_to_check(shaken: RunRecord) -> None:
     short = replace(
         shaken, positions=shaken.positions[:count], torques=shaken.torques[:count], usable=shaken.usable[:count]
     )
-    assert math.isnan(fit_run(short, STATED).predicted)
+    assert fit_run(short, STATED).predicted is None
+
+
+def test_a_wrong_hand_tells_no_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(twin, "MOST_STEPS", 5)  # no step helps a wrong hand
+    shaken = run_record(held_by("shake"), 4.0, period=0.01)
+    values = fit_run(replace(shaken, hand=holding(held_by("sine"))), STATED).values
+    for name in ("torque_scale", "count_scale"):
+        assert values[name].value == 1.0
+        assert values[name].reason == "its interval is too wide, so the stated hand may be wrong"
 
 
 def test_a_soak_is_judged_by_shares() -> None:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from random import Random
 
 import pytest
@@ -11,8 +12,9 @@ import haptic_fieldbus
 from haptic_fieldbus.margins import Basis, Plant, Stability, Verdict, stiffness_limit
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.limit import WORST
+from haptic_fieldbus.margins.limit import WORST, Values
 from haptic_fieldbus.margins.plant import Ranges, exact_bench
+from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.cases.timing import Ticks, free_ticks, schedule_growth
@@ -168,6 +170,44 @@ def test_no_coupling_within_its_range_has_a_smaller_limit(seed: int) -> None:
     for each in (0.5, *(random.uniform(0.5, 2.0) for _ in range(20)), 2.0):
         within = member.at(replace(at, coupling=each))
         assert least.value <= Group((within,), (), PERIOD).rough_limit() * (1.0 + 1e-3)
+
+
+def pair(*benches: tuple[Plant, float], damping: float = 0.0, dampers: tuple[float, float] = (0.0, 0.0)) -> Group:
+    """Two handles under a virtual shaft, each with lag and delay known to a factor."""
+    members = [
+        Member(name, plant, delay, (Damper(name, own),) if own else (), None, "backward-difference",
+               ranges=Ranges((0.7 * plant.torque_lag, 1.4 * plant.torque_lag), (0.5 * delay, 1.5 * delay)))
+        for name, (plant, delay), own in zip("ab", benches, dampers, strict=True)
+    ]  # fmt: skip
+    return Group(tuple(members), (Coupling(("a", "b"), 100.0, damping=damping),), PERIOD)
+
+
+HEAVY_AND_LIGHT = (Plant(4.2, 2.1, torque_lag=0.36e-3), 0.93e-3), (Plant(1.43, 0.31, torque_lag=0.156e-3), 0.32e-3)
+QUICK_AND_SLOW = (Plant(2.0, 3.77, torque_lag=0.37e-3), 1.03e-3), (Plant(0.556, 1.56, torque_lag=0.24e-3), 0.288e-3)
+
+
+@pytest.mark.parametrize(
+    "group",
+    [pair(*HEAVY_AND_LIGHT, damping=698.0), pair(*QUICK_AND_SLOW, dampers=(65.4, 244.0))],
+    ids=["damped coupling", "dampers of their own"],
+)
+def test_no_corner_of_two_coupled_axes_has_a_smaller_limit(group: Group) -> None:
+    """All 256 corners, each axis at one of its own, by the eigenvalues of the loop."""
+    told = group.limit_over_ranges().value
+    assert 0.0 < told < math.inf
+    own = [
+        [
+            member.at(Values(replace(member.plant, mass=member.plant.mass * mass, damping=member.plant.damping * share,
+                                     torque_lag=lag), delay))
+            for mass, share, lag, delay in product(
+                member.known_ranges.mass, member.known_ranges.damping, member.known_ranges.torque_lag,
+                member.known_ranges.delay,
+            )
+        ]
+        for member in group.members
+    ]  # fmt: skip
+    for members in product(*own):
+        assert replace(group, members=members).bears(told * (1.0 - 1e-5)), members
 
 
 def test_a_load_that_swings_at_the_worst_frequency_between_the_ends_of_a_coupling_is_found() -> None:
