@@ -287,7 +287,7 @@ def measured_whole(bench: WholeBench, folder: Path) -> Measured:
 def limit_share(measured: Measured) -> float | None:
     """Return the limit of a wall on the measured bench as a share of the true one; None where either is unknown."""
     found, bench = measured.found, measured.bench
-    if found is None or found.limit is None or "delay_and_lag" not in measured.truth:
+    if found is None or found.limit is None or measured.truth.get("delay_and_lag", 0.0) < bench.lag:
         return None
     delay = measured.truth["delay_and_lag"] - bench.lag
     true = oracle_limit(bench.inertia, bench.viscous_damping, delay, bench.lag, 1.0 / bench.rate)
