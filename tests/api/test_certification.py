@@ -4,6 +4,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -173,6 +174,14 @@ def test_a_real_bench_is_asked_once_and_again_above_the_limit(real: Path) -> Non
 def test_a_real_bench_that_is_not_confirmed_is_not_enabled(real: Path) -> None:
     with pytest.raises(UsageError, match="not enabled"):
         certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: False)
+
+
+def test_only_true_and_false_are_answers(real: Path) -> None:
+    typed: Any = "n".format  # as of `input`
+    with pytest.raises(TypeError, match=r"answer of confirm\(\): expected True or False"):
+        certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=typed)
+    with pytest.raises(TypeError, match=r"answer of confirm\(\): expected True or False"):
+        certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: True, above=typed)
 
 
 def test_taps_by_hand_tell_no_onset_and_end_at_the_limit_without_a_confirmation(

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import can
 
@@ -80,6 +81,7 @@ class GuardBench:
         self.frames: list[tuple[int, int, bytes]] = []
         self.world.tap(lambda t_ns, can_id, data: self.frames.append((t_ns, can_id, bytes(data))))
         self.asked = ""
+        self.answer: Any = True
         self.port = SimulatedBus(world=self.world)
         self.forger = SimulatedBus(world=self.world)
         self.bus = CanopenBus(self.port, self.clock, owned=True)
@@ -94,9 +96,9 @@ class GuardBench:
         return self
 
     def run(self, seconds: float = 0.05) -> Result:
-        def confirm(question: str) -> bool:
+        def confirm(question: str) -> Any:
             self.asked = question
-            return True
+            return self.answer
 
         session = Session(self.plan, self.selection.bus.text, seconds, confirm=confirm, prove=self.prove)
         try:
