@@ -12,7 +12,9 @@ from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from threading import current_thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -41,6 +43,7 @@ from haptic_fieldbus.sim.faults import Fault
 if TYPE_CHECKING:
     from haptic_fieldbus.numerics.estimators import Estimator
     from haptic_fieldbus.numerics.integrators import Integrator
+    from haptic_fieldbus.running.rights import WorkAside
     from haptic_fieldbus.sim.hand import Hand
 
 # A force of the caller in the place of a scene.
@@ -204,8 +207,8 @@ class LiveSession:
         self._steps: Steps[Result] | None = None
         self._judged: list[Future[Change]] = []
         self._judging: ThreadPoolExecutor | None = None
-        self._aside = False
-        """Whether another thread judges changes."""
+        """The thread that judges changes; None: that of the caller does."""
+        self._aside: WorkAside | None = None
         self._look: Callable[[], SessionState] | None = None
         self.result: Result | None = None
 
@@ -223,10 +226,22 @@ class LiveSession:
             if isinstance(self._task.scene, Scene) and isinstance(self._task.scene.elements[0], OwnEffort):
                 error.args = (str(error).replace(f"--set {EFFORT}.", ""),)  # it has arguments, no parameters
             raise
-        self._aside = not self._run.plan.simulated
         self._steps = self._run.steps(place, self._caller)
-        self._advance()
+        if self._run.plan.simulated:
+            self._advance()
+        else:
+            self._advance_beside_a_judge()
         return self
+
+    def _advance_beside_a_judge(self) -> None:
+        """Begin the thread that judges, go on to the first pause, and give it rights below those of the loop."""
+        from haptic_fieldbus.running.rights import WorkAside, make_as_urgent
+
+        self._aside = WorkAside()
+        self._judging = ThreadPoolExecutor(1, "haptic-fieldbus-judging")
+        thread = self._judging.submit(current_thread).result()  # it exists before the loop takes one processor
+        self._advance()
+        make_as_urgent([thread])
 
     def __iter__(self) -> Self:
         return self
@@ -266,12 +281,11 @@ class LiveSession:
             raise wrong_kind("set() name", "a name such as wall.stiffness", name)
         if self._run is None or self._steps is None:
             raise UsageError("a session is changed inside its block, while it runs")
-        if not self._aside:
+        if self._judging is None or self._aside is None:
             done: Future[Change] = Future()
             done.set_result(self._changes.request({name: value}))
             return done
-        self._judging = self._judging or ThreadPoolExecutor(1, "haptic-fieldbus-judging")
-        self._judged.append(self._judging.submit(self._changes.request, {name: value}))
+        self._judged.append(self._judging.submit(self._aside.do, partial(self._changes.request, {name: value})))
         return self._judged[-1]
 
     def stop(self) -> None:

@@ -34,7 +34,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
-from time import monotonic, sleep
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
@@ -46,7 +46,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.running.leading import Leading, SimulatedTime
-from haptic_fieldbus.running.rights import REAL_TIME
+from haptic_fieldbus.running.rights import WorkAside, make_as_urgent
 from haptic_fieldbus.running.ring import LONGEST_LINE, RingWriter
 from haptic_fieldbus.signals import LinkFlag
 
@@ -69,8 +69,6 @@ NEXT_SCENE = 0
 """Mark of an end after which another scene begins; a signal, and STOP, take its place."""
 MOST_CHANGES = 8
 """Changes that wait to be judged or to begin, from which on a further one is refused: judging takes time."""
-REST, LONGEST_REST = 9.0, 0.5
-"""Rest after a task, as a multiple of the time that it took, and at most [s]: the loop has most of the interpreter."""
 SEND_BUFFER = 1 << 20
 """Octets that wait for a reader before it is left, as far as the system permits them."""
 NO_COMMAND = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
@@ -247,7 +245,7 @@ class Live:
         self._ending, self.time.leaving = ending, lambda: ending.signal is not None
         self._leading, self._plan = leading, plan
         if not plan.simulated:
-            self._be_as_urgent()
+            make_as_urgent(self._threads)
         values = self._of_run(plan, cycle, report)
         record.followers.append(lambda row: ring.push(row, values()))
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
@@ -263,18 +261,6 @@ class Live:
             if not self._shown.wait(FIRST_PAGE):
                 raise UsageError(f"no page was opened within {FIRST_PAGE:.0f} s, and --view-required needs one")
             self._page_seen = monotonic()
-
-    def _be_as_urgent(self) -> None:
-        """Give the threads the real-time class of the loop, one priority below it.
-
-        A thread that computes holds the interpreter, also while it waits for a processor behind ordinary work.
-        """
-        policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else -1
-        if policy in REAL_TIME:
-            below = os.sched_param(max(1, os.sched_getparam(0).sched_priority - 1))
-            for thread in self._threads:
-                with contextlib.suppress(OSError):
-                    os.sched_setscheduler(thread.native_id or 0, policy, below)
 
     def end(self, told: Message) -> None:
         """Say how the run ended; pages keep it. Only the first word counts."""
@@ -333,14 +319,15 @@ class Live:
     # The thread that judges changes.
 
     def _judge(self) -> None:
+        aside = WorkAside()
         while (task := self._tasks.get()) is not None:
-            began = monotonic()
             try:
-                task()
+                if self._plan is None or self._plan.simulated:
+                    task()
+                else:
+                    aside.do(task)
             except Exception as error:  # the page must go on to answer, and to tell trips
                 self._tell({"refused": f"this cannot be shown: {type(error).__name__}: {error}"})
-            if self._plan is not None and not self._plan.simulated:  # the loop is in real time
-                sleep(min(LONGEST_REST, REST * (monotonic() - began)))
 
     def _change(self, reader: _Reader, settings: Any) -> None:
         try:

@@ -1,8 +1,6 @@
 """`certify` on simulated benches that their rigs describe badly, and on a bus that the rig calls real."""
 
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +8,13 @@ import pytest
 
 from haptic_fieldbus.api import Trial, certification, prepare_run
 from haptic_fieldbus.api.certification import CertifyTask, certify
-from haptic_fieldbus.buses.canopen.master import CanopenBus
-from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UnstableSceneError, UsageError
 from haptic_fieldbus.identification.certificate import Tapping
 from haptic_fieldbus.identification.fit import fit_shaft
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.running.session import Site
-from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.world import World
-from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.api.certified import certified, drawn_bench
 from tests.api.test_identification import rig_text
+from tests.running.guard_bench import drives_behind
 
 SLOW = 250.0
 """A rate at which a certificate takes little computing time [Hz]."""
@@ -134,16 +126,7 @@ def real(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     text = rig_text().replace("haptic_sim", "socketcan").replace("3.0e-4", "1.0e-4")
     bench.write_text(text, encoding="utf-8")
 
-    @contextmanager
-    def behind(plan: Plan, *_: object) -> Iterator[Site]:
-        clock = VirtualClock()
-        world = World(clock, 1_000_000, 0)
-        for axis in plan.axes:
-            world.add(DriveOnBus(axis.node, axis.profile, axis.rig))
-        bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
-        yield Site(clock, {"here": bus}, {}, "")
-
-    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", behind)
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", drives_behind)
     return bench
 
 

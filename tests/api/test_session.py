@@ -2,11 +2,14 @@
 
 import dis
 import math
+import os
 import re
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import enumerate as enumerate_threads
 from types import CodeType, FrameType
 from typing import Any
 
@@ -24,6 +27,8 @@ from haptic_fieldbus import (
     session,
 )
 from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.running.rights import WorkAside
+from tests.running.guard_bench import drives_behind, rig_text
 
 ENABLED, RELEASED = b"0F00", b"0000"
 """Controlwords in the RPDO of the reference drive: operation enabled, and without voltage."""
@@ -211,7 +216,7 @@ def test_another_thread_judges_the_changes_of_a_real_bus() -> None:
     """Here in virtual time: it goes on until the other thread has judged."""
     with session("wall") as live:
         next(live)
-        live._aside = True
+        live._judging, live._aside = ThreadPoolExecutor(1), WorkAside()
         asked = live.set("wall.stiffness", 300.0)
         for _ in live:
             if asked.done() and live._run is not None and live._run.report.changes:
@@ -223,6 +228,27 @@ def test_another_thread_judges_the_changes_of_a_real_bus() -> None:
         next(live)
     assert live.result is not None
     assert [change.settings for change in live.result.changes] == [{"wall.stiffness": 300.0}]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="asks Linux")
+def test_the_thread_that_judges_yields_to_the_loop_and_runs_on_every_processor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bus that the rig calls real, in virtual time; the rights are those of a real run."""
+    (rig := tmp_path / "rig.toml").write_text(rig_text(profile="maxon_epos4"), encoding="utf-8")
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", drives_behind)
+    monkeypatch.setattr("haptic_fieldbus.running.rights.MANY", 1)  # the loop takes one processor on each computer
+    processors = os.sched_getaffinity(0)
+    with session("wall", rig, settings={"wall.stiffness": 200.0}, duration=0.1, yes=True) as live:
+        next(live)
+        loop = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
+        live.set("wall.stiffness", 210.0).result()
+        (judge,) = [each.native_id or 0 for each in enumerate_threads() if "judging" in each.name]
+        found = os.sched_getscheduler(judge), os.sched_getparam(judge).sched_priority, os.sched_getaffinity(judge)
+    assert found[2] == processors
+    if loop[0] != os.SCHED_FIFO:
+        pytest.skip("this system grants no SCHED_FIFO")
+    assert found == (loop[0], loop[1] - 1, processors)
 
 
 def test_progress_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

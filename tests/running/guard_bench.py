@@ -1,8 +1,8 @@
 """A bench of simulated drives behind a bus that a rig calls real, in virtual time; every frame on it is kept."""
 
 import struct
-from collections.abc import Callable, Iterable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import can
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.running.session import Session, Site
@@ -48,6 +49,17 @@ def rig_text(*names: str, profile: str = "generic_cia402", more: str = "") -> st
     """A rig with these axes on one bus, with comments, and `more` keys in the table of the last one."""
     axes = [AXIS.format(name=name, node=1 + place, profile=profile) for place, name in enumerate(names or ("handle",))]
     return BUS + "".join(axes) + more
+
+
+@contextmanager
+def drives_behind(plan: Plan, *_: object) -> Iterator[Site]:
+    """Put simulated drives behind the bus of a plan, in virtual time, in the place of `api.site.site_of`."""
+    clock = VirtualClock()
+    world = World(clock, 1_000_000, 0)
+    for axis in plan.axes:
+        world.add(DriveOnBus(axis.node, axis.profile, axis.rig))
+    bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
+    yield Site(clock, {"here": bus}, {}, "")
 
 
 class Frozen(VirtualClock):
