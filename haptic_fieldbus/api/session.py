@@ -14,7 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from threading import current_thread
+from threading import current_thread, get_ident
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -202,8 +202,10 @@ class LiveSession:
         self._task, self._share = task, share
         self._changes = trial.changes if isinstance(trial.changes, Changes) else Changes(trial.changes or ())
         self._trial = replace(trial, changes=self._changes)
-        self._caller = Caller()
+        self._caller = Caller(LiveSession.__exit__.__code__)
         self._run: Session | None = None
+        self._thread = 0
+        """The thread that entered the block: the signals and the rights of the run are its own."""
         self._steps: Steps[Result] | None = None
         self._judged: list[Future[Change]] = []
         self._judging: ThreadPoolExecutor | None = None
@@ -220,6 +222,7 @@ class LiveSession:
         """
         if self._run is not None:
             raise UsageError("this session has been used; make a new one")
+        self._thread = get_ident()
         try:
             self._run, place = prepare_run(self._task, self._trial, share=self._share)
         except UnstableSceneError as error:
@@ -264,6 +267,8 @@ class LiveSession:
 
     def _advance(self) -> bool:
         """Go on to the next pause; return whether there was one. The run is over otherwise, and when it raises."""
+        if get_ident() != self._thread:
+            raise UsageError("a session is stepped by the thread that entered its block")
         try:
             next(self._steps)  # type: ignore[arg-type]
         except StopIteration as end:

@@ -109,6 +109,8 @@ class Session:
     def steps(self, place: AbstractContextManager[Site], caller: Caller | None = None) -> Steps[Result]:
         """Run the plan as `render` does; with a `caller`, pause once the run is confirmed, and after each period."""
         with ended_by_signals() as ending:
+            if caller is not None and caller.leaving is not None:
+                ending.unbroken = caller.leaving
             return (yield from self._steps(place, ending, caller))
 
     def _steps(self, place: AbstractContextManager[Site], ending: EndSignals, caller: Caller | None) -> Steps[Result]:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Thread
 from threading import enumerate as enumerate_threads
 from types import CodeType, FrameType
 from typing import Any
@@ -399,8 +400,8 @@ def test_the_advice_for_an_effort_names_the_arguments_of_a_session() -> None:
     assert "scenes check" not in str(failed.value)
 
 
-def interrupting(code: CodeType, at: int) -> Callable[[FrameType, str, Any], Any]:
-    """A trace function that raises SIGINT in front of an instruction of a function, in its 30th call."""
+def interrupting(code: CodeType, at: int, call: int = 30) -> Callable[[FrameType, str, Any], Any]:
+    """A trace function that raises SIGINT in front of an instruction of a function, in one of its calls."""
     calls = 0
 
     def traced(frame: FrameType, event: str, argument: Any) -> Any:
@@ -410,7 +411,7 @@ def interrupting(code: CodeType, at: int) -> Callable[[FrameType, str, Any], Any
         frame.f_trace_opcodes = True
         if event == "opcode" and frame.f_lasti == at:
             calls += 1
-            if calls == 30:
+            if calls == call:
                 signal.raise_signal(signal.SIGINT)
         return traced
 
@@ -432,6 +433,57 @@ def test_a_signal_between_two_instructions_of_a_step_ends_it_torque_free(tmp_pat
             finally:
                 sys.settrace(None)
         assert ends_torque_free(record), at
+
+
+def instructions(function: Callable[..., object]) -> list[tuple[CodeType, int]]:
+    """Each instruction of a function in front of which a signal can come."""
+    found = [each for each in dis.get_instructions(function) if each.opname not in ("RESUME", "CACHE")]
+    return [(function.__code__, each.offset) for each in found if each.offset > 0]
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_a_signal_between_two_instructions_of_the_end_of_the_block_ends_it_torque_free(tmp_path: Path) -> None:
+    """Whichever instruction of `__exit__`, and of `stop` that it calls, the signal comes in front of."""
+    record = tmp_path / "a.log"
+    for code, at in [*instructions(LiveSession.__exit__), *instructions(LiveSession.stop)]:
+        live = session("wall", record=record)
+        try:
+            with live:
+                by_break(live)
+                sys.settrace(interrupting(code, at, call=1))
+        except KeyboardInterrupt:
+            pass
+        finally:
+            sys.settrace(None)
+        assert ends_torque_free(record), (code.co_name, at)
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_another_thread_steps_no_session_and_ends_one_torque_free(tmp_path: Path) -> None:
+    refused: list[UsageError] = []
+
+    def step(live: LiveSession) -> None:
+        try:
+            next(live)
+        except UsageError as error:
+            refused.append(error)
+
+    with session("wall", duration=0.05) as live:
+        (thread := Thread(target=step, args=(live,))).start()
+        thread.join()
+        assert len(list(live)) == 50
+    assert "by the thread that entered its block" in str(refused[0])
+    assert live.result is not None
+
+    other = session("wall", record=tmp_path / "a.log").__enter__()
+    by_break(other)
+    (thread := Thread(target=other.__exit__, args=(None, None, None))).start()
+    thread.join()
+    assert ends_torque_free(tmp_path / "a.log")
+    assert other.result is not None
+    with session("wall", duration=0.02) as after:
+        assert len(list(after)) == 20, "the next one is as the first"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_all_limits_of_an_undeclared_effort_are_those_of_its_cap() -> None:
