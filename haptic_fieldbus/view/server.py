@@ -213,6 +213,7 @@ class Controls:
             self._limits.set_content(_limits(hello))
             for told in hello["parameters"]:
                 slider, number, scale = self._sliders[told["name"]]
+                slider.props.update(min=told["low"], max=told["high"], step=told["step"])
                 slider.set_value(told["value"])
                 number.set_value(rounded_limit(told["value"]))
                 slider.update()  # also where the page has moved it meanwhile
@@ -351,6 +352,7 @@ class Page:
 
     socket: WebSocket
     client: str
+    run: int
     wake: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when there may be something to send."""
     drawn: bool = True
@@ -381,6 +383,8 @@ class Hub(Source):
         self._ring: RingReader
         self._pages: list[Page] = []
         self._steers: Page | None = None
+        self._answered = 0.0
+        """Time of the last answer of a page."""
 
     def follow(self) -> None:
         """Take the messages of the run in a thread of their own, until the run ends."""
@@ -395,10 +399,12 @@ class Hub(Source):
         threading.Thread(target=work, name="messages of the run", daemon=True).start()
 
     def vouch(self) -> None:
-        """Say to a run that requires a page that one is shown, and ask the pages; called again and again."""
+        """Say to a run that requires a page when one has answered, and ask the pages; called again and again."""
         if self.hello.get("required"):
-            if shown := sum(monotonic() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages):
-                self._send({"pages": shown})
+            pages = [page for page in self._pages if page.run == self.hello["run"]]
+            self._answered = max([self._answered, *(page.answered for page in pages)])
+            if self._answered:
+                self._send({"page": monotonic() - self._answered})
             self.tell({"alive": 1})  # rows may stand still for long, and a page draws nothing then
 
     def take(self, message: dict[str, Any], fd: int | None) -> None:
@@ -408,12 +414,14 @@ class Hub(Source):
             os.close(fd)
             self.hello = message["hello"]
             self.first = {each["name"]: each["value"] for each in self.hello["parameters"]} | self.hello["first"]
+            self.controls.clear()  # each page draws itself anew, and answers for this run then
+            self._answered = 0.0
             self.known.set()
-        kept = {kind: message[kind] for kind in ("ended", "trip", "waiting") if kind in message}
-        self.hello |= message.get("scene", {}) | message.get("pace", {}) | kept
+        kept = {kind: message[kind] for kind in ("ended", "trip") if kind in message}
+        self.hello |= message.get("later", {}) | message.get("pace", {}) | kept
+        self.tell(message)
         for controls in [*self.controls.values()]:
             controls.show(self.hello, message)
-        self.tell(message)
 
     def tell(self, message: dict[str, Any], page: Page | None = None) -> None:
         """Queue a message for one page, or for all."""
@@ -431,7 +439,7 @@ class Hub(Source):
         """Serve one page until it leaves."""
         await self.known.wait()
         await websocket.accept()
-        page = Page(websocket, websocket.query_params.get("client", ""), answered=monotonic())
+        page = Page(websocket, websocket.query_params.get("client", ""), self.hello["run"], answered=monotonic())
         self._pages.append(page)
         self._choose()
         self.tell({"hello": self.hello, "first": self.first, "steers": self._steers is page}, page)
