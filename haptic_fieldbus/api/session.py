@@ -11,7 +11,7 @@ import sys
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import current_thread, get_ident
@@ -36,6 +36,7 @@ from haptic_fieldbus.running.session import Session
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import Law
 from haptic_fieldbus.scenes.own_faults import own_faults
+from haptic_fieldbus.scenes.registry import FIXED
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 from haptic_fieldbus.sim.faults import Fault
@@ -66,8 +67,8 @@ class OwnEffort:
     """A function of the caller as an element of a scene; it is judged by the stiffness and damping that it declares."""
 
     axis: str
-    law: EffortLaw
-    names: tuple[str, ...]
+    law: EffortLaw = field(metadata={FIXED: True})
+    names: tuple[str, ...] = field(metadata={FIXED: True})
     stiffness: float = 0.0
     damping: float = 0.0
     name: str = EFFORT

@@ -281,7 +281,7 @@ MOST_ROWS = 4000
 """Rows in one picture; of more, every second, third … is sent."""
 OLDEST = 12.0
 """Longest time before the present of which rows are sent to a new page [s]."""
-USUAL_PORT = 8765
+USUAL_PORT, HTTP_PORT = 8765, 80
 WAITING = 64
 """Messages that wait for a page; of more, the oldest are dropped."""
 STEERING_TIME = 5.0
@@ -301,7 +301,8 @@ class Entrance:
 
     def __init__(self, application: Any, hosts: Iterable[str], token: str, cookie: str) -> None:
         self._application = application
-        self._hosts, self._token, self._cookie = frozenset(hosts), token, cookie
+        # As in the address: a cookie holds no ";", and a header no letter beyond Latin 1.
+        self._hosts, self._token, self._cookie = frozenset(hosts), quote(token, safe=""), cookie
         self._origins = {f"http://{host}" for host in self._hosts}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -332,7 +333,7 @@ class Entrance:
         needs_origin = asked.scope["type"] == "websocket" or asked.scope["method"] not in ("GET", "HEAD")
         if len(origins) > 1 or (origins and origins[0].lower() not in self._origins) or (needs_origin and not origins):
             return "another origin"
-        kept = given or asked.cookies.get(self._cookie, "")
+        kept = quote(given, safe="") or asked.cookies.get(self._cookie, "")
         return "" if hmac.compare_digest(kept.encode(), self._token.encode()) else "no valid token in the address"
 
 
@@ -524,13 +525,19 @@ def listening(host: str, port: int | None) -> socket.socket:
     return socket.create_server((host, port or 0), family=family, backlog=64)
 
 
+def hosts_of(shown: str, port: int) -> set[str]:
+    """Return the hosts by which a browser may name the server; it leaves the usual port of HTTP out."""
+    names = {shown.lower(), *LOOPBACK}
+    return {f"{name}:{port}" for name in names} | (names if port == HTTP_PORT else set())
+
+
 def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: Callable[[str], None]) -> None:
     """Serve the run behind a socket until it ends; `ready` is called with the address of the page. Raises OSError."""
     token = token or secrets.token_urlsafe(24)
     hub, door = Hub(path), listening(host, port)
     number = door.getsockname()[1]
     shown = f"[{host}]" if ":" in host else host
-    hosts = {f"{name}:{number}" for name in ({*LOOPBACK} if host in LOOPBACK else {shown.lower(), *LOOPBACK})}
+    hosts = hosts_of(shown, number)
     application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     application.add_api_websocket_route("/stream", hub.serve)
     build(hub)

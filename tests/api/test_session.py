@@ -27,6 +27,7 @@ from haptic_fieldbus import (
     run,
     session,
 )
+from haptic_fieldbus.api.session import EFFORT
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.running.rights import WorkAside
 from tests.running.guard_bench import drives_behind, rig_text
@@ -398,6 +399,14 @@ def test_the_advice_for_an_effort_names_the_arguments_of_a_session() -> None:
         list(live)
     assert "Correct its code." in str(failed.value)
     assert "scenes check" not in str(failed.value)
+
+
+@pytest.mark.parametrize("name", ["law", "names", "axis"])
+def test_only_stiffness_and_damping_of_an_effort_are_parameters(name: str) -> None:
+    with session(effort=spring, needs=("velocity", "position"), stiffness=200.0, damping=2.0, duration=0.01) as live:
+        next(live)
+        with pytest.raises(UsageError, match=f"{EFFORT}.{name}"):
+            live.set(f"{EFFORT}.{name}", 1.0)
 
 
 def interrupting(code: CodeType, at: int, call: int = 30) -> Callable[[FrameType, str, Any], Any]:

@@ -72,3 +72,16 @@ def test_the_arrows_lead_the_handle_from_where_it_is_while_the_charts_are_held(p
     handle = browser.find_element(By.CSS_SELECTOR, "canvas[data-kind=handle]")
     handle.send_keys(Keys.ARROW_RIGHT)
     assert browser.execute_script("return haptic.state().dragged.target") < -0.02
+
+
+def test_reset_leaves_out_what_the_run_cannot_change(browser: webdriver.Chrome) -> None:
+    """A loop that was begun without damping estimates no velocity."""
+    values = ("--set", "wall.damping=0", "--set", "wall.stiffness=400")
+    with serving("run", "damped_wall", *values, "--hand", "none", "--view", "--view-port", "0") as served:
+        opened(browser, served)
+        until(browser, "haptic.state().steers")
+        assert browser.execute_script("return haptic.state().hello.parameters.some((each) => each.fixed)")
+        typed(browser, "wall.stiffness", "500")
+        until(browser, f"{ANSWER}.textContent === 'wall.stiffness = 500 is in force.'")
+        browser.execute_script("haptic.reset()")
+        until(browser, f"{ANSWER}.textContent === 'wall.stiffness = 600 is in force.'")
