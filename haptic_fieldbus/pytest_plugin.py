@@ -65,7 +65,7 @@ def virtual_can_bus(request: pytest.FixtureRequest, fault_plan: Any) -> "Iterato
     with _refusing():
         drives = [DriveRequest(*each.args, **each.kwargs) for each in request.node.iter_markers("simulated_drive")]
         plan = _planner(request)(fault_plan)
-        bus = VirtualCanBus(drives or [DriveRequest()], plan, **(mark.kwargs if mark is not None else {}))
+        bus = VirtualCanBus(drives or [DriveRequest()], plan, **_by_name(mark, "time", "bitrate", "seed"))
     # pytest shows it with the report of a test that fails.
     request.node.add_report_section("setup", "simulated bench", str(bus))
     with bus:
@@ -84,7 +84,7 @@ def virtual_modbus_line(request: pytest.FixtureRequest, fault_plan: Any) -> "Ite
     mark = request.node.get_closest_marker(_MODBUS)
     with _refusing():
         drives = [DriveRequest(*each.args, **each.kwargs) for each in request.node.iter_markers("simulated_drive")]
-        line = VirtualModbusLine(drives, _planner(request)(fault_plan), **(mark.kwargs if mark is not None else {}))
+        line = VirtualModbusLine(drives, _planner(request)(fault_plan), **_by_name(mark, "bus", "seed"))
     request.node.add_report_section("setup", "simulated bench", str(line))
     with line:
         yield line
@@ -101,6 +101,15 @@ def simulated_drive(request: pytest.FixtureRequest) -> "SimulatedDrive | Simulat
 def _is_on_modbus(request: pytest.FixtureRequest) -> bool:
     """Return True when a test asks for a Modbus line, by its fixture or by its mark."""
     return _MODBUS in request.fixturenames or request.node.get_closest_marker(_MODBUS) is not None
+
+
+def _by_name(mark: pytest.Mark | None, *names: str) -> dict[str, Any]:
+    """Return the arguments of a mark by their names; raises TypeError for too many, or for one that is given twice."""
+    if mark is None:
+        return {}
+    if len(mark.args) > len(names):
+        raise TypeError(f"{mark.name} has {len(mark.args)} arguments; expected {', '.join(names)}")
+    return dict(**dict(zip(names, mark.args, strict=False)), **mark.kwargs)
 
 
 def _planner(request: pytest.FixtureRequest) -> "Callable[..., FaultPlan]":

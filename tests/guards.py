@@ -594,7 +594,7 @@ GUARDS = {
     ),
     "the question before torque": Guard(
         "haptic_fieldbus/running/session.py",
-        "if self.confirm is None or not self.confirm(question):",
+        "if not agreed(self.confirm, question):",
         "if False:",
         ("tests/peers/test_question.py::test_a_question_that_is_not_confirmed_leaves_nothing_but_uploads_on_the_bus",),
     ),

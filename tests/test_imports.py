@@ -109,6 +109,7 @@ DOES_WITHOUT = {
         "api.provenance": "numerics.estimators numerics.integrators running.changes",
         "running.rows": "recordings.mcap",
         "api": "sim.faults.drawing running.leading sim.mechanics.pointer",
+        "api.session": "running.rights",
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",

@@ -25,6 +25,21 @@ def pytest_on(tmp_path: Path) -> Pytest:
     return run
 
 
+@pytest.mark.thorough("starts a process")
+def test_the_arguments_of_a_mark_have_an_order(pytest_on: Pytest) -> None:
+    done = pytest_on(
+        "import pytest\n\n"
+        "@pytest.mark.virtual_can_bus('virtual', 500_000, seed=3)\n"
+        "def test_it(virtual_can_bus) -> None:\n"
+        "    assert virtual_can_bus.time.value == 'virtual'\n"
+        "    assert (virtual_can_bus.bitrate, virtual_can_bus.seed) == (500_000, 3)\n\n"
+        "@pytest.mark.virtual_modbus_line('modbus-rtu:pty')\n"
+        "def test_line(virtual_modbus_line) -> None:\n"
+        "    assert virtual_modbus_line.name.startswith('modbus-rtu:/dev/')\n"
+    )
+    assert done.returncode == pytest.ExitCode.OK, done.stdout
+
+
 def test_it_imports_nothing_for_tests_that_do_not_use_it(pytest_on: Pytest) -> None:
     done = pytest_on(
         "import sys\n\n"
@@ -76,6 +91,12 @@ def test_a_seed_is_drawn_anew_for_each_test(pytest_on: Pytest) -> None:
         ('simulated_drive("maxon_epos5")', 'no profile "maxon_epos5"; nearest: maxon_epos4'),
         ("simulated_drive(nod=5)", "unexpected keyword argument 'nod'"),
         ('virtual_can_bus(time="fast")', "'fast' is not a valid Time"),
+        ("virtual_can_bus('virtual', 500_000, 3, 4)", "virtual_can_bus has 4 arguments; expected time, bitrate, seed"),
+        ("virtual_can_bus('virtual', time='real')", "multiple values for keyword argument 'time'"),
+        ("virtual_can_bus(bitrate=0)", "bitrate 0: expected a whole number from 10000 to 1000000 bit/s"),
+        ("simulated_drive(node=0)", "node 0: expected a node-ID from 1 to 127"),
+        ("simulated_drive(node=200)", "node 200: expected a node-ID from 1 to 127"),
+        ("virtual_modbus_line()\n@pytest.mark.simulated_drive(node=300)", "node 300: expected a whole number from 1"),
         ('fault_plan("none.toml")', "none.toml"),
         ('fault_plan("random", kinds=["host_late"])', "kinds of faults host_late: expected some of"),
     ],

@@ -32,7 +32,7 @@ from haptic_fieldbus.planning.limits import BEYOND_SHARE
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.running.session import Session
+from haptic_fieldbus.running.session import Session, agreed
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.sim.hand import Hand, Piece
 
@@ -143,7 +143,7 @@ class _TappedBench:
         allowed = self.plan.simulated
         while not self.ended:
             if value > self.limit and not allowed:
-                if self._above is None or not self._above(self._question()):
+                if not agreed(self._above, self._question()):
                     self.ended = "the limit, because going above it was not confirmed"
                     return
                 allowed = True
@@ -163,7 +163,7 @@ class _TappedBench:
 
     def _confirmed(self, question: str) -> bool:
         """Return whether torque may be enabled; a person is asked once."""
-        self._is_confirmed = self._is_confirmed or (self._confirm is not None and self._confirm(question))
+        self._is_confirmed = self._is_confirmed or agreed(self._confirm, question)
         return self._is_confirmed
 
     def tap(self, stiffness: float) -> None:

@@ -11,8 +11,10 @@ import sys
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from threading import current_thread, get_ident
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -34,6 +36,7 @@ from haptic_fieldbus.running.session import Session
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import Law
 from haptic_fieldbus.scenes.own_faults import own_faults
+from haptic_fieldbus.scenes.registry import FIXED
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 from haptic_fieldbus.sim.faults import Fault
@@ -41,6 +44,7 @@ from haptic_fieldbus.sim.faults import Fault
 if TYPE_CHECKING:
     from haptic_fieldbus.numerics.estimators import Estimator
     from haptic_fieldbus.numerics.integrators import Integrator
+    from haptic_fieldbus.running.rights import WorkAside
     from haptic_fieldbus.sim.hand import Hand
 
 # A force of the caller in the place of a scene.
@@ -63,8 +67,8 @@ class OwnEffort:
     """A function of the caller as an element of a scene; it is judged by the stiffness and damping that it declares."""
 
     axis: str
-    law: EffortLaw
-    names: tuple[str, ...]
+    law: EffortLaw = field(metadata={FIXED: True})
+    names: tuple[str, ...] = field(metadata={FIXED: True})
     stiffness: float = 0.0
     damping: float = 0.0
     name: str = EFFORT
@@ -199,13 +203,15 @@ class LiveSession:
         self._task, self._share = task, share
         self._changes = trial.changes if isinstance(trial.changes, Changes) else Changes(trial.changes or ())
         self._trial = replace(trial, changes=self._changes)
-        self._caller = Caller()
+        self._caller = Caller(LiveSession.__exit__.__code__)
         self._run: Session | None = None
+        self._thread = 0
+        """The thread that entered the block: the signals and the rights of the run are its own."""
         self._steps: Steps[Result] | None = None
         self._judged: list[Future[Change]] = []
         self._judging: ThreadPoolExecutor | None = None
-        self._aside = False
-        """Whether another thread judges changes."""
+        """The thread that judges changes; None: that of the caller does."""
+        self._aside: WorkAside | None = None
         self._look: Callable[[], SessionState] | None = None
         self.result: Result | None = None
 
@@ -217,16 +223,29 @@ class LiveSession:
         """
         if self._run is not None:
             raise UsageError("this session has been used; make a new one")
+        self._thread = get_ident()
         try:
             self._run, place = prepare_run(self._task, self._trial, share=self._share)
         except UnstableSceneError as error:
             if isinstance(self._task.scene, Scene) and isinstance(self._task.scene.elements[0], OwnEffort):
                 error.args = (str(error).replace(f"--set {EFFORT}.", ""),)  # it has arguments, no parameters
             raise
-        self._aside = not self._run.plan.simulated
         self._steps = self._run.steps(place, self._caller)
-        self._advance()
+        if self._run.plan.simulated:
+            self._advance()
+        else:
+            self._advance_beside_a_judge()
         return self
+
+    def _advance_beside_a_judge(self) -> None:
+        """Begin the thread that judges, go on to the first pause, and give it rights below those of the loop."""
+        from haptic_fieldbus.running.rights import WorkAside, make_as_urgent
+
+        self._aside = WorkAside()
+        self._judging = ThreadPoolExecutor(1, "haptic-fieldbus-judging")
+        thread = self._judging.submit(current_thread).result()  # it exists before the loop takes one processor
+        self._advance()
+        make_as_urgent([thread])
 
     def __iter__(self) -> Self:
         return self
@@ -249,6 +268,8 @@ class LiveSession:
 
     def _advance(self) -> bool:
         """Go on to the next pause; return whether there was one. The run is over otherwise, and when it raises."""
+        if get_ident() != self._thread:
+            raise UsageError("a session is stepped by the thread that entered its block")
         try:
             next(self._steps)  # type: ignore[arg-type]
         except StopIteration as end:
@@ -266,12 +287,11 @@ class LiveSession:
             raise wrong_kind("set() name", "a name such as wall.stiffness", name)
         if self._run is None or self._steps is None:
             raise UsageError("a session is changed inside its block, while it runs")
-        if not self._aside:
+        if self._judging is None or self._aside is None:
             done: Future[Change] = Future()
             done.set_result(self._changes.request({name: value}))
             return done
-        self._judging = self._judging or ThreadPoolExecutor(1, "haptic-fieldbus-judging")
-        self._judged.append(self._judging.submit(self._changes.request, {name: value}))
+        self._judged.append(self._judging.submit(self._aside.do, partial(self._changes.request, {name: value})))
         return self._judged[-1]
 
     def stop(self) -> None:

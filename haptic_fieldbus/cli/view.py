@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.scenes.scene import Scene
 
 LOOPBACK = "127.0.0.1"
+LAST_PORT = 65_535
 STARTING = 60.0
 """Time in which the server must be ready [s]."""
 VIEWED_DURATION = 3600.0
@@ -31,13 +32,15 @@ VIEWED_DURATION = 3600.0
 ADDRESS = re.compile(r"http://\S+")
 
 
-def check_view(host: str) -> None:
+def check_view(host: str, port: int | None) -> None:
     """Raise UsageError when no page can be served there."""
     wrong = []
     if find_spec("nicegui") is None:
         wrong.append("the view needs nicegui; in a checkout, run: pip install '.[view]'")
     if _everywhere(host):
         wrong.append(f'host "{host}": give the address or the name of one interface of this computer')
+    if port is not None and not 0 <= port <= LAST_PORT:
+        wrong.append(f"port {port}: expected a whole number from 0 to {LAST_PORT}; 0 is any free port")
     raise_all(wrong)
 
 
@@ -58,7 +61,7 @@ def viewed(
 
     `scene` is that of the file, to whose values the page returns. Raises UsageError when the server does not start.
     """
-    check_view(host)
+    check_view(host, port)
     from haptic_fieldbus.running.live import Live
     from haptic_fieldbus.view.description import base_command, describe, values_of
 
@@ -127,7 +130,7 @@ def view(options: ViewOptions) -> None:
     """Show a run that was begun with --view as a page in the browser. To watch drives without torque: `watch`."""
     from haptic_fieldbus.running.live import sockets
 
-    check_view(options.host)
+    check_view(options.host, options.port)
     found = [path for path in sockets() if options.run is None or path.stem == str(options.run)]
     if not found:
         raise UsageError("no run to view; begin one with: haptic-fieldbus run SCENE --view")

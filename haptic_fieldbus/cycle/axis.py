@@ -19,6 +19,7 @@ from haptic_fieldbus.cycle.laws import (
     AxisState,
     Field,
     Noted,
+    Over,
     PeriodStep,
     Sensed,
     apart,
@@ -121,8 +122,8 @@ class AxisCycle:
             self._remembers.append(False)
         self._resting: tuple[Field, ...] = (at_rest(axis.elements, period),)
         """Force at rest of the elements without memory, by position; during a change also the field before it."""
-        self._changed_ns = 0
-        """End of the last change [ns]."""
+        self._ramps: list[Over] = []
+        """Ramps that have begun, each by whether it is over."""
         self.field = self._summed()
         steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
         self.place = LawPlace(
@@ -214,10 +215,16 @@ class AxisCycle:
         `elements` are all elements of the axis after the ramp.
         """
         for place, field in fields.items():
-            self._fields[place] = blended(self._fields[place], field, periods)
+            self._fields[place], over = blended(self._fields[place], field, periods)
+            self._ramps.append(over)
         self.field = self._summed()
         self._resting = (*self._resting, at_rest(elements, self.period))
-        self._changed_ns = self.state.feedback[T_NS] + round(1e9 * self.period * (periods + 1))
+
+    @property
+    def changing(self) -> bool:
+        """Whether the ramp of a change still goes on."""
+        self._ramps = [over for over in self._ramps if not over()]
+        return bool(self._ramps)
 
     def _summed(self) -> Field:
         """Return the sum of all fields; fields with a memory are summed apart, and their force is noted."""
@@ -232,7 +239,7 @@ class AxisCycle:
 
     def _at_rest(self) -> Sequence[Field]:
         """Return the fields of the force at rest; the present force at rest lies between them."""
-        if self.state.feedback[T_NS] > self._changed_ns:
+        if not self.changing:
             self._resting = self._resting[-1:]
         return self._resting
 

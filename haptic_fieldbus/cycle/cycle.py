@@ -13,7 +13,7 @@ from itertools import chain
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
-from haptic_fieldbus.cycle.laws import Noted, PairField, blended_pair, has_no_rest, in_order
+from haptic_fieldbus.cycle.laws import Noted, Over, PairField, blended_pair, has_no_rest, in_order
 from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.drive.power import PowerState
@@ -76,6 +76,8 @@ class Cycle:
         # Every axis decodes the t_ns of the image, so any axis can serve.
         self._first, *self._others = self.axes.values()
         self._pairs = [self._pair(element, plan.period) for element in plan.scene.couplings]
+        self._ramps: list[Over] = []
+        """Ramps of couplings that have begun, each by whether it is over."""
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
         self._tied = tuple(self.axes[name].state for name in tied)
@@ -144,6 +146,12 @@ class Cycle:
         """Age of the oldest feedback when it was used [ns]."""
         return max([axis.state.feedback[AGE_NS] for axis in self.axes.values()])
 
+    @property
+    def changing(self) -> bool:
+        """Whether the ramp of a change still goes on; it pauses while samples are missing."""
+        self._ramps = [over for over in self._ramps if not over()]
+        return bool(self._ramps) or any(axis.changing for axis in self.axes.values())
+
     def prepare(self, before: Plan, after: Plan, periods: int) -> Callable[[], bool]:
         """Return a function that begins the ramp from the elements of `before` to those of `after`.
 
@@ -188,7 +196,8 @@ class Cycle:
             for axis, fields, elements in exchanges:
                 axis.exchange(fields, elements, periods)
             for place, pair in pairs.items():
-                self._pairs[place] = blended_pair(self._pairs[place], pair, periods)
+                self._pairs[place], over = blended_pair(self._pairs[place], pair, periods)
+                self._ramps.append(over)
             return True
 
         return change

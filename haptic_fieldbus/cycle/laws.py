@@ -209,8 +209,12 @@ class Noted(Generic[Felt]):
         return last
 
 
-def blended(before: Field, after: Field, periods: int) -> Field:
-    """Return a field that goes from `before` to `after` along a straight ramp of `periods` calls.
+Over = Callable[[], bool]
+"""Whether a ramp is over. It has calls of its law, which pauses in gaps, and not time."""
+
+
+def blended(before: Field, after: Field, periods: int) -> tuple[Field, Over]:
+    """Return a field that goes from `before` to `after` along a straight ramp of `periods` calls, and its end.
 
     With the fields f and g, N periods and w_k = k/N the force is F_k = (1 − w_k)·f_k + w_k·g_k, which lies between f_k
     and g_k. It changes by F_{k+1} − F_k = (1 − w_{k+1})·Δf + w_{k+1}·Δg + (g_k − f_k)/N from one period to the next:
@@ -227,11 +231,11 @@ def blended(before: Field, after: Field, periods: int) -> Field:
         old = before(position)
         return old + (after(position) - old) * (done / periods)
 
-    return field
+    return field, lambda: done >= periods
 
 
-def blended_pair(before: PairField, after: PairField, periods: int) -> PairField:
-    """Return the same ramp for the two forces of a coupling."""
+def blended_pair(before: PairField, after: PairField, periods: int) -> tuple[PairField, Over]:
+    """Return the same ramp for the two forces of a coupling, and its end."""
     done = 0
 
     def pair() -> tuple[float, float]:
@@ -243,7 +247,7 @@ def blended_pair(before: PairField, after: PairField, periods: int) -> PairField
         share, (first, second), (to_first, to_second) = done / periods, before(), after()
         return first + (to_first - first) * share, second + (to_second - second) * share
 
-    return pair
+    return pair, lambda: done >= periods
 
 
 # Signals that the scene needs besides the position: velocity, time, torque; computed once a period, before any field.

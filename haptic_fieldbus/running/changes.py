@@ -87,13 +87,17 @@ class Changes:
         nothing runs or scheduled changes are still to come. The old values then stay.
         """
         with self._lock:
-            if self._running is None or self._last is None or self._cycle is None:
+            cycle = self._cycle
+            if self._running is None or self._last is None or cycle is None:
                 raise UsageError("no run uses these changes: request them while `run` runs")
             # Changes are made in the order in which they were judged, so a request would have to wait for these.
             if len(self._planned) > len(self.applied):
                 raise UsageError(f"scheduled changes are pending, up to {exactly(self._planned[-1].time)} s")
             change = plan_change(self._running, self._last, settings, force=self._force)
-            self._hand_over(change, self._last, self._cycle)
+            ready = self._prepared(change, self._last, cycle)
+            if self._cycle is None:
+                raise UsageError("the run ended while the change was judged; it was not made")
+            self.waiting.append(ready)  # this and `popleft` are atomic, so neither side needs a lock
             self._last = change.plan
         return change
 
@@ -130,7 +134,7 @@ class Changes:
         self._last = self._running
         for change in self._planned:
             if self._last is not None:
-                self._hand_over(change, self._last, cycle)
+                self.waiting.append(self._prepared(change, self._last, cycle))
             self._last = change.plan
         self._cycle = cycle  # last, because `request` takes it as the sign that all else is ready
 
@@ -149,6 +153,8 @@ class Changes:
         # Half a period of tolerance makes the change begin with the period nearest to its time.
         if coming_ns + period_ns // 2 < max(self._free_ns, round(change.time * 1e9)):
             return
+        if self._cycle is not None and self._cycle.changing:  # after gaps the ramp of the one before is later over
+            return
         if self._due_ns is None:
             self._due_ns = coming_ns
         if not self.waiting[0].begin():
@@ -163,10 +169,9 @@ class Changes:
         """Return the length of a ramp in periods, at least 1."""
         return max(1, round(self.ramp * 1e9 / period_ns))
 
-    def _hand_over(self, change: Change, before: Plan, cycle: "Cycle") -> None:
-        """Prepare a change in the thread of the caller and append it for the loop."""
-        # `append` and `popleft` of a deque are atomic, so neither side needs a lock.
-        self.waiting.append(ReadyChange(change, cycle.prepare(before, change.plan, self._periods(before.period_ns))))
+    def _prepared(self, change: Change, before: Plan, cycle: "Cycle") -> ReadyChange:
+        """Prepare a change in the thread of the caller."""
+        return ReadyChange(change, cycle.prepare(before, change.plan, self._periods(before.period_ns)))
 
 
 def _checked(scheduled: object) -> Iterator[Scheduled]:

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
 from time import monotonic
-from types import FrameType
-from typing import TYPE_CHECKING
+from types import CodeType, FrameType
+from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.numerals import exactly
 
@@ -46,6 +46,12 @@ class EndSignals:
         """Time of the stop in words, as the end of `sentence`."""
         self.last = False
         """True if the process ends with the block: signals are ignored after it, so that they kill no interpreter."""
+        self.unbroken: CodeType | None = None
+        """Function that no signal interrupts, whatever it calls: by it the caller of a session ends its run."""
+        self.over = False
+        """True after the block."""
+        self.before: dict[int, Any] = {}
+        """Handlers of the signals that were taken."""
         self._now = now
         self._raises_from = -inf
         """Time from which on signals raise [s]."""
@@ -92,28 +98,51 @@ class EndSignals:
 
     def receive(self, number: int, frame: FrameType | None = None) -> None:
         """Note a signal; raises KeyboardInterrupt unless signals are held."""
+        if self.over:
+            self.put_back()
+            signal.raise_signal(number)
+            return
         self.signal = self.signal or number
+        while frame is not None:
+            if frame.f_code is self.unbroken:
+                return
+            frame = frame.f_back
         now = self._now()
         if now >= self._raises_from:
             self._raises_from = now + AGAIN
             raise KeyboardInterrupt
 
+    def put_back(self) -> None:
+        """Put the earlier handlers back.
+
+        Only the main thread can do so. When another one ends the block, the next signal or the next block does.
+        """
+        self.over = True
+        if _is_main():
+            for number, handler in self.before.items():
+                if signal.getsignal(number) == self.receive:
+                    signal.signal(number, signal.SIG_IGN if self.last else handler)
+
+
+def _is_main() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
 
 @contextmanager
 def ended_by_signals(now: Callable[[], float] = monotonic) -> Iterator[EndSignals]:
     """Yield an `EndSignals` that signals reach inside the block; outside the main thread none do."""
-    main = threading.current_thread() is threading.main_thread()
-    handlers = {each: signal.getsignal(each) for each in SIGNALS if main}
-    owners = (getattr(each, "__self__", None) for each in handlers.values())
-    outer = next((owner for owner in owners if isinstance(owner, EndSignals)), None)
-    if outer is not None:
-        yield outer
+    handlers = {each: signal.getsignal(each) for each in SIGNALS if _is_main()}
+    owners = [owner for each in handlers.values() if isinstance(owner := getattr(each, "__self__", None), EndSignals)]
+    if owners and not owners[0].over:
+        yield owners[0]
         return
+    for owner in owners:
+        owner.put_back()
     ending = EndSignals(now)
-    taken = [each for each, handler in handlers.items() if handler in OURS_TO_TAKE]
-    before = [(each, signal.signal(each, ending.receive)) for each in taken]
+    for each in handlers:
+        if signal.getsignal(each) in OURS_TO_TAKE:
+            ending.before[each] = signal.signal(each, ending.receive)
     try:
         yield ending
     finally:
-        for each, handler in before:
-            signal.signal(each, signal.SIG_IGN if ending.last else handler)
+        ending.put_back()

@@ -9,7 +9,7 @@ of the ring and the description of the run, and sends commands, one JSON object 
 |---|---|
 | `{"stop": true}` | the run ends as by Ctrl-C |
 | `{"change": {"wall.stiffness": 800.0}}` | judged as a change of `Changes.request`, then made or refused |
-| `{"pages": 1}` | says, again and again, that a page is shown; with `required` its loss ends the run |
+| `{"page": 0.2}` | again and again: age of the last answer of a page [s]; with `required` its loss ends the run |
 | `{"pull": ["handle", 0.01]}` | simulation only: the hand pulls the handle to a place; null lets go |
 | `{"hand": "push"}` | simulation only: another hand takes the handle |
 | `{"scene": "detents"}` | simulation only: the run ends and one with that scene begins, if it can be run |
@@ -34,7 +34,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
-from time import monotonic, sleep
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
@@ -46,7 +46,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.running.leading import Leading, SimulatedTime
-from haptic_fieldbus.running.rights import REAL_TIME
+from haptic_fieldbus.running.rights import WorkAside, make_as_urgent
 from haptic_fieldbus.running.ring import LONGEST_LINE, RingWriter
 from haptic_fieldbus.signals import LinkFlag
 
@@ -69,8 +69,6 @@ NEXT_SCENE = 0
 """Mark of an end after which another scene begins; a signal, and STOP, take its place."""
 MOST_CHANGES = 8
 """Changes that wait to be judged or to begin, from which on a further one is refused: judging takes time."""
-REST, LONGEST_REST = 9.0, 0.5
-"""Rest after a task, as a multiple of the time that it took, and at most [s]: the loop has most of the interpreter."""
 SEND_BUFFER = 1 << 20
 """Octets that wait for a reader before it is left, as far as the system permits them."""
 NO_COMMAND = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
@@ -80,11 +78,13 @@ RUN_COLUMNS = ("t", "enabled", "missed", "lateness_us", "compute_us", "energy", 
 HANDS = ("push", "tap", "release", "none")
 """Hands of a simulation that a page may choose."""
 EXPECTED = {
-    "pages": "expected a number of pages", "pull": "expected an axis and a place, or null to let go",
+    "page": "expected a time in s", "pull": "expected an axis and a place, or null to let go",
     "hand": f"expected one of {', '.join(HANDS)}", "scene": "expected a scene that this simulation offers",
     "speed": "expected a finite number", "paused": "expected true or false", "steps": "expected a number of periods",
 }  # fmt: skip
 """End of the sentence that refuses the value of a command."""
+ASKED = ("parameters", "limits")
+"""Parts of the description that are told of a change before it has begun."""
 PACE: Mapping[str, Callable[[Any], Any]] = {"speed": float, "paused": bool, "steps": int}
 """Commands that are arguments of `SimulatedTime.set`, and their kinds."""
 
@@ -214,18 +214,19 @@ class Live:
 
     def renew(self) -> str | None:
         """Prepare the next run and return its scene; None when no other one is to begin."""
-        scene, ending, ring = self.next_scene, self._ending, self.ring
-        if not self.goes_on or ending is None or ring is None:
-            return None
-        with self._lock:  # a reader that connects now waits for the description of the next run
-            self._hello, self._leading, self.ring, self._ending = {}, None, None, None
+        with self._lock:
+            scene, ending, ring = self.next_scene, self._ending, self.ring
+            if not self.goes_on or ending is None or ring is None:
+                return None
+            ending.signal = None  # without a call after the look at it, in which a signal could come and be lost
+            # A reader that connects now waits for the description of the next run. STOP ends that one.
+            self._hello, self._leading, self.ring, self.next_scene = {}, None, None, None
         ring.close()
         speed, self.time = self.time.speed, SimulatedTime()
         self.time.set(speed=speed)
         self._shown.clear()
-        self._page_seen, self.next_scene, self.of_file = math.inf, None, {}
+        self._page_seen, self.of_file = math.inf, {}
         self._run, self.ready = self._run + 1, lambda: None
-        ending.signal = None
         ending.resume()
         return scene
 
@@ -247,7 +248,7 @@ class Live:
         self._ending, self.time.leaving = ending, lambda: ending.signal is not None
         self._leading, self._plan = leading, plan
         if not plan.simulated:
-            self._be_as_urgent()
+            make_as_urgent(self._threads)
         values = self._of_run(plan, cycle, report)
         record.followers.append(lambda row: ring.push(row, values()))
         columns = [*record.columns, *RUN_COLUMNS, *(f"{axis.name}.state" for axis in plan.axes)]
@@ -263,18 +264,6 @@ class Live:
             if not self._shown.wait(FIRST_PAGE):
                 raise UsageError(f"no page was opened within {FIRST_PAGE:.0f} s, and --view-required needs one")
             self._page_seen = monotonic()
-
-    def _be_as_urgent(self) -> None:
-        """Give the threads the real-time class of the loop, one priority below it.
-
-        A thread that computes holds the interpreter, also while it waits for a processor behind ordinary work.
-        """
-        policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else -1
-        if policy in REAL_TIME:
-            below = os.sched_param(max(1, os.sched_getparam(0).sched_priority - 1))
-            for thread in self._threads:
-                with contextlib.suppress(OSError):
-                    os.sched_setscheduler(thread.native_id or 0, policy, below)
 
     def end(self, told: Message) -> None:
         """Say how the run ended; pages keep it. Only the first word counts."""
@@ -333,14 +322,15 @@ class Live:
     # The thread that judges changes.
 
     def _judge(self) -> None:
+        aside = WorkAside()
         while (task := self._tasks.get()) is not None:
-            began = monotonic()
             try:
-                task()
+                if self._plan is None or self._plan.simulated:
+                    task()
+                else:
+                    aside.do(task)
             except Exception as error:  # the page must go on to answer, and to tell trips
                 self._tell({"refused": f"this cannot be shown: {type(error).__name__}: {error}"})
-            if self._plan is not None and not self._plan.simulated:  # the loop is in real time
-                sleep(min(LONGEST_REST, REST * (monotonic() - began)))
 
     def _change(self, reader: _Reader, settings: Any) -> None:
         try:
@@ -356,9 +346,15 @@ class Live:
         begun = len(self.changes.applied) + len(self.changes.waiting)
         above = [*above_limit(change.plan)]
         message = {"scene": told, "changed": dict(change.settings), "begun": begun, "above": above}
-        earlier = [each for each in self._hello.get("waiting", ()) if each["begun"] > len(self.changes.applied)]
-        waiting = {"waiting": [*earlier, message]}  # for later pages
-        self._tell({**message, **waiting}, known={**told, **waiting})
+        later = self._for_later_pages(message, len(self.changes.applied))
+        self._tell({**message, "later": later}, known=later)
+
+    def _for_later_pages(self, message: Message, begun: int) -> dict[str, Any]:
+        """Return what a page that is opened from now on is told: the scene in force, and the values that are asked."""
+        earlier = self._hello.get("waiting", ())
+        in_force = {name: told for each in earlier if each["begun"] <= begun for name, told in each["scene"].items()}
+        asked = {name: told for name, told in message["scene"].items() if name in ASKED}
+        return {**in_force, **asked, "waiting": [each for each in earlier if each["begun"] > begun] + [message]}
 
     def _waiting(self) -> int:
         """Return the number of changes that are accepted and have not begun."""
@@ -370,8 +366,7 @@ class Live:
         except HapticFieldbusError as error:
             self._tell({"refused": f"{name} cannot be run here: {' '.join(str(error).splitlines())}"}, reader)
             return
-        self.next_scene = name
-        self._end_by(NEXT_SCENE)
+        self._end_by(NEXT_SCENE, name)
 
     # The thread that receives commands.
 
@@ -380,7 +375,7 @@ class Live:
             selector.register(self._listener, selectors.EVENT_READ)
             selector.register(self._woken, selectors.EVENT_READ)
             while True:
-                for key, _ in selector.select(POLL if self._required else None):
+                for key, _ in selector.select(self._patience()):
                     if key.fileobj is self._woken:
                         return
                     if key.fileobj is self._listener:
@@ -436,10 +431,13 @@ class Live:
         """Carry out one command; raises one of NO_COMMAND for a wrong value."""
         if name == "stop":
             self._end_by(signal.SIGINT)
-        elif name == "pages" and int(value) > 0:
-            self._shown.set()
+        elif name == "page":
+            age = float(value)
+            _expect(0.0 <= age < math.inf)
             if self._page_seen < math.inf:
-                self._page_seen = monotonic()
+                self._page_seen = max(self._page_seen, monotonic() - age)
+            elif age < PAGE_LOST:
+                self._shown.set()
         elif name == "change" and self._tasks.qsize() + self._waiting() >= MOST_CHANGES:
             self._tell({"refused": f"{MOST_CHANGES} changes wait; try again when one of them has begun"}, reader)
         elif name == "change":
@@ -469,15 +467,20 @@ class Live:
             self.time.set(**{name: number})
             self._tell({"pace": self._pace()}, known=self._pace())
 
-    def _end_by(self, number: int) -> None:
-        """End the run as by a signal, if none has come."""
-        if self._ending is not None:
-            self._ending.signal = self._ending.signal or number
-            self.time.changed.set()
+    def _end_by(self, number: int, scene: str | None = None) -> None:
+        """End the run as by a signal, if none has come; between two runs, the next one."""
+        with self._lock:
+            if self._ending is not None:
+                self._ending.signal, self.next_scene = self._ending.signal or number, scene or self.next_scene
+                self.time.changed.set()
+
+    def _patience(self) -> float | None:
+        """Return how long to wait for a command [s]: where a page is required, no longer than until it is lost."""
+        return min(POLL, max(0.0, self._page_seen + PAGE_LOST - monotonic())) if self._required else None
 
     def _check_page(self) -> None:
         """End a run that requires a page and has lost it."""
-        if monotonic() - self._page_seen > PAGE_LOST and self._ending is not None and not self.lost:
+        if monotonic() - self._page_seen >= PAGE_LOST and self._ending is not None and not self.lost:
             self.lost = True
             self._end_by(getattr(signal, "SIGHUP", signal.SIGINT))
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from types import CodeType
 from typing import TYPE_CHECKING, TypeVar
 
 from haptic_fieldbus.assessing.loop_report import SAMPLES, LoopReport, Record
@@ -80,6 +81,8 @@ UNCONFIRMED = "The drives did not confirm that their motors are off. Switch the 
 class Caller:
     """The caller that has the rest of each period of a session."""
 
+    leaving: CodeType | None = None
+    """Function by which it ends the run; a signal does not interrupt it."""
     stopping: bool = False
     """True when the caller wants no further period."""
     late_ns: int = 0

@@ -18,6 +18,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from functools import partial
 from pathlib import Path
 from statistics import quantiles
+from threading import Thread
+from typing import TypeVar
 
 from haptic_fieldbus.assessing.loop_report import LATE_SHARE
 from haptic_fieldbus.assessing.result import Right
@@ -44,6 +46,10 @@ LIMITS = (
 )
 """Advice for SCHED_FIFO and for locked memory."""
 
+REST, LONGEST_REST = 9.0, 0.5
+"""Rest of another thread after its work, as a multiple of the time of the work, and at most [s]."""
+
+T = TypeVar("T")
 Outcome = tuple[Right, Callable[[], object] | None]
 """A right that was requested, and the function that puts back what was before; None where nothing changed."""
 
@@ -86,6 +92,37 @@ def _fifo() -> Outcome:
 
 REAL_TIME = {getattr(os, name): name for name in ("SCHED_FIFO", "SCHED_RR", "SCHED_DEADLINE") if hasattr(os, name)}
 """Scheduling classes with priority over ordinary work, by number."""
+
+
+def make_as_urgent(threads: Iterable[Thread]) -> None:
+    """Give threads the real-time class of this one, if it has one, one priority below it.
+
+    A thread that computes holds the interpreter, also while it waits for a processor behind ordinary work.
+    """
+    policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else -1
+    if policy in REAL_TIME:
+        below = os.sched_param(max(1, os.sched_getparam(0).sched_priority - 1))
+        for thread in threads:
+            with suppress(OSError):
+                os.sched_setscheduler(thread.native_id or 0, policy, below)
+
+
+class WorkAside:
+    """Work of another thread beside a loop in real time; it rests between, so that the loop has the interpreter."""
+
+    def __init__(self) -> None:
+        self._rested = 0.0
+        """Time from which the next work may begin [s]."""
+
+    def do(self, work: Callable[[], T]) -> T:
+        """Rest from the work before, do this one, and return its result."""
+        time.sleep(max(0.0, self._rested - time.monotonic()))
+        began = time.monotonic()
+        try:
+            return work()
+        finally:
+            ended = time.monotonic()
+            self._rested = ended + min(LONGEST_REST, REST * (ended - began))
 
 
 def _one_processor() -> Outcome:

@@ -8,6 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.passivity import passivities
@@ -18,7 +20,7 @@ from haptic_fieldbus.buses.bus import Bus, BusGroup, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.drive.objects import Identity
-from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
+from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError, wrong_kind
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
@@ -107,6 +109,8 @@ class Session:
     def steps(self, place: AbstractContextManager[Site], caller: Caller | None = None) -> Steps[Result]:
         """Run the plan as `render` does; with a `caller`, pause once the run is confirmed, and after each period."""
         with ended_by_signals() as ending:
+            if caller is not None and caller.leaving is not None:
+                ending.unbroken = caller.leaving
             return (yield from self._steps(place, ending, caller))
 
     def _steps(self, place: AbstractContextManager[Site], ending: EndSignals, caller: Caller | None) -> Steps[Result]:
@@ -310,7 +314,7 @@ class Session:
         question = "\n".join(
             [*heard, *unseen, *proved, *(_warning(plan, name, bus) for name in bus.facts), "Enable torque?"]
         )
-        if self.confirm is None or not self.confirm(question):
+        if not agreed(self.confirm, question):
             raise UsageError("not enabled: a real drive needs a confirmation (add --yes in scripts)")
 
     def _followed(self, rows: Rows, assessment: Assessment, cycle: Cycle, cycles: int) -> Callable[[int], None]:
@@ -332,6 +336,14 @@ class Session:
                 self.progress(done, cycles)
 
         return follow
+
+
+def agreed(confirm: Callable[[str], bool] | None, question: str) -> bool:
+    """Ask and return whether the answer is True; raises TypeError for one that is no bool, such as a typed "n"."""
+    answer = False if confirm is None else confirm(question)
+    if not isinstance(answer, bool | np.bool_):
+        raise wrong_kind("answer of confirm()", "True or False", answer)
+    return bool(answer)
 
 
 @contextmanager

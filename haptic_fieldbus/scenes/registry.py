@@ -20,11 +20,14 @@ if TYPE_CHECKING:
 
 # Fields that tie an element to its scene, and are no parameters.
 NOT_SETTABLE = ("name", "axis", "axes")
+FIXED = "fixed"
+"""Metadata of a field that is no parameter."""
 
 
 def parameters(element: type[AnyElement]) -> list[str]:
     """Return the names of the parameters of an element class that a setting can change."""
-    return [field.name for field in fields(cast(Any, element)) if field.name not in NOT_SETTABLE]
+    settable = [field for field in fields(cast(Any, element)) if not field.metadata.get(FIXED)]
+    return [field.name for field in settable if field.name not in NOT_SETTABLE]
 
 
 @cache

@@ -19,6 +19,7 @@ from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.canopen.bus import BITRATES, NODES
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
@@ -326,8 +327,10 @@ class VirtualCanBus:
         """Switch the drives on; they are pre-operational at once.
 
         Raises UsageError for an unknown profile or hand, ProfileError or EdsError for a bad profile file, ValueError
-        for an unknown time or workspace and when two drives have the same node-ID.
+        for an unknown time or workspace, a bit rate or node-ID that no CAN bus has, and two drives of one node-ID.
         """
+        if type(bitrate) is not int or not BITRATES[0] <= bitrate <= BITRATES[1]:
+            raise UsageError(f"bitrate {bitrate!r}: expected a whole number from {BITRATES[0]} to {BITRATES[1]} bit/s")
         self.time = Time(time)
         self.clock: Clock = MonotonicClock() if self.time is Time.REAL else VirtualClock()
         self.faults = faults or FaultPlan()
@@ -335,7 +338,9 @@ class VirtualCanBus:
         self.bitrate = bitrate
         self.seed = seed
         self._world = World(self.clock, bitrate, seed, _LONGEST)
-        slots = (each.slot(DEFAULT_DRIVE, self.channel, self.faults.faults) for each in drives)
+        slots = [each.slot(DEFAULT_DRIVE, self.channel, self.faults.faults) for each in drives]
+        if wrong := [slot.node for slot in slots if slot.node not in NODES]:
+            raise UsageError(f"node {wrong[0]!r}: expected a node-ID from {NODES[0]} to {NODES[-1]}")
         self.drives = {slot.node: SimulatedDrive(self._world, self._world.add(slot), slot.profile) for slot in slots}
         self._networks: list[SteppedNetwork] = []
         self._stack = ExitStack()

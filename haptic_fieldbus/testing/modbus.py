@@ -56,6 +56,9 @@ class VirtualModbusLine:
         self._section = modbus_section(parse_bus(bus).section)
         requests = tuple(drives) or (DriveRequest(),)
         self._slots = [each.slot(DEFAULT_MODBUS_DRIVE, "line", self.faults.faults) for each in requests]
+        for slot in self._slots:
+            if wanted := PROTOCOL.wanted_node(slot.node, self._section.interface):
+                raise UsageError(f"node {slot.node!r}: expected {wanted}")
         line_of(self._section, [modbus_profile(slot.profile) for slot in self._slots])
         self.name = bus
         """The bus as the command line of haptic-fieldbus names it."""

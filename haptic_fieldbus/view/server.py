@@ -213,6 +213,7 @@ class Controls:
             self._limits.set_content(_limits(hello))
             for told in hello["parameters"]:
                 slider, number, scale = self._sliders[told["name"]]
+                slider.props.update(min=told["low"], max=told["high"], step=told["step"])
                 slider.set_value(told["value"])
                 number.set_value(rounded_limit(told["value"]))
                 slider.update()  # also where the page has moved it meanwhile
@@ -280,7 +281,7 @@ MOST_ROWS = 4000
 """Rows in one picture; of more, every second, third … is sent."""
 OLDEST = 12.0
 """Longest time before the present of which rows are sent to a new page [s]."""
-USUAL_PORT = 8765
+USUAL_PORT, HTTP_PORT = 8765, 80
 WAITING = 64
 """Messages that wait for a page; of more, the oldest are dropped."""
 STEERING_TIME = 5.0
@@ -300,7 +301,8 @@ class Entrance:
 
     def __init__(self, application: Any, hosts: Iterable[str], token: str, cookie: str) -> None:
         self._application = application
-        self._hosts, self._token, self._cookie = frozenset(hosts), token, cookie
+        # As in the address: a cookie holds no ";", and a header no letter beyond Latin 1.
+        self._hosts, self._token, self._cookie = frozenset(hosts), quote(token, safe=""), cookie
         self._origins = {f"http://{host}" for host in self._hosts}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -331,7 +333,7 @@ class Entrance:
         needs_origin = asked.scope["type"] == "websocket" or asked.scope["method"] not in ("GET", "HEAD")
         if len(origins) > 1 or (origins and origins[0].lower() not in self._origins) or (needs_origin and not origins):
             return "another origin"
-        kept = given or asked.cookies.get(self._cookie, "")
+        kept = quote(given, safe="") or asked.cookies.get(self._cookie, "")
         return "" if hmac.compare_digest(kept.encode(), self._token.encode()) else "no valid token in the address"
 
 
@@ -351,6 +353,7 @@ class Page:
 
     socket: WebSocket
     client: str
+    run: int
     wake: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when there may be something to send."""
     drawn: bool = True
@@ -381,6 +384,8 @@ class Hub(Source):
         self._ring: RingReader
         self._pages: list[Page] = []
         self._steers: Page | None = None
+        self._answered = 0.0
+        """Time of the last answer of a page."""
 
     def follow(self) -> None:
         """Take the messages of the run in a thread of their own, until the run ends."""
@@ -395,10 +400,12 @@ class Hub(Source):
         threading.Thread(target=work, name="messages of the run", daemon=True).start()
 
     def vouch(self) -> None:
-        """Say to a run that requires a page that one is shown, and ask the pages; called again and again."""
+        """Say to a run that requires a page when one has answered, and ask the pages; called again and again."""
         if self.hello.get("required"):
-            if shown := sum(monotonic() - page.answered < 2 * SIGN_OF_LIFE for page in self._pages):
-                self._send({"pages": shown})
+            pages = [page for page in self._pages if page.run == self.hello["run"]]
+            self._answered = max([self._answered, *(page.answered for page in pages)])
+            if self._answered:
+                self._send({"page": monotonic() - self._answered})
             self.tell({"alive": 1})  # rows may stand still for long, and a page draws nothing then
 
     def take(self, message: dict[str, Any], fd: int | None) -> None:
@@ -408,12 +415,14 @@ class Hub(Source):
             os.close(fd)
             self.hello = message["hello"]
             self.first = {each["name"]: each["value"] for each in self.hello["parameters"]} | self.hello["first"]
+            self.controls.clear()  # each page draws itself anew, and answers for this run then
+            self._answered = 0.0
             self.known.set()
-        kept = {kind: message[kind] for kind in ("ended", "trip", "waiting") if kind in message}
-        self.hello |= message.get("scene", {}) | message.get("pace", {}) | kept
+        kept = {kind: message[kind] for kind in ("ended", "trip") if kind in message}
+        self.hello |= message.get("later", {}) | message.get("pace", {}) | kept
+        self.tell(message)
         for controls in [*self.controls.values()]:
             controls.show(self.hello, message)
-        self.tell(message)
 
     def tell(self, message: dict[str, Any], page: Page | None = None) -> None:
         """Queue a message for one page, or for all."""
@@ -431,7 +440,7 @@ class Hub(Source):
         """Serve one page until it leaves."""
         await self.known.wait()
         await websocket.accept()
-        page = Page(websocket, websocket.query_params.get("client", ""), answered=monotonic())
+        page = Page(websocket, websocket.query_params.get("client", ""), self.hello["run"], answered=monotonic())
         self._pages.append(page)
         self._choose()
         self.tell({"hello": self.hello, "first": self.first, "steers": self._steers is page}, page)
@@ -516,13 +525,19 @@ def listening(host: str, port: int | None) -> socket.socket:
     return socket.create_server((host, port or 0), family=family, backlog=64)
 
 
+def hosts_of(shown: str, port: int) -> set[str]:
+    """Return the hosts by which a browser may name the server; it leaves the usual port of HTTP out."""
+    names = {shown.lower(), *LOOPBACK}
+    return {f"{name}:{port}" for name in names} | (names if port == HTTP_PORT else set())
+
+
 def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: Callable[[str], None]) -> None:
     """Serve the run behind a socket until it ends; `ready` is called with the address of the page. Raises OSError."""
     token = token or secrets.token_urlsafe(24)
     hub, door = Hub(path), listening(host, port)
     number = door.getsockname()[1]
     shown = f"[{host}]" if ":" in host else host
-    hosts = {f"{name}:{number}" for name in ({*LOOPBACK} if host in LOOPBACK else {shown.lower(), *LOOPBACK})}
+    hosts = hosts_of(shown, number)
     application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     application.add_api_websocket_route("/stream", hub.serve)
     build(hub)

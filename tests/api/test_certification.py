@@ -1,27 +1,21 @@
 """`certify` on simulated benches that their rigs describe badly, and on a bus that the rig calls real."""
 
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from haptic_fieldbus.api import Trial, certification, prepare_run, stability
 from haptic_fieldbus.api.certification import CertifyTask, certify
-from haptic_fieldbus.buses.canopen.master import CanopenBus
-from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UnstableSceneError, UsageError
 from haptic_fieldbus.identification.certificate import Tapping
 from haptic_fieldbus.identification.fit import fit_shaft
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
-from haptic_fieldbus.running.session import Site
-from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.world import World
-from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.api.certified import certified, drawn_bench
 from tests.api.test_identification import rig_text
+from tests.running.guard_bench import drives_behind
 
 SLOW = 250.0
 """A rate at which a certificate takes little computing time [Hz]."""
@@ -148,16 +142,7 @@ def real(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     text = rig_text().replace("haptic_sim", "socketcan").replace("3.0e-4", "1.0e-4")
     bench.write_text(text, encoding="utf-8")
 
-    @contextmanager
-    def behind(plan: Plan, *_: object) -> Iterator[Site]:
-        clock = VirtualClock()
-        world = World(clock, 1_000_000, 0)
-        for axis in plan.axes:
-            world.add(DriveOnBus(axis.node, axis.profile, axis.rig))
-        bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
-        yield Site(clock, {"here": bus}, {}, "")
-
-    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", behind)
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", drives_behind)
     return bench
 
 
@@ -188,6 +173,14 @@ def test_a_real_bench_is_asked_once_and_again_above_the_limit(real: Path) -> Non
 def test_a_real_bench_that_is_not_confirmed_is_not_enabled(real: Path) -> None:
     with pytest.raises(UsageError, match="not enabled"):
         certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: False)
+
+
+def test_only_true_and_false_are_answers(real: Path) -> None:
+    typed: Any = "n".format  # as of `input`
+    with pytest.raises(TypeError, match=r"answer of confirm\(\): expected True or False"):
+        certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=typed)
+    with pytest.raises(TypeError, match=r"answer of confirm\(\): expected True or False"):
+        certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: True, above=typed)
 
 
 def test_taps_by_hand_tell_no_onset_and_end_at_the_limit_without_a_confirmation(

@@ -2,11 +2,15 @@
 
 import dis
 import math
+import os
 import re
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Thread
+from threading import enumerate as enumerate_threads
 from types import CodeType, FrameType
 from typing import Any
 
@@ -23,7 +27,10 @@ from haptic_fieldbus import (
     run,
     session,
 )
+from haptic_fieldbus.api.session import EFFORT
 from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.running.rights import WorkAside
+from tests.running.guard_bench import drives_behind, rig_text
 
 ENABLED, RELEASED = b"0F00", b"0000"
 """Controlwords in the RPDO of the reference drive: operation enabled, and without voltage."""
@@ -211,7 +218,7 @@ def test_another_thread_judges_the_changes_of_a_real_bus() -> None:
     """Here in virtual time: it goes on until the other thread has judged."""
     with session("wall") as live:
         next(live)
-        live._aside = True
+        live._judging, live._aside = ThreadPoolExecutor(1), WorkAside()
         asked = live.set("wall.stiffness", 300.0)
         for _ in live:
             if asked.done() and live._run is not None and live._run.report.changes:
@@ -223,6 +230,27 @@ def test_another_thread_judges_the_changes_of_a_real_bus() -> None:
         next(live)
     assert live.result is not None
     assert [change.settings for change in live.result.changes] == [{"wall.stiffness": 300.0}]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="asks Linux")
+def test_the_thread_that_judges_yields_to_the_loop_and_runs_on_every_processor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bus that the rig calls real, in virtual time; the rights are those of a real run."""
+    (rig := tmp_path / "rig.toml").write_text(rig_text(profile="maxon_epos4"), encoding="utf-8")
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", drives_behind)
+    monkeypatch.setattr("haptic_fieldbus.running.rights.MANY", 1)  # the loop takes one processor on each computer
+    processors = os.sched_getaffinity(0)
+    with session("wall", rig, settings={"wall.stiffness": 200.0}, duration=0.1, yes=True) as live:
+        next(live)
+        loop = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
+        live.set("wall.stiffness", 210.0).result()
+        (judge,) = [each.native_id or 0 for each in enumerate_threads() if "judging" in each.name]
+        found = os.sched_getscheduler(judge), os.sched_getparam(judge).sched_priority, os.sched_getaffinity(judge)
+    assert found[2] == processors
+    if loop[0] != os.SCHED_FIFO:
+        pytest.skip("this system grants no SCHED_FIFO")
+    assert found == (loop[0], loop[1] - 1, processors)
 
 
 def test_progress_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -373,8 +401,16 @@ def test_the_advice_for_an_effort_names_the_arguments_of_a_session() -> None:
     assert "scenes check" not in str(failed.value)
 
 
-def interrupting(code: CodeType, at: int) -> Callable[[FrameType, str, Any], Any]:
-    """A trace function that raises SIGINT in front of an instruction of a function, in its 30th call."""
+@pytest.mark.parametrize("name", ["law", "names", "axis"])
+def test_only_stiffness_and_damping_of_an_effort_are_parameters(name: str) -> None:
+    with session(effort=spring, needs=("velocity", "position"), stiffness=200.0, damping=2.0, duration=0.01) as live:
+        next(live)
+        with pytest.raises(UsageError, match=f"{EFFORT}.{name}"):
+            live.set(f"{EFFORT}.{name}", 1.0)
+
+
+def interrupting(code: CodeType, at: int, call: int = 30) -> Callable[[FrameType, str, Any], Any]:
+    """A trace function that raises SIGINT in front of an instruction of a function, in one of its calls."""
     calls = 0
 
     def traced(frame: FrameType, event: str, argument: Any) -> Any:
@@ -384,7 +420,7 @@ def interrupting(code: CodeType, at: int) -> Callable[[FrameType, str, Any], Any
         frame.f_trace_opcodes = True
         if event == "opcode" and frame.f_lasti == at:
             calls += 1
-            if calls == 30:
+            if calls == call:
                 signal.raise_signal(signal.SIGINT)
         return traced
 
@@ -406,6 +442,57 @@ def test_a_signal_between_two_instructions_of_a_step_ends_it_torque_free(tmp_pat
             finally:
                 sys.settrace(None)
         assert ends_torque_free(record), at
+
+
+def instructions(function: Callable[..., object]) -> list[tuple[CodeType, int]]:
+    """Each instruction of a function in front of which a signal can come."""
+    found = [each for each in dis.get_instructions(function) if each.opname not in ("RESUME", "CACHE")]
+    return [(function.__code__, each.offset) for each in found if each.offset > 0]
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_a_signal_between_two_instructions_of_the_end_of_the_block_ends_it_torque_free(tmp_path: Path) -> None:
+    """Whichever instruction of `__exit__`, and of `stop` that it calls, the signal comes in front of."""
+    record = tmp_path / "a.log"
+    for code, at in [*instructions(LiveSession.__exit__), *instructions(LiveSession.stop)]:
+        live = session("wall", record=record)
+        try:
+            with live:
+                by_break(live)
+                sys.settrace(interrupting(code, at, call=1))
+        except KeyboardInterrupt:
+            pass
+        finally:
+            sys.settrace(None)
+        assert ends_torque_free(record), (code.co_name, at)
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_another_thread_steps_no_session_and_ends_one_torque_free(tmp_path: Path) -> None:
+    refused: list[UsageError] = []
+
+    def step(live: LiveSession) -> None:
+        try:
+            next(live)
+        except UsageError as error:
+            refused.append(error)
+
+    with session("wall", duration=0.05) as live:
+        (thread := Thread(target=step, args=(live,))).start()
+        thread.join()
+        assert len(list(live)) == 50
+    assert "by the thread that entered its block" in str(refused[0])
+    assert live.result is not None
+
+    other = session("wall", record=tmp_path / "a.log").__enter__()
+    by_break(other)
+    (thread := Thread(target=other.__exit__, args=(None, None, None))).start()
+    thread.join()
+    assert ends_torque_free(tmp_path / "a.log")
+    assert other.result is not None
+    with session("wall", duration=0.02) as after:
+        assert len(list(after)) == 20, "the next one is as the first"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_all_limits_of_an_undeclared_effort_are_those_of_its_cap() -> None:

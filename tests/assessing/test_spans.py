@@ -71,7 +71,7 @@ def changed(before: Element, after: Element, *staying: Element) -> tuple[ErrorSp
     force = np.zeros(PERIODS)
     for k, position in enumerate(way(seconds(times_ns)).tolist()):
         if k == AT + 1:
-            field = blended(old, new, RAMP)
+            field, _ = blended(old, new, RAMP)
         force[k] = field(position) + sum(other(position) for other in others)
     recording = Recording(times_ns, way(seconds(times_ns)), force, force)
     found = split(

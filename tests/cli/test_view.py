@@ -29,7 +29,16 @@ def test_without_nicegui_the_extra_is_named_and_all_else_works(
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "", "0", "0x0", "0.0", "::0"])
 def test_a_page_for_everybody_is_refused(host: str) -> None:
     with pytest.raises(UsageError, match="give the address or the name of one interface"):
-        check_view(host)
+        check_view(host, None)
+
+
+@pytest.mark.parametrize("port", [-1, 65_536, 99_999])
+def test_a_port_that_no_computer_has_is_refused(port: int, command: Command) -> None:
+    pytest.importorskip("nicegui")
+    for words in (("run", "wall", "--view", "--view-port"), ("view", "--port"), ("demo", "--port")):
+        finished = command(*words, str(port))
+        assert finished.status == 2
+        assert f"port {port}: expected a whole number from 0 to 65535" in finished.err
 
 
 def test_without_a_run_there_is_nothing_to_view(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,7 +79,7 @@ def test_no_step_of_the_force_exceeds_those_of_old_and_new_and_an_nth_of_what_li
     f = felt(old, [*before, *after], sensed, before[0])[len(before) - 1 :]
     g = [0.0, *felt(new, after, sensed, before[-1])]
     felt(ramped, before, sensed, before[0])
-    force = [f[0], *felt(blended(ramped, fresh, RAMP), after, sensed, before[-1])]
+    force = [f[0], *felt(blended(ramped, fresh, RAMP)[0], after, sensed, before[-1])]
     for k in range(1, len(after)):
         alone = max(abs(f[k + 1] - f[k]), abs(g[k + 1] - g[k]))
         assert abs(force[k + 1] - force[k]) <= alone + abs(g[k] - f[k]) / RAMP + 1e-9

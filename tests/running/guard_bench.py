@@ -1,16 +1,18 @@
 """A bench of simulated drives behind a bus that a rig calls real, in virtual time; every frame on it is kept."""
 
 import struct
-from collections.abc import Callable, Iterable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import can
 
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.running.session import Session, Site
@@ -49,6 +51,17 @@ def rig_text(*names: str, profile: str = "generic_cia402", more: str = "") -> st
     return BUS + "".join(axes) + more
 
 
+@contextmanager
+def drives_behind(plan: Plan, *_: object) -> Iterator[Site]:
+    """Put simulated drives behind the bus of a plan, in virtual time, in the place of `api.site.site_of`."""
+    clock = VirtualClock()
+    world = World(clock, 1_000_000, 0)
+    for axis in plan.axes:
+        world.add(DriveOnBus(axis.node, axis.profile, axis.rig))
+    bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
+    yield Site(clock, {"here": bus}, {}, "")
+
+
 class Frozen(VirtualClock):
     """A clock that sleeps too long, once or always, as a busy computer does."""
 
@@ -80,6 +93,7 @@ class GuardBench:
         self.frames: list[tuple[int, int, bytes]] = []
         self.world.tap(lambda t_ns, can_id, data: self.frames.append((t_ns, can_id, bytes(data))))
         self.asked = ""
+        self.answer: Any = True
         self.port = SimulatedBus(world=self.world)
         self.forger = SimulatedBus(world=self.world)
         self.bus = CanopenBus(self.port, self.clock, owned=True)
@@ -94,9 +108,9 @@ class GuardBench:
         return self
 
     def run(self, seconds: float = 0.05) -> Result:
-        def confirm(question: str) -> bool:
+        def confirm(question: str) -> Any:
             self.asked = question
-            return True
+            return self.answer
 
         session = Session(self.plan, self.selection.bus.text, seconds, confirm=confirm, prove=self.prove)
         try:

@@ -1,8 +1,9 @@
 """The queue between those who ask for changes and the loop: what it refuses, in which order it hands on, and when."""
 
+import struct
 from dataclasses import dataclass
 from threading import Thread
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -11,6 +12,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import PlanError, SafetyTripError, SceneError, UnstableSceneError, UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.running.changes import Changes
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.wall import Wall
@@ -18,6 +20,8 @@ from haptic_fieldbus.signals import Signal
 from tests.builders import plan_of, scene_of
 
 PERIOD_NS = 1_000_000
+ENABLED = 0x0637
+"""Statusword."""
 PLAN = plan_of(scene_of(Wall("handle", 600.0)))
 
 
@@ -28,10 +32,17 @@ def begun(changes: Changes, duration: float = 10.0) -> Changes:
     return changes
 
 
+def step(cycle: Cycle) -> None:
+    """One period in operation enabled, of a handle that stands still."""
+    cycle(struct.pack("<qIHHHih", 0, 0, 0, 0, ENABLED, 0, 0))
+
+
 def run_to(changes: Changes, first: int, last: int) -> list[tuple[int, dict[str, Setting]]]:
     """(period, settings) of what the loop makes in these periods."""
     made = []
     for period in range(first, last):
+        if changes._cycle is not None:
+            step(changes._cycle)
         before = len(changes.applied)
         if changes.waiting:
             changes.make(period * PERIOD_NS, (period - 1) * PERIOD_NS, PERIOD_NS)
@@ -49,6 +60,32 @@ def test_a_change_waits_until_the_ramp_of_the_one_before_is_over() -> None:
     for stiffness in (700.0, 800.0, 900.0):
         changes.request({"wall.stiffness": stiffness})
     assert [period for period, _ in run_to(changes, 10, 100)] == [10, 40, 70]
+
+
+def test_a_ramp_that_a_gap_has_held_up_is_waited_for() -> None:
+    changes = begun(Changes(ramp=0.03))
+    for stiffness in (700.0, 800.0):
+        changes.request({"wall.stiffness": stiffness})
+    assert [period for period, _ in run_to(changes, 10, 20)] == [10]
+    held, changes._cycle = changes._cycle, None  # time goes on in a gap, and no law is called
+    assert held is not None
+    assert run_to(changes, 20, 25) == []
+    changes._cycle = held
+    assert [period for period, _ in run_to(changes, 25, 100)] == [45]
+
+
+def test_a_run_that_ends_while_a_change_is_judged_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    changes = begun(Changes())
+    judge = plan_change
+
+    def slow(*given: Any, **named: Any) -> Any:
+        changes.close(10.0)
+        return judge(*given, **named)
+
+    monkeypatch.setattr("haptic_fieldbus.running.changes.plan_change", slow)
+    with pytest.raises(UsageError, match="the run ended while the change was judged; it was not made"):
+        changes.request({"wall.stiffness": 700.0})
+    assert not changes.waiting
 
 
 def test_what_is_in_force_and_since_when_can_be_read() -> None:

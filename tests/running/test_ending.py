@@ -3,10 +3,11 @@
 import signal
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
-from haptic_fieldbus.running.ending import SIGNALS, ended_by_signals
+from haptic_fieldbus.running.ending import SIGNALS, EndSignals, ended_by_signals
 
 EACH = pytest.mark.parametrize("number", SIGNALS, ids=[each.name for each in SIGNALS])
 
@@ -130,3 +131,51 @@ def test_outside_the_main_thread_nothing_is_taken() -> None:
     thread.start()
     thread.join()
     assert taken == [False]
+
+
+def ended_by_another_thread() -> EndSignals:
+    """Signals of a block whose end another thread runs, as that of a generator which it collects."""
+    (block := ended_by_signals()).__enter__()
+    ending: EndSignals = getattr(signal.getsignal(signal.SIGINT), "__self__")  # noqa: B009  no attribute of a handler
+    thread = threading.Thread(target=block.__exit__, args=(None, None, None))
+    thread.start()
+    thread.join()
+    return ending
+
+
+def test_what_another_thread_could_not_put_back_the_next_signal_does() -> None:
+    ending = ended_by_another_thread()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert ending.signal is None
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_what_another_thread_could_not_put_back_the_next_block_does() -> None:
+    earlier = ended_by_another_thread()
+    with ended_by_signals() as ending:
+        assert ending is not earlier
+        ending.hold()
+        signal.raise_signal(signal.SIGTERM)
+    assert (earlier.signal, ending.signal) == (None, signal.SIGTERM)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_function_that_no_signal_interrupts() -> None:
+    def inside() -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    def whole() -> None:
+        inside()
+        done.append(True)
+
+    done: list[bool] = []
+    with ended_by_signals() as ending:
+        ending.unbroken = whole.__code__
+        with suppress(KeyboardInterrupt):
+            whole()
+        assert done
+        assert ending.signal == signal.SIGTERM
+        with pytest.raises(KeyboardInterrupt):
+            inside()

@@ -8,6 +8,7 @@ import csv
 import math
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -100,7 +101,9 @@ def watched(live: Live, watch: Callable[[Watcher], None]) -> Iterator[None]:
         raise wrong[0]
 
 
-def run_watched(watch: Callable[[Watcher], None], **given: Any) -> Result:
+def run_watched(
+    watch: Callable[[Watcher], None], *, described: Callable[[Plan, Plan], dict[str, Any]] = described, **given: Any
+) -> Result:
     with Live(described) as live:
         live.time.set(speed=10.0)
         with watched(live, watch):
@@ -195,6 +198,29 @@ def test_eight_changes_wait_and_a_further_one_is_refused_until_one_has_begun() -
     assert not run_watched(watch, hand="none").trips
 
 
+def test_a_page_that_is_opened_while_a_change_waits_is_told_the_scene_in_force() -> None:
+    def watch(watcher: Watcher) -> None:
+        in_the_wall(watcher)
+        seen = []
+        for asked in ({"wall.position": -0.05}, {"wall.stiffness": 500.0}):
+            watcher.reader.send({"change": asked})
+            later = watcher.message("changed")["later"]
+            seen.append((later.get("place"), later["parameters"], len(later["waiting"])))
+            other = Watcher(folder() / f"{os.getpid()}.sock")
+            hello = other.until("hello")
+            other.reader.close()
+            seen.append((hello["place"], hello["parameters"], len(hello["waiting"])))
+            watcher.reader.send({"pull": ["handle", -0.065]})
+            watcher.row_where("changes", lambda value: value == 1.0)
+        assert seen == [(None, -0.05, 1), (0.02, -0.05, 1), (-0.05, -0.05, 1), (-0.05, -0.05, 1)]
+
+    def places(plan: Plan, running: Plan) -> dict[str, Any]:
+        place = getattr(plan.scene.elements[0], "position", None)
+        return {"place": place, "parameters": place}
+
+    run_watched(watch, described=places, hand="none")
+
+
 def test_stop_ends_the_run_as_ctrl_c_does() -> None:
     result = run_watched(enabled)
     assert result.stopped is not None
@@ -241,7 +267,7 @@ def test_the_handle_is_let_go_when_the_reader_that_pulled_it_leaves_and_by_no_ot
 
 
 WRONG = [
-    b'"pages": "x"', b'"pages": 1e999', b'"steps": 1e999', b'"speed": NaN', b'"speed": [1]', b'"hand": "foot"',
+    b'"page": "x"', b'"page": 1e999', b'"steps": 1e999', b'"speed": NaN', b'"speed": [1]', b'"hand": "foot"',
     b'"pull": 5', b'"pull": ["foot", 0.0]', b'"pull": [["handle"], 0.0]', b'"pull": ["handle", NaN]',
     b'"pull": ["handle", -1e999]', b'"pull": ["handle", 1' + b"0" * 400 + b"]", b'"change": {"wall.stiffness": NaN}',
     b'"change": {"wall.stiffness": "1e999"}', b'"change": {"wall.stiffness": ""}',
@@ -350,12 +376,29 @@ def test_a_reader_that_sends_no_command_is_left_and_the_run_goes_on(nonsense: by
 def test_a_run_without_its_page_ends_where_one_is_required() -> None:
     with Live(described, required=True) as live:
         reader = LiveReader(live.path)
-        reader.send({"pages": 1})
+        reader.send({"page": 0.0})
         result = run("wall", duration=LONG, live=live)
         assert live.lost
         reader.close()
     assert result.stopped is not None
     assert result.stopped.signal == "SIGHUP"
+
+
+def test_the_age_of_an_answer_counts_and_an_older_one_takes_nothing_back() -> None:
+    with Live(described, required=True) as live:
+        reader = _Reader(live._listener)
+        live._obey(reader, "page", 1.5)
+        assert not live._shown.is_set()
+        live._obey(reader, "page", 0.4)
+        assert live._shown.is_set()
+        live._ending, now = EndSignals(), time.monotonic()
+        live._page_seen = now - 100.0
+        live._obey(reader, "page", 3.0)
+        assert live._page_seen == pytest.approx(now - 3.0, abs=1.0)
+        seen = live._page_seen
+        live._obey(reader, "page", 200.0)
+        assert live._page_seen == seen
+        assert live._patience() == 0.0, "it is lost, and the thread looks at once"
 
 
 def test_simulated_time_stands_still_goes_on_by_whole_periods_and_waits_for_no_pace_at_the_end() -> None:
@@ -512,6 +555,21 @@ def test_another_scene_begins_after_a_run_that_ended_torque_free_and_its_readers
     assert (hellos[0]["scene"], hellos[0]["run"]) == ("detents", 1)
     assert [each.stopped is not None and not each.trips for each in results] == [True, True]
     assert [bool(each.provenance and each.provenance.conditions.led) for each in results] == [True, False]
+
+
+def test_stop_between_two_runs_ends_the_next_one() -> None:
+    """While another scene begins no run goes on that STOP could end."""
+    with Live(described) as live, ended_by_signals() as ending:
+        reader = _Reader(live._listener)
+        live.scenes = ("detents",)
+        live.time.set(speed=10.0)
+        run("wall", duration=LONG, live=live, progress=lambda *_: live._begin_scene(reader, "detents"))
+        assert live.renew() == "detents"
+        live._obey(reader, "stop", True)
+        assert ending.signal == signal.SIGINT
+        result = run("detents", duration=LONG, live=live)
+    assert result.stopped is not None
+    assert result.stopped.signal == "SIGINT"
 
 
 def test_an_end_of_any_other_kind_takes_the_place_of_another_scene() -> None:

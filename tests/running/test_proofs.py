@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_fieldbus.drive.rig import Proved
-from haptic_fieldbus.errors import RigError, UnprovedGuardError
+from haptic_fieldbus.errors import RigError, UnprovedGuardError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
 from haptic_fieldbus.sim.canopen.world import World
-from tests.running.guard_bench import DEAD, GuardBench, rig_text
+from tests.running.guard_bench import DEAD, RPDO, GuardBench, rig_text
 
 UNKNOWN = [0, 0xFFFF_FFFF]
 """Serial numbers of drives that were never given one."""
@@ -26,6 +27,37 @@ def rig(tmp_path: Path) -> Path:
     path = tmp_path / "rig.toml"
     path.write_text(rig_text(), encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize("answer", ["n", "", None, 0, 1, [True], np.array([False, True])], ids=repr)
+def test_an_answer_that_is_no_bool_is_refused_before_anything_moves(rig: Path, answer: object) -> None:
+    bench = GuardBench(rig).put()
+    bench.answer = answer
+    with pytest.raises(TypeError, match=r"answer of confirm\(\): expected True or False, not "):
+        bench.run()
+    assert bench.asked
+    assert not [frame for frame in bench.frames if frame[1] & ~0x7F == RPDO]
+
+
+def test_a_coroutine_is_no_answer(rig: Path) -> None:
+    async def refuse() -> bool:
+        return False
+
+    bench = GuardBench(rig).put()
+    bench.answer = asked = refuse()
+    with pytest.raises(TypeError, match="coroutine"):
+        bench.run()
+    asked.close()
+
+
+def test_a_bool_of_numpy_is_an_answer(rig: Path) -> None:
+    bench = GuardBench(rig).put()
+    bench.answer = np.True_
+    assert bench.run().cycles
+    bench = GuardBench(rig).put()
+    bench.answer = np.False_
+    with pytest.raises(UsageError, match="not enabled"):
+        bench.run()
 
 
 def proved(rig: Path) -> Proved | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.running import rights
-from haptic_fieldbus.running.rights import PRIORITY, TIMER_SLACK_NS, processor_of, real_time
+from haptic_fieldbus.running.rights import PRIORITY, TIMER_SLACK_NS, WorkAside, processor_of, real_time
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux")
 
@@ -136,3 +136,36 @@ def test_a_real_time_class_that_is_there_already_stays() -> None:
         assert next(right.got for right in got if right.name == "scheduling") == "SCHED_RR 7"
     finally:
         os.sched_setscheduler(0, before, priority)
+
+
+class Clock:
+    """A clock that moves while something sleeps or works [s]."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+
+    def monotonic(self) -> float:
+        return self.time
+
+    def sleep(self, seconds: float) -> None:
+        self.time += seconds
+
+
+def test_work_beside_the_loop_begins_at_once_and_then_rests(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rights, "time", clock := Clock())
+    began: list[float] = []
+
+    def work(seconds: float) -> None:
+        began.append(clock.time)
+        clock.sleep(seconds)
+        if len(began) == 2:
+            raise ZeroDivisionError
+
+    aside = WorkAside()
+    aside.do(lambda: work(0.01))
+    with pytest.raises(ZeroDivisionError):
+        aside.do(lambda: work(2.0))
+    aside.do(lambda: work(0.01))
+    clock.sleep(1.0)
+    aside.do(lambda: work(0.01))
+    assert began == pytest.approx([100.0, 100.1, 102.6, 103.61]), "nine times as long as it took, at most 0.5 s"

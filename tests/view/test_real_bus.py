@@ -16,7 +16,7 @@ from tests.running.test_live import Watcher
 
 pytestmark = [pytest.mark.xdist_group("peers"), pytest.mark.thorough("two processes, and waits in real time")]
 COMMANDS: list[dict[str, object]] = [
-    {"pull": ["handle", 0.03]}, {"hand": "push"}, {"speed": 10.0}, {"paused": False}, {"steps": 5}, {"pages": 1},
+    {"pull": ["handle", 0.03]}, {"hand": "push"}, {"speed": 10.0}, {"paused": False}, {"steps": 5}, {"page": 0.0},
     {"enable": True}, {"yes": True}, {"start": True}, {"controlword": 15},
 ]  # fmt: skip
 READ_STATUSWORD = bytes.fromhex("40 41 60 00 00 00 00 00")

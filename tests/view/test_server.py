@@ -126,6 +126,32 @@ def test_the_page_is_given_to_its_token_and_may_be_framed_by_nobody(served: Serv
     assert answer(served, "/stream", {**cookie, **upgrade(served.origin)}).startswith("HTTP/1.1 101")
 
 
+TOKEN = "a; b\"'é=\u2603\n/&"
+
+
+def test_a_token_of_any_letters_opens_the_page_and_its_cookie_does_too(served: Served) -> None:
+    words = ("view", "--run", str(served.process.pid), "--port", "0", "--token", TOKEN)
+    with serving(*words) as attached:
+        host = {"Host": f"127.0.0.1:{attached.port}"}
+        given = answer(attached, f"/?token={attached.token}", host)
+        assert given.startswith("HTTP/1.1 200")
+        cookie = given.lower().partition("set-cookie: ")[2].partition(";")[0]
+        name = f"haptic_fieldbus_{attached.port}="
+        assert cookie.startswith(name)
+        kept = {**host, "Cookie": name + attached.token}
+        assert cookie == (name + attached.token).lower()
+        assert answer(attached, "/assets/client.js", kept).startswith("HTTP/1.1 200")
+        assert answer(attached, f"/?token={attached.token}x", host).startswith("HTTP/1.1 403")
+
+
+def test_a_browser_leaves_the_usual_port_of_http_out() -> None:
+    from haptic_fieldbus.view.server import hosts_of  # which loads nicegui
+
+    assert "127.0.0.1" not in hosts_of("127.0.0.1", 8080)
+    assert hosts_of("Lab", 8080) == {"lab:8080", "127.0.0.1:8080", "localhost:8080"}
+    assert hosts_of("Lab", 80) == {"lab:80", "127.0.0.1:80", "localhost:80", "lab", "127.0.0.1", "localhost"}
+
+
 def test_the_server_listens_on_the_loopback_alone(served: Served) -> None:
     with open("/proc/net/tcp", encoding="ascii") as file:
         local = [line.split()[1] for line in file.read().splitlines()[1:] if line.split()[3] == "0A"]

@@ -44,7 +44,7 @@ window.haptic = (() => {
     if (message.hello || message.hand || message.steers === false) dragged = null; // the hand of this page has let go
     if (message.alive) { send({ alive: 1 }); return; }
     if (message.hello && message.hello.columns) {
-      if (hello && hello.run !== message.hello.run) { hello = null; location.reload(); return; } // another run of this process
+      if (hello && hello.run !== message.hello.run) { if (stopping) stop(); hello = null; location.reload(); return; } // another run of this process
       const other = !hello || message.hello.columns.join() !== hello.columns.join();
       hello = message.hello;
       first = message.first || first;
@@ -162,7 +162,7 @@ window.haptic = (() => {
   }
   function meant(name, to) { answer("", `${name} = ${short(to)}; it is checked at release`); }
   function reset() {
-    const other = hello.parameters.filter((each) => each.value !== first[each.name]);
+    const other = hello.parameters.filter((each) => !each.fixed && each.value !== first[each.name]);
     if (other.length) send({ change: Object.fromEntries(other.map((each) => [each.name, first[each.name]])) });
     else answer("", "These are the values of the file.");
   }
@@ -554,7 +554,7 @@ window.haptic = (() => {
     canvas.style.touchAction = "none"; // a finger leads the hand; on the other pictures it scrolls the page
     const lead = (event) => {
       let target = axis.rotary ? Math.atan2(event.offsetX - canvas.centre[0], canvas.centre[1] - event.offsetY) : canvas.placeAt(event.offsetX);
-      if (axis.rotary) { const from = dragged ? dragged.target : value(last(), axis.name + ".position"); target += 2 * Math.PI * Math.round((from - target) / (2 * Math.PI)); }
+      if (axis.rotary) { const from = dragged ? dragged.target : value(newest(), axis.name + ".position"); target += 2 * Math.PI * Math.round((from - target) / (2 * Math.PI)); }
       pull(axis.name, target);
     };
     canvas.onpointerdown = (event) => { if (steers) { canvas.setPointerCapture(event.pointerId); lead(event); } };
@@ -565,7 +565,7 @@ window.haptic = (() => {
       if (event.key === "Enter") pull(axis.name, null);
       if (!way || !steers) return;
       event.preventDefault();
-      const from = dragged && dragged.axis === axis.name ? dragged.target : value(last(), axis.name + ".position");
+      const from = dragged && dragged.axis === axis.name ? dragged.target : value(newest(), axis.name + ".position");
       pull(axis.name, from + way * 0.02 * (axis.travel[1] - axis.travel[0]));
     };
   }
