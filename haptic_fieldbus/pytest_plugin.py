@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.testing import FaultPlan, SimulatedDrive, VirtualCanBus
+    from haptic_fieldbus.testing import DriveRequest, FaultPlan, SimulatedDrive, VirtualCanBus
     from haptic_fieldbus.testing.modbus import SimulatedUnit, VirtualModbusLine
 
 _MODBUS = "virtual_modbus_line"
@@ -63,8 +63,7 @@ def virtual_can_bus(request: pytest.FixtureRequest, fault_plan: Any) -> "Iterato
 
     mark = request.node.get_closest_marker("virtual_can_bus")
     with _refusing():
-        drives = [DriveRequest(*each.args, **each.kwargs) for each in request.node.iter_markers("simulated_drive")]
-        plan = _planner(request)(fault_plan)
+        drives, plan = _drives(request), _planner(request)(fault_plan)
         bus = VirtualCanBus(drives or [DriveRequest()], plan, **_by_name(mark, "time", "bitrate", "seed"))
     # pytest shows it with the report of a test that fails.
     request.node.add_report_section("setup", "simulated bench", str(bus))
@@ -78,13 +77,11 @@ def virtual_modbus_line(request: pytest.FixtureRequest, fault_plan: Any) -> "Ite
 
     Masters open it by its `address`, its `channel` or its `name`.
     """
-    from haptic_fieldbus.testing import DriveRequest
     from haptic_fieldbus.testing.modbus import VirtualModbusLine
 
     mark = request.node.get_closest_marker(_MODBUS)
     with _refusing():
-        drives = [DriveRequest(*each.args, **each.kwargs) for each in request.node.iter_markers("simulated_drive")]
-        line = VirtualModbusLine(drives, _planner(request)(fault_plan), **_by_name(mark, "bus", "seed"))
+        line = VirtualModbusLine(_drives(request), _planner(request)(fault_plan), **_by_name(mark, "bus", "seed"))
     request.node.add_report_section("setup", "simulated bench", str(line))
     with line:
         yield line
@@ -96,6 +93,14 @@ def simulated_drive(request: pytest.FixtureRequest) -> "SimulatedDrive | Simulat
     drives: dict[int, SimulatedDrive | SimulatedUnit]
     drives = request.getfixturevalue(_MODBUS if _is_on_modbus(request) else "virtual_can_bus").drives
     return drives[min(drives)]
+
+
+def _drives(request: pytest.FixtureRequest) -> "list[DriveRequest]":
+    """Return the drives of the marks of a test; their files may stand beside it, wherever pytest was started."""
+    from haptic_fieldbus.testing import DriveRequest
+
+    marks = request.node.iter_markers("simulated_drive")
+    return [DriveRequest(*each.args, **each.kwargs).beside(request.path.parent) for each in marks]
 
 
 def _is_on_modbus(request: pytest.FixtureRequest) -> bool:

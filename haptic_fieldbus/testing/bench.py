@@ -4,7 +4,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import count
 from pathlib import Path
@@ -301,10 +301,20 @@ class DriveRequest:
     rig: str | None = None
     """Rig file, such as a twin, whose only axis is the drive, in the place of profile, node and workspace."""
 
+    def beside(self, folder: Path) -> "DriveRequest":
+        """Return the request with the files that are in this folder; others count from the current one."""
+        profile, profiles, rig = (
+            str(folder / each) if each and (folder / each).exists() else each
+            for each in (self.profile, self.profiles, self.rig)
+        )
+        return replace(self, profile=profile, profiles=profiles, rig=rig)
+
     def slot(self, default: str, bus: str, faults: tuple[Fault, ...]) -> DriveOnBus:
         """Return the place of the drive on a bus with these faults; `default` is the profile when none was named."""
         drive, hand, axis = NamedDrive(self.profile or default, self.node), hand_named(self.hand), None
         if self.rig is not None:
+            if (self.profile, self.node) != (None, DEFAULT_NODE):
+                raise UsageError(f"rig {self.rig}: profile and node are those of its axis; leave them out of the mark")
             axes = list(load_rig(self.rig, self.profiles).axis.values())
             if len(axes) != 1:
                 raise UsageError(f"{self.rig}: expected a rig with one axis, found {len(axes)}")

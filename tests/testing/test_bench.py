@@ -3,6 +3,7 @@
 import struct
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import can
 import canopen
@@ -188,3 +189,15 @@ class TestFaults:
         kinds = {fault.kind for seed in range(300) for fault in plan_faults(f"random@{seed}").faults}
         assert len(kinds) > 25
         assert not kinds & {"host_late", "host_paused", "clock_step", "slow_compute"}
+
+
+def test_files_of_a_mark_stand_beside_the_test_and_others_count_from_the_current_folder(tmp_path: Path) -> None:
+    (tmp_path / "twin.toml").write_text("", encoding="utf-8")
+    request = DriveRequest("maxon_epos4", rig="twin.toml", profiles="elsewhere").beside(tmp_path)
+    assert request == DriveRequest("maxon_epos4", rig=str(tmp_path / "twin.toml"), profiles="elsewhere")
+
+
+@pytest.mark.parametrize("beside", [{"profile": "generic_cia402"}, {"node": 7}])
+def test_a_rig_has_its_own_profile_and_node(beside: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=r"rig twin\.toml: profile and node are those of its axis"):
+        VirtualCanBus([DriveRequest(rig="twin.toml", **beside)])
