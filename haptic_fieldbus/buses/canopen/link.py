@@ -101,7 +101,8 @@ class Answers:
     def ask(self, window: int) -> None:
         """Expect an answer to the next SYNC; answers that are more than `window` periods late count as lost."""
         self.fresh, self.alone = False, None
-        self.least = min(self.least, self.owed)
+        if self.owed < self.least:
+            self.least = self.owed
         if self.answered:
             self.answered = False
             self.periods += 1
@@ -131,8 +132,9 @@ class Answers:
         self.doubted = 0
         if self.pending:
             self.pending, self.wary = 0, WARY
-        elif self.usual_ns:
-            self.usual_ns += (min(took_ns, PROMPT * self.usual_ns) - self.usual_ns) >> 4
+        elif usual_ns := self.usual_ns:
+            most_ns = PROMPT * usual_ns
+            self.usual_ns = usual_ns + ((took_ns if took_ns < most_ns else most_ns) - usual_ns >> 4)
         else:
             self.usual_ns = max(1, took_ns)
 
@@ -174,6 +176,7 @@ class Answers:
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
+_OPERATIONAL = int(NmtState.OPERATIONAL)
 LOST_AFTER = 1.0
 """Time with answers after which one that is still missing counts as lost [s].
 
@@ -248,13 +251,15 @@ class Link:
             flags |= EMERGENCY
         if node.booted:
             flags |= BOOT_UP
-        if node.state != NmtState.OPERATIONAL:
+        if node.state != _OPERATIONAL:
             flags |= NOT_OPERATIONAL
         if now_ns - node.heartbeat_ns > self._silence_ns:
             flags |= NO_SIGN_OF_LIFE
-        age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
+        age_ns = LARGEST_AGE_NS if self._latched_ns is None else now_ns - self._latched_ns
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, emergency)
+        if not 0 <= age_ns <= LARGEST_AGE_NS:
+            age_ns = 0 if age_ns < 0 else LARGEST_AGE_NS
+        AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, emergency)
 
     def accuse(self, foreign: int | None, doubled: int | None) -> None:
         """Write the COB-ID of another master's command, or else of duplicate feedback, into the header."""
