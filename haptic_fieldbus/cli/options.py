@@ -318,7 +318,7 @@ def check_plot(path: Path | None) -> None:
 
     wrong = file_faults("plot", path, PLOT_SUFFIXES)
     if path is not None and find_spec("matplotlib") is None:
-        wrong.append("--plot needs matplotlib; in a checkout, run: pip install '.[plot]'")
+        wrong.append("--plot needs matplotlib; in a checkout, run: pip install -e '.[plot]'")
     raise_all(wrong)
 
 

@@ -508,8 +508,8 @@ for call in (
 def test_without_the_extras_all_else_works_and_they_are_named(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines() == [
-        "this needs mcap; in a checkout, run: pip install '.[data]'",
-        *["this needs pyarrow; in a checkout, run: pip install '.[data]'"] * 2,
+        "this needs mcap; in a checkout, run: pip install -e '.[data]'",
+        *["this needs pyarrow; in a checkout, run: pip install -e '.[data]'"] * 2,
     ], done.stderr
 
 

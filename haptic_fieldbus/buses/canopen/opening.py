@@ -178,7 +178,7 @@ ADVICE: Mapping[str, str] = {
 PACKAGES: Mapping[str, tuple[str, str]] = {
     "udp_multicast": (
         "msgpack",
-        "install this package with its extra multicast (in a checkout: `pip install '.[multicast]'`), or msgpack",
+        "install this package with its extra multicast (in a checkout: `pip install -e '.[multicast]'`), or msgpack",
     )
 }
 """Module that an interface imports, and the advice in place of the one above where it is not installed."""

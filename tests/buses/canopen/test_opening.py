@@ -169,7 +169,7 @@ class TestMulticast:
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
         assert done.returncode == 1
         assert "msgpack not installed; install this package with its extra multicast" in done.stderr
-        assert "pip install '.[multicast]'" in done.stderr
+        assert "pip install -e '.[multicast]'" in done.stderr
         assert "type a" not in done.stderr, "a group was typed"
 
 
