@@ -46,7 +46,7 @@ VIRTUAL = ("vcan", "vxcan")
 HEALTHY = ("ERROR-ACTIVE",)
 SERIAL = ("slcan", "serial", "robotell", "seeedstudio")
 """Interfaces of python-can whose channel is a serial port."""
-NO_CAN = "this kernel has no CAN: load it by `modprobe -a can can_raw`, or type haptic-fieldbus vcan -- in front of the command"
+NO_CAN = "this kernel has no CAN: type modprobe -a can can_raw, or haptic-fieldbus vcan -- in front of the command"
 """Advice where the kernel does not know the address family of SocketCAN."""
 Show = Callable[[str], str]
 """Function that returns what `ip` tells of an interface, as JSON; empty when it tells nothing."""
