@@ -24,7 +24,15 @@ from weakref import finalize
 from haptic_fieldbus.api import Trial, progress_line
 from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
-from haptic_fieldbus.api.sweep_engines import ENGINES, Measure, SweepJob, check_names, evaluate, units_of_parameters
+from haptic_fieldbus.api.sweep_engines import (
+    ENGINES,
+    Measure,
+    SweepJob,
+    check_names,
+    evaluate,
+    is_shipped_bench,
+    units_of_parameters,
+)
 from haptic_fieldbus.api.sweep_folder import Given, Rows, Sweep, SweepFolder, SweepPoints
 from haptic_fieldbus.defaults import (
     DEFAULT_DURATION,
@@ -259,8 +267,9 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     """Compute the chunks that the folder does not have."""
     began = monotonic()
     chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW[asked.engine]))
-    units = units_of_parameters(list(points.values), job)
-    folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, units)
+    names = tuple(points.values)
+    told = {"units": units_of_parameters(names, job), "shipped_bench": is_shipped_bench(names, job)}
+    folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, told)
     job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
     left = sum(last - first for first, last in map(folder.bounds, missing))
@@ -281,7 +290,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
                 done += len(rows["outcome"])
                 tell(done, points.count)
         ending.resume()
-    return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, steps, units)
+    return Sweep(path, asked.engine, points.count, names, True, monotonic() - began, left, steps, **told)
 
 
 def _executor(asked: SweepRequest, count: int, ending: EndSignals) -> AbstractContextManager[Executor]:
