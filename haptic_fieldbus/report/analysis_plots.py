@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import Estimation
@@ -24,6 +25,7 @@ from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.planning.explain import margin_text
 from haptic_fieldbus.planning.refusal import CAVEATS, passivity_condition
 from haptic_fieldbus.report.analysis_texts import estimate_lines
 from haptic_fieldbus.report.drawing import (
@@ -214,6 +216,8 @@ POINTS = 24
 """Number of dampings at which limits are computed."""
 HEADROOM = 1.3
 """Height of the picture over the largest stiffness that is marked at the damping of the scene."""
+NAMED_FROM = 0.01
+"""Share of the panel from which an area has a name."""
 DAMPINGS = 2.5
 """Width of the picture over the damping of the scene, or of the device if that is larger."""
 
@@ -261,7 +265,7 @@ def draw_region(judgement: Judgement) -> Figure:
 def _tint(panel: Axes, x: Array, low: Array, high: Array, tint: str, label: str, top: float) -> None:
     """Tint an area, and give it a name if it takes a considerable part of the panel."""
     share = float(np.mean(np.minimum(high, top) - np.minimum(low, top))) / (top or 1.0)
-    panel.fill_between(x, low, high, color=tint, linewidth=0, label=label if share > 0.05 else None)
+    panel.fill_between(x, low, high, color=tint, linewidth=0, label=label if share > NAMED_FROM else None)
 
 
 def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -> tuple[str, list[str]]:
@@ -269,8 +273,10 @@ def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -
     asked, stability = judgement.stability.stiffness or 0.0, judgement.stability
     where = "inside the limit" if asked <= limit else ("above the limit" if asked <= onset else "unstable")
     title = f"{judgement.scene.name}: {exactly(asked)} {unit} is {where}"
-    delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(stability.delay_s, 's')}"
-    margin = f"margin {rounded(limit / asked)}; " if asked and math.isfinite(limit) else ""
+    parts = judgement.delays.get(judgement.axis)
+    total = stability.delay_s if parts is None else parts.total  # with the torque loop, as in the text
+    delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(total, 's')}"
+    margin = f"margin {margin}; " if (margin := margin_text(stability)) else ""
     known = CAVEATS.get(stability.limit.basis)
     return title, [f"{margin}{delay}{f'; {known}' if known else ''}"]
 
@@ -469,7 +475,7 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     model = modelled_response(fit.model, used.period, grid)
     size.set_yscale("log")
     for each in (size, phase, shared):
-        each.set_xscale("log")
+        span_frequencies(each, grid)
     size.plot(grid, np.abs(model), color=GREY, linewidth=1.6, label="model")
     size.plot(frequencies[good], np.abs(response[good]), ".", color=BLUE, label="measured")
     phase.plot(grid, _degrees(model), color=GREY, linewidth=1.6)
@@ -481,6 +487,12 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     _draw_balance(friction, travel, fit.model, used)
     name_lines(drawn, [motion, size])
     return drawn
+
+
+def span_frequencies(panel: Axes, shown: Array) -> None:
+    """Give a panel a logarithmic axis over these frequencies [Hz], with numbers at 1 and 3 of each decade."""
+    panel.set(xscale="log", xlim=(min(3.0, shown.min()), max(100.0, shown.max())))
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
 
 
 def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: ShaftRecord) -> None:
