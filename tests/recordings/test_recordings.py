@@ -454,7 +454,12 @@ def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
     for name, octets, message in (
         ("a.txt", b"", "expected a recording"),
         ("a.mcap", b"no", "no MCAP file"),
-        ("a.csv", b"t_ns,x\n1,2,3\nx", "no recording of this format|number of columns"),
+        ("a.csv", b"t_ns,x\n1,2,3\nx", r'line 2: "1,2,3"; expected 2 numbers between commas'),
+        ("b.csv", b"t_ns,x\n1,2\n\n3,4\nhello,5\n6,7\n", r'line 5: "hello,5"; expected 2 numbers'),
+        ("c.csv", b"t_ns,x\n1,2\nhello,5\n6,7\n", r'line 3: "hello,5"; expected 2 numbers between commas'),
+        ("d.csv", b"t_ns,x\n1,2\n\xf0\xf1,5\n", "line 3: not UTF-8: octet 0xF0"),
+        ("e.log", b"", "an empty file; expected frames"),
+        ("f.log", b"(1.0) can0 123#00\n\xb5\n", "line 2: not UTF-8: octet 0xB5"),
         ("a.log", b"no\n", "line 1 is not as candump -L writes it"),
         ("odd.log", b"(1.0) can0 123#0\n", "no recording of this format"),
         ("a.blf", b"no" * 200, "no recording of this format"),
