@@ -103,7 +103,7 @@ def option(
     panel: str | None = None,
     *names: str,
     default: object = None,
-    parser: Callable[[str], float] | None = None,
+    parser: Callable[[str], object] | None = None,
 ) -> object:
     """Return an option whose help text ends with the default; without `names` it has the name of its field.
 

@@ -46,6 +46,12 @@ def test_the_drift_of_a_tachometer_is_told(command: Command) -> None:
     assert "no drift from readings without steps" in smooth
 
 
+def test_the_least_difference_of_a_smooth_signal_is_no_step(command: Command) -> None:
+    out = command("estimate", TACHOMETER.with_name("fast_tachometer.csv")).out
+    assert "in steps of 1e-9" in out
+    assert "each wrong by up to 5e-10" in out
+
+
 def test_an_estimator_that_is_not_linear_has_no_figures(command: Command) -> None:
     assert command("estimate", SINE, "--estimator", "levant").out.count("no value") == 2
 

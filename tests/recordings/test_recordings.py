@@ -314,6 +314,9 @@ def test_a_recording_is_summarised_converted_and_drawn(recorded: Path, command: 
     assert "damped_wall" in done.out
     assert (tmp_path / "run.csv").read_bytes() == of(recorded, ".csv").read_bytes()
     assert read_provenance(tmp_path / "run.png") == read_provenance(source)
+    other = command("replay", str(source), "--to", "xlsx")
+    assert other.status == 2
+    assert '"xlsx"; expected csv, mcap, parquet' in other.err
     refused = command("replay", str(source), "--to", "csv")
     assert (refused.status, "exists" in refused.err) == (2, True)
     told = json.loads(command("replay", str(source), "--json").out)
