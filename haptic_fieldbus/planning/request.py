@@ -17,6 +17,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_RATE,
     DEFAULT_SEED,
 )
+from haptic_fieldbus.documents.quantities import Quantity, parse_quantity
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import exactly
@@ -130,8 +131,6 @@ def _seconds(text: str) -> float:
     """Return a time [s], a number or one with a unit, such as "500 ms"; raises ValueError."""
     with suppress(ValueError):
         return float(text)
-    from haptic_fieldbus.documents.quantities import Quantity, parse_quantity
-
     return parse_quantity(text.strip(), Quantity.TIME, Workspace.LINEAR)
 
 
