@@ -273,9 +273,10 @@ def _frame(panel: Axes, title: str) -> None:
 
 
 def _draw_position(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
-    one = trace.samples is not None and np.array_equal(trace.samples, trace.position)
-    if trace.samples is not None and trace.sample_times is not None:
-        times, samples = held(trace.sample_times, trace.samples, float(trace.times[-1]))
+    times, samples, one = trace.sample_times, trace.samples, False
+    if samples is not None and times is not None:
+        one = np.array_equal(samples, trace.position)
+        times, samples = held(times, samples, float(trace.times[-1]))
         colour, label = (BLUE, f"handle ({trace.sensor})") if one else (ORANGE, trace.sensor)
         _line(panel, times * per_second, samples * units.per_length, colour, 1.6, label)
     if not one:

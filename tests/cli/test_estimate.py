@@ -47,7 +47,7 @@ def test_the_drift_of_a_tachometer_is_told(command: Command) -> None:
 
 
 def test_a_delay_of_one_period_has_no_plural(command: Command) -> None:
-    assert "10 ms, 1 period, for" in command("estimate", TACHOMETER, "--estimator", "moving-average:window=3").out
+    assert "0.01 s, 1 period, for" in command("estimate", TACHOMETER, "--estimator", "moving-average:window=3").out
 
 
 def test_the_least_difference_of_a_smooth_signal_is_no_step(command: Command) -> None:
