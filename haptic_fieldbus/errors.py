@@ -153,7 +153,7 @@ def require(module: str, extra: str) -> None:
     from importlib.util import find_spec
 
     if find_spec(module) is None:
-        raise UsageError(f"this needs {module}; in a checkout, run: pip install '.[{extra}]'")
+        raise UsageError(f"this needs {module}; in a checkout, run: pip install -e '.[{extra}]'")
 
 
 def wrong_kind(name: str, expected: str, given: object) -> TypeError:

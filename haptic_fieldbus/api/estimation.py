@@ -32,6 +32,11 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 1e-9, 1e9
 EVEN = 0.5
 """Largest deviation of a time between two rows from the mean, as a share, that an estimator takes."""
 
+WHOLE = 0.05
+"""Largest deviation from a whole number of steps, because values are written in decimals."""
+FINEST = 1e-12
+"""Smallest step that is looked for."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SignalRequest:
@@ -41,7 +46,7 @@ class SignalRequest:
     estimator: str | None = None
     """NAME:key=value,… of an estimator, or `INTEGRATION`; None is that for velocities, the default for positions."""
     resolution: float | None = None
-    """One step of the signal [m, rad, m/s or rad/s]; None is the least difference between two of its values."""
+    """One step of the signal [m, rad, m/s or rad/s]; None is that of its values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +134,10 @@ def _check_even(file: Path, signal: Samples, period: float) -> None:
 
 
 def _resolution(values: Array, given: float | None) -> float:
-    """Return one step of the signal: the given one, or the least difference between two values; 0 for a constant."""
+    """Return one step of the signal: the given one, or that of its values; 0 for a constant.
+
+    It is the least difference between two values if the others are multiples of it, else the last decimal of the file.
+    """
     if given is not None:
         if not 0.0 <= given < math.inf:
             raise UsageError(f"resolution {exactly(given)}: expected a number from 0 up")
@@ -137,7 +145,20 @@ def _resolution(values: Array, given: float | None) -> float:
     steps = np.diff(np.unique(values))
     # Decimals that are written to twelve digits differ by rounding; such a difference is no step.
     steps = steps[steps > 1e-12 * np.abs(values).max()]
-    return float(rounded(float(steps.min()), GIVEN_DIGITS)) if len(steps) else 0.0
+    if not len(steps):
+        return 0.0
+    least = float(rounded(float(steps.min()), GIVEN_DIGITS))
+    multiples = np.abs(steps / least - np.round(steps / least)) < WHOLE
+    return least if np.mean(multiples) > 0.5 else _last_decimal(values)
+
+
+def _last_decimal(values: Array) -> float:
+    """Return the power of ten of which all values are multiples, `FINEST` at least."""
+    error = 1e-12 * np.abs(values).max()
+    for places in range(12):
+        if np.abs(values - np.round(values, places)).max() <= error:
+            return float(10.0**-places)
+    return FINEST
 
 
 def _integrated(signal: Samples, period: float, resolution: float) -> Estimated:

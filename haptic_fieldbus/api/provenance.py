@@ -200,7 +200,7 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
         if provenance.faults is not None:
             path = Path(folder, provenance.faults.name)
             path.write_text(provenance.faults.text, encoding="utf-8")
-            faults = load_faults(path)
+            faults = load_faults(path) if provenance.faults.text.strip() else ()
         rig = load_rig(bench)
         _check_led(provenance, rig)
         if provenance.rig.source_sha256 is None:  # no file then: it is judged as that bench was, with exact values

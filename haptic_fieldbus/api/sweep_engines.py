@@ -44,6 +44,7 @@ from haptic_fieldbus.margins.verdict import AT_LIMIT, Verdict
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import growth, loop_matrix, shift_mode
+from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.known_bench import as_stated
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
@@ -155,7 +156,21 @@ def units_of_parameters(names: Sequence[str], job: SweepJob) -> dict[str, str]:
     for element in scene.elements:
         known = quantities(type(element)).items()
         found |= {f"{element.name}.{name}": each.unit(spaces[axes_of(element)[0]]) for name, each in known}
-    return {name: found[name] for name in names if found.get(name)}
+    return {name: found[name] for name in names if found.get(name)} | units_of_figures(spaces.values())
+
+
+def units_of_figures(workspaces: Iterable[Workspace]) -> dict[str, str]:
+    """Return the units of the figures of `full`; the error has none where axes differ in theirs."""
+    efforts = {each.effort_unit for each in workspaces}
+    errors = dict.fromkeys(("error_rms", "error_max"), efforts.pop()) if len(efforts) == 1 else {}
+    return errors | {"energy_generated_j": "J", "trip_time_s": "s"}
+
+
+def is_shipped_bench(names: Sequence[str], job: SweepJob) -> bool:
+    """Return whether all points are on the shipped bench, whose values are exact."""
+    scene, rig = cast(Scene, job.task.scene), cast(Rig, job.task.rig)
+    varied = any(name.startswith(RIG) for name in names)
+    return not varied and all(has_shipped_values(rig, axis.name) for axis in scene.axes)
 
 
 def task_at(job: SweepJob, point: Point) -> Task:

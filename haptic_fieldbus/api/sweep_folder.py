@@ -250,9 +250,12 @@ class SweepFolder:
 
     @classmethod
     def begun(
-        cls, path: Path, points: SweepPoints, chunk: int, inputs: Mapping[str, Any], units: Mapping[str, str]
+        cls, path: Path, points: SweepPoints, chunk: int, inputs: Mapping[str, Any], told: Mapping[str, Any]
     ) -> "SweepFolder":
-        """Begin a folder, or take up one with the same inputs; raises UsageError for one with others."""
+        """Begin a folder, or take up one with the same inputs; raises UsageError for one with others.
+
+        `told` are the keys of the manifest for pictures: `units` and `shipped_bench`.
+        """
         text = json.dumps(inputs, sort_keys=True)
         found = cls(path, points, chunk, digest(text))
         manifest = path / MANIFEST
@@ -270,13 +273,13 @@ class SweepFolder:
         else:
             content = {
                 "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
-                "names": list(points.values), "units": dict(units), "inputs": json.loads(text),
+                "names": list(points.values), **told, "inputs": json.loads(text),
             }  # fmt: skip
             octets = json.dumps(content, indent=1).encode() + b"\n"
             try:
                 _write_whole(manifest, lambda new: new.write_bytes(octets), only_new=True)
             except FileExistsError:  # another sweep began meanwhile
-                return cls.begun(path, points, chunk, inputs, units)
+                return cls.begun(path, points, chunk, inputs, told)
         for left in path.glob("*.new"):  # of a sweep that was killed while it wrote, not of one that still writes
             if (named := _LEFT.fullmatch(left.name)) and not _is_alive(named[1]):
                 left.unlink(missing_ok=True)
@@ -335,7 +338,8 @@ def _manifest(path: Path) -> dict[str, Any]:
         found = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         if not all(type(found[key]) is int and found[key] > 0 for key in ("points", "chunk")):
             raise ValueError
-        return {key: found[key] for key in ("digest", "points", "chunk", "names", "units", "inputs")}
+        known = {key: found[key] for key in ("digest", "points", "chunk", "names", "units", "inputs")}
+        return known | {"shipped_bench": found.get("shipped_bench", False)}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(f"{path}: no {MANIFEST} of a sweep ({type(error).__name__})") from None
 
@@ -358,7 +362,9 @@ class Sweep:
     loop_steps: int = 0
     """Steps of simulated loops in this call."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Units of the varied parameters that have one."""
+    """Units of the varied parameters and of the figures that have one."""
+    shipped_bench: bool = False
+    """Whether all points are on the shipped bench, whose values are exact."""
 
     @classmethod
     def read(cls, path: str | Path) -> "Sweep":
@@ -367,7 +373,15 @@ class Sweep:
         found, folder = _manifest(Path(path)), SweepFolder.known(Path(path))
         whole = all(map(folder.is_whole, folder.chunks))
         names, units = tuple(found["names"]), found["units"]
-        return cls(Path(path), found["inputs"]["engine"], found["points"], names, whole, units=units)
+        return cls(
+            Path(path),
+            found["inputs"]["engine"],
+            found["points"],
+            names,
+            whole,
+            units=units,
+            shipped_bench=found["shipped_bench"],
+        )
 
     def tables(self, columns: Sequence[str] | None = None) -> "Iterator[pyarrow.Table]":
         """Yield the rows of each chunk in their order, so that no more than one is held."""

@@ -30,6 +30,7 @@ from haptic_fieldbus.api.sweep_engines import (
     SweepJob,
     check_names,
     evaluate,
+    is_shipped_bench,
     units_of_parameters,
     whole_parameters,
 )
@@ -268,8 +269,10 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     """Compute the chunks that the folder does not have."""
     began = monotonic()
     chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW[asked.engine]))
-    units = units_of_parameters(list(points.values), job)
-    folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, units)
+    names = tuple(points.values)
+    units, shipped = units_of_parameters(names, job), is_shipped_bench(names, job)
+    told = {"units": units, "shipped_bench": shipped}
+    folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, told)
     job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
     left = sum(last - first for first, last in map(folder.bounds, missing))
@@ -290,7 +293,8 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
                 done += len(rows["outcome"])
                 tell(done, points.count)
         ending.resume()
-    return Sweep(path, asked.engine, points.count, tuple(points.values), True, monotonic() - began, left, steps, units)
+    took = monotonic() - began
+    return Sweep(path, asked.engine, points.count, names, True, took, left, steps, units, shipped)
 
 
 def _executor(asked: SweepRequest, count: int, ending: EndSignals) -> AbstractContextManager[Executor]:

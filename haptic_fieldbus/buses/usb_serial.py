@@ -14,6 +14,7 @@ SYS = Path("/sys")
 LONGEST_LATENCY = 1
 """[ms]; it is 16 after plugging in."""
 NO_SERIAL_LINE = "it is no serial device; expected the device of an adapter, such as /dev/ttyUSB0"
+NO_SUCH_DEVICE = "no such device; plug the adapter in, or see `ls /dev/tty*`"
 
 
 def leads_elsewhere(port: str, error: BaseException | None) -> bool:
@@ -26,6 +27,15 @@ def leads_elsewhere(port: str, error: BaseException | None) -> bool:
         return not stat.S_ISCHR(os.stat(port).st_mode)
     except (OSError, ValueError):  # there is nothing of this name
         return False
+
+
+def is_missing(error: BaseException | None) -> bool:
+    """Return whether a port could not be opened because there is no device of its name."""
+    while error is not None:
+        if getattr(error, "errno", None) == errno.ENOENT:
+            return True
+        error = error.__context__
+    return False
 
 
 def latency_timer(port: str, root: Path = SYS) -> Check:

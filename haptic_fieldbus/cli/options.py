@@ -103,7 +103,7 @@ def option(
     panel: str | None = None,
     *names: str,
     default: object = None,
-    parser: Callable[[str], float] | None = None,
+    parser: Callable[[str], object] | None = None,
 ) -> object:
     """Return an option whose help text ends with the default; without `names` it has the name of its field.
 
@@ -318,7 +318,7 @@ def check_plot(path: Path | None) -> None:
 
     wrong = file_faults("plot", path, PLOT_SUFFIXES)
     if path is not None and find_spec("matplotlib") is None:
-        wrong.append("--plot needs matplotlib; in a checkout, run: pip install '.[plot]'")
+        wrong.append("--plot needs matplotlib; in a checkout, run: pip install -e '.[plot]'")
     raise_all(wrong)
 
 

@@ -25,9 +25,20 @@ class RowFormat(Enum):
     PARQUET = "parquet"
 
 
+def row_format(text: str) -> RowFormat:
+    """Return the format of an option; raises BadParameter, which names all formats."""
+    try:
+        return RowFormat(text)
+    except ValueError:
+        raise typer.BadParameter(f'"{text}"; expected {", ".join(each.value for each in RowFormat)}') from None
+
+
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Rows (.csv, .mcap, .parquet) or frames (.log, .blf).")],
-    to: Annotated[RowFormat | None, option("FORMAT", "Write rows as csv, mcap or parquet beside FILE.", OUTPUT)] = None,
+    to: Annotated[
+        RowFormat | None,
+        option("FORMAT", "Write rows as csv, mcap or parquet beside FILE.", OUTPUT, parser=row_format),
+    ] = None,
     compare: Annotated[
         bool, option(None, "Compute the set-points anew from the recorded feedback.", None, "--compare")
     ] = False,

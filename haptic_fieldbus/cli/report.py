@@ -38,7 +38,7 @@ def report(
 ) -> None:
     """Measure error, stability and computing time of all methods. For the limits of one scene use `stability`."""
     if find_spec("matplotlib") is None:
-        raise UsageError("report needs matplotlib; in a checkout, run: pip install '.[plot]'")
+        raise UsageError("report needs matplotlib; in a checkout, run: pip install -e '.[plot]'")
     from haptic_fieldbus import api
     from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.study.make_report import json_ready, make_report

@@ -94,7 +94,7 @@ def sweep(options: SweepOptions) -> None:
     lines = [("points", f"{found.points}{before}, in {rounded(found.wall_s or 0.0)} s{speed}")]
     told_of = ((name, count) for name, count in found.outcomes.items() if name != "done" and count)
     lines += [(name, f"{count}; {_first_message(found, name)}") for name, count in told_of]
-    share, good = found.stable_fraction, "not tripped" if found.engine == "full" else "stable"
+    share, good = found.stable_fraction, "untripped" if found.engine == "full" else "stable"
     lines += [] if share is None else [(good, f"{percent(share)} of the points that were not refused")]
     lines += [("rows", str(found.path))]
     lines += [] if options.plot is None else [("plot", str(options.plot))]

@@ -61,6 +61,9 @@ def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = (
         return Path(name)
     names = file_names(folder)
     if name not in names:
+        file, at, node = str(name).partition("@")
+        if kind == "profile" and at and node.isdecimal():
+            raise UsageError(f'no {kind} "{name}"; the node has an option of its own: --drive {file} --node {node}')
         listed = f"To list them: haptic-fieldbus {kind}s list"
         raise UsageError(f'no {kind} "{name}"{suggestion(str(name), {*names, *others})}. {listed}')
     return folder / f"{name}.toml"

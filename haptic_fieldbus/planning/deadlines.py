@@ -59,6 +59,7 @@ def enabling_lines(axes: Iterable[AxisPlan]) -> Iterator[str]:
 REMAINDER = 0.01
 """Share of the initial torque below which torque counts as zero."""
 BESIDE = "switched off acyclically"
+BY_PERSON = "a person who cuts the power"
 
 
 class EndCause(Enum):
@@ -122,8 +123,9 @@ def _of_axis(
     seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period, age)
     by_loop = "zero torque sent in the next period"
-    by_guard = "a person who cuts the power" if alone else f"drive watchdog {rounded(1e3 * watch)} ms"
-    by_guard += ", then the drive brakes for an unknown time" if brakes and not alone else ""
+    longest, after = f"{rounded(1e3 * watch)} ms", ", then the drive brakes for an unknown time" if brakes else ""
+    by_guard = BY_PERSON if alone else f"drive watchdog {longest}{after}"
+    after_trip = f"by {BY_PERSON}" if alone else f"by the drive watchdog within {longest} of the trip{after}"
     yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
     by_age = f"trip when feedback is older than {rounded(1e3 * age)} ms"
     lost, by_loss = min(faded, old) + end, "held for one period, then faded out"
@@ -143,24 +145,24 @@ def _of_axis(
     if math.isfinite(traffic.silence):
         how = f"{rounded(1e3 * traffic.silence)} ms without a heartbeat, then {by_loop}"
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
-    how = f"{by_age}, then {BESIDE}; at the latest {by_guard}"
+    how = f"{by_age}, then {BESIDE}, or {after_trip}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
     # If only one of several drives is disconnected, the others lose their torque as with lost feedback.
     yield TorqueDeadline(EndCause.DISCONNECTED, max(guard + end, lost if untied or shared else 0.0), by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.STOPPED, guard + end, by_guard)
-    yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
+    yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, after_trip))
     if axis.other_masters is not None:
         yield TorqueDeadline(EndCause.OTHER_MASTER, _replaced(axis.other_masters, period) + seen, _shown(axis))
     yield TorqueDeadline(EndCause.END, seen, "zero torque sent at once")
 
 
-def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
+def _unfollowed(axis: AxisPlan, after_trip: str) -> str:
     """Return how a set-point without effect is detected, in words; a constant set-point shows no difference."""
     if math.isinf(axis.limits.echo):
         return "not detected: the drive does not return its set-points"
     waited = rounded(1e3 * axis.limits.echo)
-    return f"trip when not followed for {waited} ms after a change, then {BESIDE}; at the latest {by_guard}"
+    return f"trip when not followed for {waited} ms after a change, then {BESIDE}, or {after_trip}"
 
 
 def _replaced(others: OtherMasters, period: float) -> float:

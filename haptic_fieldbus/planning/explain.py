@@ -344,11 +344,17 @@ def limit_text(stability: Stability | None) -> str:
     if not limit.value:
         found = "no stiffness is stable" if limit.obstacle is None else obstacle_text(limit.obstacle, stability.unit)
         return f"{limit_value(stability)}; {found}"
-    # A margin just below 1 is not rounded to 1.
-    margin = exactly(rounded_down(stability.limit.value / stability.stiffness, TYPED_DIGITS))
     where = "inside" if stability.is_inside else "above it"
     cycle = "; vibrates by one encoder count" if stability.verdict is Verdict.LIMIT_CYCLE else ""
-    return f"{limit_value(stability)}; {asked} is {where}, margin {margin}{cycle}"
+    return f"{limit_value(stability)}; {asked} is {where}, margin {margin_text(stability)}{cycle}"
+
+
+def margin_text(stability: Stability) -> str:
+    """Return limit over stiffness; empty without a stiffness, or without a limit."""
+    if not stability.stiffness or math.isinf(stability.limit.value):
+        return ""
+    # A margin just below 1 is not rounded to 1.
+    return exactly(rounded_down(stability.limit.value / stability.stiffness, TYPED_DIGITS))
 
 
 def nominal_texts(stability: Stability) -> Iterator[str]:

@@ -5,6 +5,7 @@ The Python API and the command line both use these functions, so both refuse the
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_RATE,
     DEFAULT_SEED,
 )
+from haptic_fieldbus.documents.quantities import Quantity, parse_quantity
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import exactly
@@ -24,6 +26,7 @@ from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.signals import Workspace
 
 
 @dataclass(frozen=True)
@@ -109,9 +112,9 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
     for text in texts:
         when, _, setting = text.partition(":")
         try:
-            time = float(when)
+            time = _seconds(when)
             ((key, value),) = parse_settings([setting]).items()
-        except ValueError:  # of `float`, or a UsageError of `parse_settings`, which is one too
+        except ValueError:  # of the time, or a UsageError of `parse_settings`, which is one too
             faults.append(
                 f'--change "{text}": expected SECONDS:element.parameter=value, for example 2.5:wall.stiffness=400'
             )
@@ -122,6 +125,13 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
         same[key] = value
     raise_all(faults)
     return sorted(changes.items())
+
+
+def _seconds(text: str) -> float:
+    """Return a time [s], a number or one with a unit, such as "500 ms"; raises ValueError."""
+    with suppress(ValueError):
+        return float(text)
+    return parse_quantity(text.strip(), Quantity.TIME, Workspace.LINEAR)
 
 
 def check_request(

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,10 @@ def _read(path: Path, reader: Callable[[Path], Any], fault: str) -> Any:
         raise
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        place = error.object.count(b"\n", 0, error.start) + 1
+        octet = f"0x{error.object[error.start]:02X}"
+        raise UsageError(f"{path}: line {place}: not UTF-8: octet {octet}; {fault}") from error
     except (ValueError, LookupError, TypeError, RecursionError, zlib.error) as error:  # of JSON, UTF-8 or base64
         raise UsageError(f"{path}: {fault}: {error}") from error
 
@@ -239,14 +243,31 @@ def _csv(path: Path) -> RecordedRun:
     names = head.rstrip("\r").split(",")
     if names[0] != "t_ns" or len({*names}) < len(names):
         raise UsageError(f'{path}: row 1: "{head[:40]}"; expected names of columns, each once, the first of them t_ns')
-    table = np.loadtxt(StringIO(body), delimiter=",", ndmin=2) if body else np.empty((0, len(names)))
-    if table.shape[1] != len(names):
-        raise ValueError(f"{table.shape[1]} values in a line, {len(names)} names")
+    try:
+        table = np.loadtxt(StringIO(body), delimiter=",", ndmin=2) if body else np.empty((0, len(names)))
+        good = table.shape[1] == len(names)
+    except ValueError:  # numpy counts other lines than an editor
+        good = False
+    if not good:
+        _refuse_line(path, body, len(names))
     columns = {name: table[:, place] for place, name in enumerate(names)}
     with np.errstate(invalid="ignore"):
         rising = np.isfinite(table[:, 0]) & (np.diff(table[:, 0], prepend=-np.inf) > 0.0)
     check_rows(path, "t_ns", columns["t_ns"], rising, "a finite time, later than that of the row before")
     return _of(path, columns, len(whole) > 0 and octets.endswith(b"\n"))
+
+
+def _refuse_line(path: Path, body: str, count: int) -> NoReturn:
+    """Raise UsageError for the first line below the names that has not this count of numbers."""
+    for place, line in enumerate(body.splitlines(), 2):
+        values = line.split(",")
+        try:
+            good = len([float(each) for each in values]) == count
+        except ValueError:
+            good = False
+        if not good and line:  # numpy skips an empty line
+            raise UsageError(f'{path}: line {place}: "{line[:40]}"; expected {count} numbers between commas')
+    raise ValueError(f"expected {count} numbers in a line")
 
 
 def check_rows(path: Path, column: str, values: NDArray[Any], good: NDArray[np.bool_], expected: str) -> None:
@@ -288,7 +309,9 @@ def _can_id(message: "can.Message") -> int:
 
 
 def _candump(path: Path) -> RecordedRun:
-    text = path.read_text(encoding="utf-8")
+    text = path.read_bytes().decode()
+    if not text:
+        raise UsageError(f"{path}: an empty file; expected frames as candump -L writes them")
     found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
     if not all(found):
         raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")

@@ -1,6 +1,7 @@
 """Pictures of stability regions, models, responses and estimates."""
 
 import math
+from collections.abc import Mapping
 from itertools import cycle
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.estimation import Estimation
@@ -23,7 +25,8 @@ from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.planning.refusal import CAVEATS, IF_STATED, passivity_condition
+from haptic_fieldbus.planning.explain import margin_text
+from haptic_fieldbus.planning.refusal import CAVEATS, passivity_condition
 from haptic_fieldbus.report.analysis_texts import estimate_lines
 from haptic_fieldbus.report.drawing import (
     BLUE,
@@ -213,6 +216,8 @@ POINTS = 24
 """Number of dampings at which limits are computed."""
 HEADROOM = 1.3
 """Height of the picture over the largest stiffness that is marked at the damping of the scene."""
+NAMED_FROM = 0.01
+"""Share of the panel from which an area has a name."""
 DAMPINGS = 2.5
 """Width of the picture over the damping of the scene, or of the device if that is larger."""
 
@@ -260,7 +265,7 @@ def draw_region(judgement: Judgement) -> Figure:
 def _tint(panel: Axes, x: Array, low: Array, high: Array, tint: str, label: str, top: float) -> None:
     """Tint an area, and give it a name if it takes a considerable part of the panel."""
     share = float(np.mean(np.minimum(high, top) - np.minimum(low, top))) / (top or 1.0)
-    panel.fill_between(x, low, high, color=tint, linewidth=0, label=label if share > 0.05 else None)
+    panel.fill_between(x, low, high, color=tint, linewidth=0, label=label if share > NAMED_FROM else None)
 
 
 def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -> tuple[str, list[str]]:
@@ -268,8 +273,10 @@ def _region_words(judgement: Judgement, limit: float, onset: float, unit: str) -
     asked, stability = judgement.stability.stiffness or 0.0, judgement.stability
     where = "inside the limit" if asked <= limit else ("above the limit" if asked <= onset else "unstable")
     title = f"{judgement.scene.name}: {exactly(asked)} {unit} is {where}"
-    delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(stability.delay_s, 's')}"
-    margin = f"margin {rounded(limit / asked)}; " if asked and math.isfinite(limit) else ""
+    parts = judgement.delays.get(judgement.axis)
+    total = stability.delay_s if parts is None else parts.total  # with the torque loop, as in the text
+    delay = f"period {in_unit(stability.period_s, 's')}, delay {in_unit(total, 's')}"
+    margin = f"margin {margin}; " if (margin := margin_text(stability)) else ""
     known = CAVEATS.get(stability.limit.basis)
     return title, [f"{margin}{delay}{f'; {known}' if known else ''}"]
 
@@ -304,6 +311,8 @@ KINDS_OF_POINTS = {
 USUAL_COLUMNS = {"verdict": "verdict", "loop": "grew", "full": "error_rms"}
 MOST_DRAWN = 200_000
 """Number of dots of a picture; more are thinned evenly."""
+LARGEST_DOT = 8.0
+"""Diameter of a dot [points]."""
 
 
 def draw_sweep(found: Sweep, column: str | None = None) -> Figure:
@@ -323,22 +332,32 @@ def draw_sweep(found: Sweep, column: str | None = None) -> Figure:
         raise UsageError("nothing to draw: no parameter with numbers is varied")
     values = table[chosen].to_pylist()
     numbers = all(isinstance(each, int | float) and not isinstance(each, bool) for each in values if each is not None)
-    drawn = figure(5.6, 9.0, f"{chosen} of {len(table)} points", [_others(found, names[:2])])
+    labels = None if numbers else _labels(found, chosen)
+    refused = f", {found.outcomes['refused']} refused" * (found.outcomes["refused"] > 0)
+    title = f"{'motion' if chosen == 'grew' else chosen} of {len(table)} points{refused}"
+    drawn = figure(5.6, 9.0, title, [_others(found, names[:2])])
     panel = drawn.subplots()
     axes = [columns[name] for name in names[:2]]
     if len(names) == 1:
-        _draw_line(panel, axes[0], values, columns["outcome"], numbers=numbers)
-        dress(panel, "", _named(found, names[0]), chosen if numbers else "")
+        _draw_line(panel, axes[0], values, columns["outcome"], labels)
+        dress(panel, "", _named(found, names[0]), _named(found, chosen) if numbers else "")
     else:
-        _draw_map(panel, axes[0], axes[1], values, columns["outcome"], numbers=numbers)
+        _draw_map(panel, axes[0], axes[1], values, columns["outcome"], labels, _named(found, chosen))
         dress(panel, "", *(_named(found, name) for name in names[:2]))
     if panel.get_legend_handles_labels()[0]:
         drawn.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False)
     return drawn
 
 
+def _labels(found: Sweep, column: str) -> dict[str, str]:
+    """Return the label of each kind of points."""
+    motion = {"True": "motion grows", "False": "motion decays"} if column == "grew" else {}
+    passive = "passive" if found.shipped_bench else "passive at the values of the rig"
+    return {kind: kind for kind in KINDS_OF_POINTS} | {"passive": passive} | motion
+
+
 def _named(found: Sweep, name: str) -> str:
-    """Return the label of an axis: the parameter with its unit."""
+    """Return the label of an axis: the parameter or figure with its unit."""
     unit = found.units.get(name)
     return f"{name} [{unit}]" if unit else name
 
@@ -355,23 +374,19 @@ def _spaced(panel: Axes, direction: str, values: Array) -> None:
         getattr(panel, f"set_{direction}scale")("log" if np.median(ends) < 0.25 * ends[-1] else "linear")
 
 
-def _draw_line(panel: Axes, x: Array, values: list[object], outcome: Array, *, numbers: bool) -> None:
+def _draw_line(panel: Axes, x: Array, values: list[object], outcome: Array, labels: Mapping[str, str] | None) -> None:
+    """Draw numbers as a line, and kinds, which have `labels`, as ticks."""
     order = np.argsort(x, kind="stable")
     _spaced(panel, "x", x)
-    if numbers:
+    if labels is None:
         panel.plot(x[order], np.array(values, float)[order], ".-", color=BLUE, linewidth=1.2, markersize=4)
         return
     kinds, found = _kinds(values, outcome)
     for place, kind in enumerate(found):
         own = x[kinds == kind]
         panel.plot(own, np.full(len(own), place), "|", markersize=18, markeredgewidth=2, color=KINDS_OF_POINTS[kind])
-    panel.set_yticks(range(len(found)), [_told(kind) for kind in found])
+    panel.set_yticks(range(len(found)), [labels[kind] for kind in found])
     panel.set_ylim(-0.6, len(found) - 0.4)
-
-
-def _told(kind: str) -> str:
-    """Return the label of a kind of points; a sweep judges the values that are stated."""
-    return f"{kind}{IF_STATED}" if kind == "passive" else kind
 
 
 def _kinds(values: list[object], outcome: Array) -> tuple[NDArray[np.str_], list[str]]:
@@ -380,10 +395,15 @@ def _kinds(values: list[object], outcome: Array) -> tuple[NDArray[np.str_], list
     return kinds, [kind for kind in KINDS_OF_POINTS if (kinds == kind).any()]
 
 
-def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Array, *, numbers: bool) -> None:
-    """Draw a grid as an area, and other points as dots, in colours of their numbers or kinds."""
+def _draw_map(
+    panel: Axes, x: Array, y: Array, values: list[object], outcome: Array, labels: Mapping[str, str] | None, name: str
+) -> None:
+    """Draw a grid as an area, and other points as dots, in colours of their numbers or of kinds, which have `labels`.
+
+    `name` is the label of the numbers.
+    """
     shown, look = list[str](), dict[str, Any](cmap="viridis")
-    if numbers:
+    if labels is None:
         shades = np.array(values, float)
     else:
         kinds, shown = _kinds(values, outcome)
@@ -403,12 +423,13 @@ def _draw_map(panel: Axes, x: Array, y: Array, values: list[object], outcome: Ar
         drawn: Any = panel.pcolormesh(across, upward, area, shading="nearest", rasterized=True, **look)
     else:
         kept = slice(None, None, max(len(x) // MOST_DRAWN, 1))
-        size = max(200.0 / math.sqrt(len(x)), 1.2)
+        size = min(max(200.0 / math.sqrt(len(x)), 1.2), LARGEST_DOT)
         drawn = panel.scatter(x[kept], y[kept], c=shades[kept], s=size**2, linewidths=0.0, **look)
-    if numbers:
-        panel.figure.colorbar(drawn, ax=panel)
+    if labels is None:
+        panel.figure.colorbar(drawn, ax=panel, label=name)
+        return
     for kind in shown:
-        panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=_told(kind))
+        panel.plot([], [], "s", color=KINDS_OF_POINTS[kind], label=labels[kind])
 
 
 # Picture of a measured bench: its motion, the prediction error, and the response from torque to position.
@@ -454,7 +475,7 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     model = modelled_response(fit.model, used.period, grid)
     size.set_yscale("log")
     for each in (size, phase, shared):
-        each.set_xscale("log")
+        span_frequencies(each, grid)
     size.plot(grid, np.abs(model), color=GREY, linewidth=1.6, label="model")
     size.plot(frequencies[good], np.abs(response[good]), ".", color=BLUE, label="measured")
     phase.plot(grid, _degrees(model), color=GREY, linewidth=1.6)
@@ -466,6 +487,12 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     _draw_balance(friction, travel, fit.model, used)
     name_lines(drawn, [motion, size])
     return drawn
+
+
+def span_frequencies(panel: Axes, shown: Array) -> None:
+    """Give a panel a logarithmic axis over these frequencies [Hz], with numbers at 1 and 3 of each decade."""
+    panel.set(xscale="log", xlim=(min(3.0, shown.min()), max(100.0, shown.max())))
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
 
 
 def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: ShaftRecord) -> None:

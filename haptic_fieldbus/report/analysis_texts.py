@@ -49,8 +49,11 @@ def response_lines(response: Response, title: str) -> list[Line]:
     """Return lines on the input, the range of each quantity, the growth of the method, and the verdict."""
     space = response.workspace
     lines = [("response", title), ("result", _extremes("position", response.position, space.length_unit))]
+    units = {"position": space.length_unit, "velocity": f"{space.length_unit}/s"}
     lines += [("", _extremes("force", response.force, space.effort_unit))]
-    lines += [("", _extremes(f"virtual {name}", values, "")) for name, values in response.states.items()]
+    for name, values in response.states.items():
+        unit = next((unit for word, unit in units.items() if name.endswith(word)), "")
+        lines.append(("", _extremes(f"virtual {name}", values, unit)))
     if response.spectral_radius is not None:
         radius = f"{response.method}: spectral radius {rounded(response.spectral_radius, 9)} per step"
         lines.append(("method", f"{radius}, {_growth_words(response.spectral_radius)}"))
@@ -188,7 +191,8 @@ def _delay(found: Estimation) -> str:
         return "no value: it depends on the motion"
     if not delay:
         return "no delay for slow changes"
-    return f"{in_unit(delay, 's')}, {rounded(delay / found.period)} periods, for slow changes of velocity"
+    periods = rounded(delay / found.period)
+    return f"{in_unit(delay, 's')}, {periods} period{'' if periods == '1' else 's'}, for slow changes of velocity"
 
 
 def _drift(found: Estimation, duration: float) -> str:

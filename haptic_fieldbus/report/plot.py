@@ -222,7 +222,7 @@ def draw_axis(
 
     These panels show force over position, and position and force around the first force. `changes` are the times [s] at
     which the scene was changed; `name` precedes the titles. If given, the times of `periods` replace the error.
-    `effort` is the limit of the motor [N or N·m].
+    `effort` is the limit of the motor [N or N·m]. Without error and times, the force takes their place.
     """
     window = first_force(trace)
     columns = 2 if window else 1
@@ -230,14 +230,16 @@ def draw_axis(
     panels = figure.subplots(3, columns, squeeze=False, gridspec_kw=ratios)
     walls = [element for element in elements if isinstance(element, Wall)]
     units = UNITS[trace.workspace]
-    _column(panels[:, 0], trace, walls, units, f"{name}whole run", "time [s]", 1.0)
-    _mark_fade_in(panels[:, 0], trace)
-    _mark_changes(panels[:, 0], changes)
+    whole = panels[:, 0]
+    if periods is None and trace.ideal is None:
+        whole[2].remove()
+        whole = whole[:2]
+        whole[1].set_subplotspec(whole[0].get_gridspec()[1:, 0])
+    _column(whole, trace, walls, units, f"{name}whole run", "time [s]", 1.0)
+    _mark_fade_in(whole, trace)
+    _mark_changes(whole, changes)
     if periods is not None:
-        _draw_times(panels[2, 0], periods)
-    elif trace.ideal is None:
-        panels[2, 0].text(0.5, 0.5, "error unknown", transform=panels[2, 0].transAxes, ha="center")
-        panels[2, 0].set_ylabel(f"error [{units.effort}]")
+        _draw_times(whole[2], periods)
     if window:
         draw_law(panels[0, 1], trace, elements, effort, units)
         _frame(panels[0, 1], f"{name}{units.effort_name} over position")
@@ -271,10 +273,14 @@ def _frame(panel: Axes, title: str) -> None:
 
 
 def _draw_position(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
-    if trace.samples is not None and trace.sample_times is not None:
-        times, samples = held(trace.sample_times, trace.samples, float(trace.times[-1]))
-        _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, trace.sensor)
-    _line(panel, trace.times * per_second, trace.position * units.per_length, BLUE, 1.6, "handle")
+    times, samples, one = trace.sample_times, trace.samples, False
+    if samples is not None and times is not None:
+        one = np.array_equal(samples, trace.position)
+        times, samples = held(times, samples, float(trace.times[-1]))
+        colour, label = (BLUE, f"handle ({trace.sensor})") if one else (ORANGE, trace.sensor)
+        _line(panel, times * per_second, samples * units.per_length, colour, 1.6, label)
+    if not one:
+        _line(panel, trace.times * per_second, trace.position * units.per_length, BLUE, 1.6, "handle")
     for (name, position), colour in zip(trace.virtual.items(), cycle((PURPLE, GREEN, SKY)), strict=False):
         _line(panel, trace.times * per_second, position * units.per_length, colour, 1.4, f"mass of {name}")
     panel.set_ylabel(f"position [{units.length}]")

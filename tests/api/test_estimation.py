@@ -143,6 +143,11 @@ def test_the_step_of_a_signal_is_found_or_given(tmp_path: Path) -> None:
     counts = 0.3 * np.round(5.0 * np.sin(TIMES))
     found = estimated(tmp_path, "position", counts, "foaw-end-fit")
     assert found.resolution == pytest.approx(0.3)
+    encoder = np.round(1.220703125e-5 * np.round(2000.0 * np.sin(TIMES)), 9)
+    assert estimated(tmp_path, "position", encoder).resolution == pytest.approx(1.22e-5, rel=1e-3)
+    few = np.round(2.827 * np.cos(0.3 * np.arange(len(TIMES) // 3 * 2)), 9)
+    assert estimated(tmp_path, "velocity", few, times=TIMES[: len(few)]).resolution == 1e-9
+    estimated(tmp_path, "position", counts)
     given = estimate_from(SignalRequest(file=tmp_path / "signal.csv", resolution=0.0))
     assert given.resolution == 0.0
     assert estimated(tmp_path, "position", np.ones(len(TIMES))).resolution == 0.0

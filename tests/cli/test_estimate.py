@@ -46,6 +46,16 @@ def test_the_drift_of_a_tachometer_is_told(command: Command) -> None:
     assert "no drift from readings without steps" in smooth
 
 
+def test_a_delay_of_one_period_has_no_plural(command: Command) -> None:
+    assert "0.01 s, 1 period, for" in command("estimate", TACHOMETER, "--estimator", "moving-average:window=3").out
+
+
+def test_the_least_difference_of_a_smooth_signal_is_no_step(command: Command) -> None:
+    out = command("estimate", TACHOMETER.with_name("fast_tachometer.csv")).out
+    assert "in steps of 1e-9" in out
+    assert "each wrong by up to 5e-10" in out
+
+
 def test_an_estimator_that_is_not_linear_has_no_figures(command: Command) -> None:
     assert command("estimate", SINE, "--estimator", "levant").out.count("no value") == 2
 

@@ -46,7 +46,7 @@ ITEMS = {
     ),
     "held puck: step of one unit": (
         "response sprung_mass --input step --amplitude 1",
-        r"force -200 to 200 N.*position 0 to 2\n.*velocity -20 to 20",
+        r"force -200 to 200 N.*position 0 to 2 m\n.*velocity -20 to 20 m/s",
     ),
     "natural frequency, matrix form and both forms of the force": (
         "response sprung_mass --model",

@@ -78,3 +78,9 @@ def test_the_nominal_limits_are_printed_on_request(command: Command) -> None:
     assert long.startswith(short.rstrip("\n"))
     assert "stability  passive\n           nominal: stable to 1492 N/m" in long
     assert long.rstrip("\n") == explain(plan("wall"), verbose=True)
+
+
+def test_a_node_behind_a_drive_is_told_to_stand_apart(command: Command) -> None:
+    refused = command("plan", "wall", "--drive", "epos4.eds@5")
+    assert refused.status == 2
+    assert "the node has an option of its own: --drive epos4.eds --node 5" in " ".join(refused.err.split())

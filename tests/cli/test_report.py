@@ -85,5 +85,5 @@ def test_without_matplotlib_the_report_is_refused_before_anything_is_measured(
     monkeypatch.setattr(module, "find_spec", lambda name: None)
     finished = command("report", "--out", str(tmp_path / "report"))
     assert finished.status == 2
-    assert "pip install '.[plot]'" in finished.err
+    assert "pip install -e '.[plot]'" in finished.err
     assert not (tmp_path / "report").exists()

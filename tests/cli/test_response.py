@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,8 @@ def test_what_diverges_is_flagged_and_told(command: Command) -> None:
 def test_the_text_tells_how_a_method_grows(method: str, word: str, command: Command) -> None:
     out = command("response", "sprung_mass", "--method", method, "--input", "sine@2", "--amplitude", "0.1").out
     assert f"a free motion {word}" in out
-    assert "virtual position" in out
+    assert re.search(r"virtual position .* to .* m$", out, re.MULTILINE)
+    assert re.search(r"virtual velocity .* to .* m/s$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(

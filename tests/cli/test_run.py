@@ -204,7 +204,7 @@ def test_without_matplotlib_a_picture_is_refused_before_anything_runs(
     monkeypatch.setattr(options, "find_spec", lambda name: None)
     finished = command("run", "wall", "--plot", str(tmp_path / "run.png"))
     assert finished.status == 2
-    assert "pip install '.[plot]'" in finished.err
+    assert "pip install -e '.[plot]'" in finished.err
     assert finished.out == ""
 
 

@@ -4,9 +4,13 @@ import json
 from pathlib import Path
 
 import pytest
+from matplotlib.text import Text
 
 import haptic_fieldbus
+from haptic_fieldbus.api.stability_limits import judge_scene
 from haptic_fieldbus.numerics.estimators import linear_stand_in
+from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.report import analysis_plots
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
@@ -105,6 +109,19 @@ def test_the_region_is_drawn(options: tuple[str, ...], tmp_path: Path, command: 
     assert finished.status == 0
     assert str(picture) in finished.out
     assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("scene", "margin"), [("damped_wall", "2.81"), ("wall", "1.25")])
+def test_the_picture_has_margin_and_delay_of_the_text_and_names_the_unstable_area(
+    scene: str, margin: str, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(analysis_plots, "POINTS", 3)
+    told = command("stability", scene).out
+    assert f"margin {margin}" in told
+    assert "delay      0.559 ms" in told
+    drawn = analysis_plots.draw_region(judge_scene(Task(scene)))
+    texts = {each.get_text() for each in drawn.findobj(Text)}
+    assert {f"margin {margin}; period 1 ms, delay 0.559 ms", "unstable"} <= texts
 
 
 def test_a_region_needs_an_element_with_stiffness_and_damping(tmp_path: Path, command: Command) -> None:

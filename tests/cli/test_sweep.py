@@ -8,9 +8,12 @@ from pathlib import Path
 from signal import SIGHUP, SIGINT, SIGTERM
 
 import pytest
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from haptic_fieldbus import Sweep, UsageError, sweep
-from haptic_fieldbus.report.analysis_plots import draw_sweep
+from haptic_fieldbus.report.analysis_plots import LARGEST_DOT, draw_sweep
 from tests.cli.command import Command, printed
 from tests.peers.hosts import hear_signals
 from tests.pictures import misplaced
@@ -106,6 +109,35 @@ def test_pictures_of_a_sweep_have_their_texts_in_place(points: object, column: s
     assert drawn.axes[0].get_xlabel() == "wall.stiffness [N/m]"
 
 
+def labels_of(drawn: Figure) -> set[str]:
+    panel = drawn.axes[0]
+    return {*panel.get_legend_handles_labels()[1], *(each.get_text() for each in panel.get_yticklabels())}
+
+
+def test_a_picture_tells_units_refusals_and_motion_in_words() -> None:
+    grid = {"wall.stiffness": [100.0, 90000.0]}
+    drawn = draw_sweep(sweep("wall", grid, engine="full", duration=0.1, workers=1))
+    assert drawn.axes[0].get_ylabel() == "error_rms [N]"
+    assert "error_rms of 2 points, 1 refused" in {each.get_text() for each in drawn.findobj(Text)}
+    drawn = draw_sweep(sweep("wall", grid, engine="loop", workers=1))
+    assert {"motion decays", "motion grows"} <= labels_of(drawn)
+
+
+def test_a_picture_calls_a_loop_passive_without_condition_on_the_shipped_bench_alone() -> None:
+    points = {"wall.stiffness": [100.0, 200.0], "wall.damping": [0.0, 0.1]}
+    drawn = draw_sweep(sweep("wall", points, workers=1))
+    assert "passive" in labels_of(drawn)
+    rig = {"rig.handle.viscous_damping": [1e-4, 2e-4], "wall.stiffness": [100.0, 200.0]}
+    assert "passive at the values of the rig" in labels_of(draw_sweep(sweep("wall", rig, workers=1)))
+
+
+def test_a_few_points_are_dots_that_do_not_overlap() -> None:
+    points = [{"wall.stiffness": 20.0 * place**2 + 1.0, "wall.damping": float(place % 5)} for place in range(20)]
+    (dots,) = (each for each in draw_sweep(sweep("wall", points, workers=1)).findobj(PathCollection))
+    assert isinstance(dots, PathCollection)
+    assert dots.get_sizes().tolist() == [LARGEST_DOT**2]
+
+
 @pytest.mark.thorough("waits for processes that are ended")
 @pytest.mark.parametrize(("ending", "status"), [(SIGINT, 130), (SIGTERM, 143), (SIGHUP, 129)])
 def test_a_sweep_that_is_stopped_goes_on(ending: int, status: int, tmp_path: Path) -> None:
@@ -131,4 +163,4 @@ def test_the_reason_of_a_refusal_is_told_and_a_run_is_not_called_stable(command:
     assert "exceeds the limit" in lines["refused"]
     lines = dict(printed(command("sweep", "wall", *grid, "--out", tmp_path / "b", "--force").out))
     assert "stable" not in lines
-    assert lines["not tripped"].endswith("of the points that were not refused")
+    assert lines["untripped"].endswith("of the points that were not refused")

@@ -57,7 +57,9 @@ def test_the_element_of_the_guide_is_named_in_a_scene_file(
     for name, *words in asked:
         assert name == "haptic-fieldbus"
         assert status(words) == 0, capsys.readouterr().err
-    assert "own_memory:Clay" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "own_memory:Clay" in told
+    assert "Feels right" in told, "the handle reaches the clay"
     sys.modules.pop("own_memory")
 
 

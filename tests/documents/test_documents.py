@@ -312,7 +312,7 @@ def test_what_the_loader_fills_in_is_not_in_the_exported_schema() -> None:
 
 def test_a_package_that_is_missing_is_named_with_its_extra() -> None:
     require("numpy", "data")
-    with pytest.raises(UsageError, match=r"^this needs no_such_package; in a checkout, run: pip install '\.\[data"):
+    with pytest.raises(UsageError, match=r"^this needs no_such_package; in a checkout, run: pip install -e '\.\[data"):
         require("no_such_package", "data")
 
 

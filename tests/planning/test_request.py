@@ -170,6 +170,10 @@ def test_changes_are_taken_apart_at_the_first_colon_those_of_one_time_together()
         (0.5, {"wall.side": "a:b"}),
         (2.0, {"wall.stiffness": "800", "wall.damping": "3"}),
     ]
+    assert parse_changes(["1s:wall.stiffness=300", "500 ms:wall.damping=3"]) == [
+        (0.5, {"wall.damping": "3"}),
+        (1.0, {"wall.stiffness": "300"}),
+    ]
     assert parse_changes([]) == []
 
 

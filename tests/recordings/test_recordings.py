@@ -314,6 +314,9 @@ def test_a_recording_is_summarised_converted_and_drawn(recorded: Path, command: 
     assert "damped_wall" in done.out
     assert (tmp_path / "run.csv").read_bytes() == of(recorded, ".csv").read_bytes()
     assert read_provenance(tmp_path / "run.png") == read_provenance(source)
+    other = command("replay", str(source), "--to", "xlsx")
+    assert other.status == 2
+    assert '"xlsx"; expected csv, mcap, parquet' in other.err
     refused = command("replay", str(source), "--to", "csv")
     assert (refused.status, "exists" in refused.err) == (2, True)
     told = json.loads(command("replay", str(source), "--json").out)
@@ -454,7 +457,12 @@ def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
     for name, octets, message in (
         ("a.txt", b"", "expected a recording"),
         ("a.mcap", b"no", "no MCAP file"),
-        ("a.csv", b"t_ns,x\n1,2,3\nx", "no recording of this format|number of columns"),
+        ("a.csv", b"t_ns,x\n1,2,3\nx", r'line 2: "1,2,3"; expected 2 numbers between commas'),
+        ("b.csv", b"t_ns,x\n1,2\n\n3,4\nhello,5\n6,7\n", r'line 5: "hello,5"; expected 2 numbers'),
+        ("c.csv", b"t_ns,x\n1,2\nhello,5\n6,7\n", r'line 3: "hello,5"; expected 2 numbers between commas'),
+        ("d.csv", b"t_ns,x\n1,2\n\xf0\xf1,5\n", "line 3: not UTF-8: octet 0xF0"),
+        ("e.log", b"", "an empty file; expected frames"),
+        ("f.log", b"(1.0) can0 123#00\n\xb5\n", "line 2: not UTF-8: octet 0xB5"),
         ("a.log", b"no\n", "line 1 is not as candump -L writes it"),
         ("odd.log", b"(1.0) can0 123#0\n", "no recording of this format"),
         ("a.blf", b"no" * 200, "no recording of this format"),
@@ -508,8 +516,8 @@ for call in (
 def test_without_the_extras_all_else_works_and_they_are_named(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines() == [
-        "this needs mcap; in a checkout, run: pip install '.[data]'",
-        *["this needs pyarrow; in a checkout, run: pip install '.[data]'"] * 2,
+        "this needs mcap; in a checkout, run: pip install -e '.[data]'",
+        *["this needs pyarrow; in a checkout, run: pip install -e '.[data]'"] * 2,
     ], done.stderr
 
 

@@ -9,6 +9,7 @@ import pytest
 from matplotlib import colors
 
 from haptic_fieldbus.assessing.result import Array
+from haptic_fieldbus.report.analysis_plots import span_frequencies
 from haptic_fieldbus.report.drawing import (
     BLUE,
     GREEN,
@@ -135,3 +136,14 @@ def test_a_description_stands_where_matplotlib_writes_it(tmp_path: Path) -> None
     kind = "{http://creativecommons.org/ns#}Work/{http://purl.org/dc/elements/1.1/}description"
     texts = [ElementTree.fromstring(each).findtext(f".//{kind}") for each in (told, (tmp_path / "a.svg").read_text())]
     assert texts == ["of a test", "of a test"]
+
+
+def test_an_axis_of_frequencies_has_several_numbers() -> None:
+    drawn = figure(4.0, 6.0, "a")
+    panel = drawn.subplots()
+    span_frequencies(panel, np.array([3.4, 81.0]))
+    dress(panel, "", "frequency [Hz]")
+    drawn.draw_without_rendering()
+    low, high = panel.get_xlim()
+    shown = [label.get_text() for label in panel.get_xticklabels() if low <= label.get_position()[0] <= high]
+    assert shown == ["3", "10", "30", "100"]

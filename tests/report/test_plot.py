@@ -189,8 +189,14 @@ def test_a_rotary_axis_is_drawn_in_degrees_and_newton_metres() -> None:
 
 def test_without_an_ideal_there_is_no_error_to_draw() -> None:
     figure = panels_of(push(simulated=False))
-    assert labels(figure, 4) == set()
-    assert figure.axes[4].texts[0].get_text() == "error unknown"
+    assert [panel.get_ylabel() for panel in figure.axes[::2]] == ["position [mm]", "force [N]", "force [N]"]
+    assert figure.axes[2].get_xlabel() == "time [s]"
+
+
+def test_a_handle_that_is_known_by_its_encoder_alone_is_one_line() -> None:
+    trace = push(simulated=False)
+    figure = panels_of(replace(trace, samples=trace.position, sample_times=trace.times))
+    assert labels(figure, 0) == {"handle (encoder)", "first force"}
 
 
 def test_of_a_run_on_real_drives_the_last_panel_shows_the_times_of_its_periods() -> None:

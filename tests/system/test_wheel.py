@@ -93,7 +93,7 @@ def test_the_page_of_the_first_drive_is_walked_from_the_wheel_with_the_extra_tha
     made = call(sys.executable, "-m", "venv", folder / "clean", cwd=folder)
     assert made.returncode == 0, made.stderr
     programs = folder / "clean" / "bin"
-    (extra,) = re.findall(r"^pip install '\.(\[\w+\])'$", first_drive.TEXT, re.MULTILINE)
+    (extra,) = re.findall(r"^pip install -e '\.(\[\w+\])'$", first_drive.TEXT, re.MULTILINE)
     pip = (programs / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
     fetched = call(*pip, f"{wheel}{extra}", cwd=folder)
     if fetched.returncode != 0:

@@ -22,7 +22,14 @@ import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.scan_result import Check
-from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, SYS, latency_timer, leads_elsewhere
+from haptic_fieldbus.buses.usb_serial import (
+    NO_SERIAL_LINE,
+    NO_SUCH_DEVICE,
+    SYS,
+    is_missing,
+    latency_timer,
+    leads_elsewhere,
+)
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
@@ -39,6 +46,8 @@ VIRTUAL = ("vcan", "vxcan")
 HEALTHY = ("ERROR-ACTIVE",)
 SERIAL = ("slcan", "serial", "robotell", "seeedstudio")
 """Interfaces of python-can whose channel is a serial port."""
+NO_CAN = "this kernel has no CAN: type modprobe -a can can_raw, or haptic-fieldbus vcan -- in front of the command"
+"""Advice where the kernel does not know the address family of SocketCAN."""
 Show = Callable[[str], str]
 """Function that returns what `ip` tells of an interface, as JSON; empty when it tells nothing."""
 
@@ -50,6 +59,15 @@ def shown_by_ip(channel: str) -> str:
         return subprocess.run(command, capture_output=True, text=True, check=False, timeout=5).stdout
     except (OSError, subprocess.TimeoutExpired):
         return ""
+
+
+def kernel_has_can() -> bool:
+    """Return whether the kernel knows the address family of SocketCAN, or whether that is unknown."""
+    try:
+        with socket.socket(getattr(socket, "AF_CAN", socket.AF_INET), socket.SOCK_RAW):
+            return True
+    except OSError as error:
+        return error.errno != errno.EAFNOSUPPORT
 
 
 def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_ip) -> Iterator[Check]:
@@ -90,6 +108,7 @@ class SocketCanLink:
         folder = self.root / "class" / "net" / channel
         if not folder.exists():
             advice = f"no {channel}: plug the adapter in; to list names: ip -details link show type can"
+            advice = advice if kernel_has_can() else NO_CAN
             return Check("driver", False, f"no interface {channel}", advice)
         name = (folder / "device" / "driver").resolve().name if (folder / "device" / "driver").exists() else "virtual"
         return Check("driver", True, name)
@@ -178,7 +197,7 @@ ADVICE: Mapping[str, str] = {
 PACKAGES: Mapping[str, tuple[str, str]] = {
     "udp_multicast": (
         "msgpack",
-        "install this package with its extra multicast (in a checkout: `pip install '.[multicast]'`), or msgpack",
+        "install this package with its extra multicast (in a checkout: `pip install -e '.[multicast]'`), or msgpack",
     )
 }
 """Module that an interface imports, and the advice in place of the one above where it is not installed."""
@@ -212,6 +231,10 @@ def open_can(section: CanSection) -> can.BusABC:
     except FOREIGN as error:
         if section.interface in SERIAL and leads_elsewhere(section.channel.partition("@")[0], error):
             raise BusError(f"{subject}: {NO_SERIAL_LINE}") from error
+        if section.interface in SERIAL and is_missing(error):
+            raise BusError(f"{subject}: {NO_SUCH_DEVICE}") from error
+        if section.interface == "socketcan" and not kernel_has_can():
+            raise BusError(f"{subject}: {NO_CAN}") from error
         raise type(ours := translate(error, subject))(f"{ours}; {advice}") from error
     except _NO_DRIVER as error:
         raise BusError(f"{subject}: its driver is missing ({error}); {advice}") from error

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import serial
 
-from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, leads_elsewhere
+from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, NO_SUCH_DEVICE, leads_elsewhere
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.modbus.profile import Parity
@@ -28,7 +28,7 @@ WORDS = {
     errno.ETIMEDOUT: f"no answer; {CHECK_DRIVE}",
     errno.EHOSTUNREACH: f"host unreachable; {CHECK_DRIVE}",
     errno.ENETUNREACH: "no route to that network; check the address of this computer",
-    errno.ENOENT: "no such device; plug the adapter in, or see `ls /dev/tty*`",
+    errno.ENOENT: NO_SUCH_DEVICE,
     errno.EACCES: "no permission; add the user to the group of the device (`ls -l`), often dialout",
     errno.EBUSY: "another program has it open",
     errno.EWOULDBLOCK: "another program has it open",

@@ -15,6 +15,7 @@ from annotated_types import Ge, Le, Len
 from haptic_fieldbus.documents import read_document
 from haptic_fieldbus.drive.fields import STRICT, Counts, NonNegativeTime, Time, UInt32
 from haptic_fieldbus.drive.rig import ByKind
+from haptic_fieldbus.errors import Fault as FileFault
 from haptic_fieldbus.errors import FaultFileError
 
 # The fields that all kinds of faults share, and the types of fields that several have.
@@ -481,9 +482,12 @@ class FaultFile:
 
 
 def load_faults(path: str | Path) -> tuple[Fault, ...]:
-    """Return the faults of a file; raises FaultFileError that lists everything wrong in it."""
+    """Return the faults of a file, one at least; raises FaultFileError that lists everything wrong in it."""
     document = read_document(Path(path), FaultFileError)
-    return document.checked(document.validate(FaultFile)).fault
+    found = document.checked(document.validate(FaultFile)).fault
+    if not found:
+        raise FaultFileError(path, [FileFault("", "no fault in it; expected tables [[fault]]")])
+    return found
 
 
 def toml_of(faults: Iterable[Fault]) -> str:

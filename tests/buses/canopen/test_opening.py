@@ -1,10 +1,12 @@
 """Opening python-can interfaces: every one that cannot be opened is told in one sentence, with what to do."""
 
+import errno
 import os
 import socket
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import can
 import pytest
@@ -15,12 +17,15 @@ from haptic_fieldbus.buses.canopen.opening import (
     ADVICE,
     LEAKING,
     MULTICAST_ALL,
+    NO_CAN,
     OF_A_PACKAGE,
     SERIAL,
+    adapter_checks,
     hears_its_group_alone,
+    kernel_has_can,
     open_can,
 )
-from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE
+from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, NO_SUCH_DEVICE
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CAN_INTERFACES, SIMULATION_INTERFACE, CanSection
 from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, require_multicast
@@ -88,14 +93,37 @@ def test_every_interface_that_cannot_be_opened_says_what_to_install_or_type(inte
         open_can(CanSection(interface, channel))
     said = str(caught.value)
     assert said.startswith(f"cannot open {interface}:{channel}: ")
-    no_serial_line = interface in SERIAL and channel == "/dev/null"
-    assert said.endswith(NO_SERIAL_LINE if no_serial_line else f"; {ADVICE.get(interface, OF_A_PACKAGE)}")
+    ends = [f"; {ADVICE.get(interface, OF_A_PACKAGE)}"]
+    if interface in SERIAL:
+        ends = [NO_SERIAL_LINE] if channel == "/dev/null" else [*ends, NO_SUCH_DEVICE]
+    elif interface == "socketcan" and not kernel_has_can():
+        ends = [NO_CAN]
+    assert said.endswith(tuple(ends))
     assert "\n" not in said
 
 
 def test_every_interface_of_python_can_has_its_advice() -> None:
     assert set(ADVICE) == set(CAN_INTERFACES)
     assert all(any(word in advice for word in ("install", "type", "give")) for advice in ADVICE.values())
+
+
+@pytest.mark.parametrize("interface", ["slcan", "serial", "robotell"])
+def test_a_serial_port_that_is_not_there_is_told_in_words(interface: str) -> None:
+    with pytest.raises(BusError) as caught:
+        open_can(CanSection(interface, "/dev/ttyACM99"))
+    assert str(caught.value) == f"cannot open {interface}:/dev/ttyACM99: {NO_SUCH_DEVICE}"
+
+
+def test_a_kernel_without_can_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    section = CanSection("socketcan", "can0")
+    with pytest.raises(BusError) as caught:
+        open_can(section)
+    assert str(caught.value) == f"cannot open socketcan:can0: {NO_CAN}"
+    assert next(adapter_checks(section, tmp_path, lambda _: "")).advice == NO_CAN
 
 
 @pytest.mark.thorough("2 cases of one rule", quick=1)
@@ -169,7 +197,7 @@ class TestMulticast:
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
         assert done.returncode == 1
         assert "msgpack not installed; install this package with its extra multicast" in done.stderr
-        assert "pip install '.[multicast]'" in done.stderr
+        assert "pip install -e '.[multicast]'" in done.stderr
         assert "type a" not in done.stderr, "a group was typed"
 
 

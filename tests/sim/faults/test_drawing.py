@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import FaultFileError, UsageError
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, MOST, RECIPES, drawn, seed_of
 
@@ -38,6 +38,13 @@ def test_what_is_drawn_reads_back_from_its_file(tmp_path: Path) -> None:
         these = tuple(fault for other in range(10) for fault in drawn(10 * seed + other, 1.0, KINDS))
         path.write_text(faults.toml_of(these), encoding="utf-8")
         assert faults.load_faults(path) == these
+
+
+@pytest.mark.parametrize("text", ["", "# nothing yet\n", "fault = []\n"])
+def test_a_file_without_a_fault_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "faults.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(FaultFileError, match=r"faults\.toml: no fault in it; expected tables \[\[fault\]\]$"):
+        faults.load_faults(tmp_path / "faults.toml")
 
 
 def test_a_fault_of_a_bus_or_node_says_so_in_its_file() -> None:

@@ -1,0 +1,48 @@
+"""The guide shows what its commands print, on a simulated bench with a third of the stated damping."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.cli import main
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "measure_your_bench.md").read_text(encoding="utf-8")
+MEASURED, PLANNED, CERTIFIED, LOOKED_BACK = re.findall(r"^```text\n(.*?)^```", TEXT, re.M | re.S)
+RIG = """
+[bus.can0]
+interface = "haptic_sim"
+channel = "sim"
+
+[axis.handle]
+bus = "can0"
+node = 5
+profile = "maxon_epos4"
+rated_torque = 0.4
+encoder_counts_per_revolution = 4096
+inertia = 4.0e-5
+viscous_damping = 3.0e-4
+coulomb_friction = 2.0e-3
+seen = { sign = "seen" }
+mechanism = { kind = "linear", metres_per_revolution = 0.05 }
+limits = { speed = 10, position = [-0.3, 0.3] }
+simulation = { viscous_damping = 1.0e-4 }
+"""
+
+
+@pytest.mark.thorough("measures a bench, and certifies a contact on it")
+def test_the_commands_of_the_guide_print_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("rig.toml").write_text(RIG, encoding="utf-8")
+    for words, shown in (
+        ("identify --rig rig.toml", MEASURED),
+        ("plan wall --rig rig.toml", PLANNED),
+        ("certify wall --rig rig.toml --out certificate.pdf", CERTIFIED),
+    ):
+        with pytest.raises(SystemExit):
+            main(words.split())
+        told = capsys.readouterr()
+        for line in shown.splitlines():
+            assert line.removesuffix("…") in told.out + told.err, words
