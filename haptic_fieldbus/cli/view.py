@@ -36,7 +36,7 @@ def check_view(host: str, port: int | None) -> None:
     """Raise UsageError when no page can be served there."""
     wrong = []
     if find_spec("nicegui") is None:
-        wrong.append("the view needs nicegui; in a checkout, run: pip install '.[view]'")
+        wrong.append("the view needs nicegui; in a checkout, run: pip install -e '.[view]'")
     if _everywhere(host):
         wrong.append(f'host "{host}": give the address or the name of one interface of this computer')
     if port is not None and not 0 <= port <= LAST_PORT:

@@ -22,7 +22,7 @@ def test_without_nicegui_the_extra_is_named_and_all_else_works(
     for words in (("run", "wall", "--view"), ("view",), ("demo",)):
         finished = command(*words)
         assert finished.status == 2
-        assert "pip install '.[view]'" in finished.err
+        assert "pip install -e '.[view]'" in finished.err
     assert command("run", "wall", "--duration", "0.05").status == 0
 
 
