@@ -350,7 +350,7 @@ GUARDS = {
     ),
     "NMT state of the drive": _bus(
         "link",
-        "if node.state != NmtState.OPERATIONAL:",
+        "if node.state != _OPERATIONAL:",
         "if False:",
         "test_master",
         "test_a_heartbeat_that_names_another_state_is_flagged",
