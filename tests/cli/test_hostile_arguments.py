@@ -191,11 +191,3 @@ def test_an_element_may_be_of_ones_own_and_numbers_of_numpy() -> None:
 def test_an_empty_name_is_refused_where_a_default_would_hide_it() -> None:
     with pytest.raises(UsageError, match='no scene ""'):
         run("")
-
-
-@pytest.mark.parametrize(("bus", "node", "last"), [("sim", 127, 128), ("sim-modbus-tcp", 247, 248)])
-def test_a_node_id_that_a_second_axis_would_pass_is_refused(bus: str, node: int, last: int) -> None:
-    """COB-IDs of node 128 would be those of other messages: its TPDO is the RPDO of node 0, its SDO that of NMT."""
-    assert plan("virtual_shaft", bus=bus, node=node - 1).axes[1].node == node
-    with pytest.raises(UsageError, match=f"node {node}: the 2 axes .* take the numbers {node} to {last}"):
-        plan("virtual_shaft", bus=bus, node=node)

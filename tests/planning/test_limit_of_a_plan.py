@@ -15,7 +15,7 @@ from haptic_fieldbus.margins.bodies import HungBody, limit_with
 from haptic_fieldbus.margins.plant import COUPLING_SHARES
 from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.compile import compile_plan, ranges_of
-from haptic_fieldbus.planning.explain import nominal_texts, passive_to, up_to, verdict_texts
+from haptic_fieldbus.planning.explain import margin_text, nominal_texts, passive_to, up_to, verdict_texts
 from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit, check_stable
@@ -207,3 +207,11 @@ def test_a_nominal_limit_below_one_is_told_as_the_number_that_it_is() -> None:
         "at no stiffness", "at no stiffness", "to 0.5 N/m", "with no limit",
     ]  # fmt: skip
     assert [passive_to(limit, "N/m") for limit in (0.0, 0.5)] == ["not passive", "passive to 0.5 N/m"]
+
+
+def test_a_scene_without_a_stiffness_has_no_margin() -> None:
+    judged = {name: plan(name).axes[0].stability for name in ("wall", "damper")}
+    assert judged["wall"] is not None
+    assert judged["damper"] is not None
+    assert margin_text(judged["wall"]) == f"{math.floor(judged['wall'].limit.value / 6.0) / 100:.2f}"
+    assert margin_text(judged["damper"]) == ""

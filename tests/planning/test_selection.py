@@ -210,3 +210,11 @@ def test_a_rig_made_in_python_is_held_to_the_rules_of_files() -> None:
         plan("wall", wrong)
     assert [fault.key for fault in refused.value.faults] == ["axis.handle.inertia", "axis.handle.bus"]
     assert plan("wall", rig).rig == rig
+
+
+@pytest.mark.parametrize(("bus", "node", "last"), [("sim", 127, 128), ("sim-modbus-tcp", 247, 248)])
+def test_a_node_id_that_a_second_axis_would_pass_is_refused(bus: str, node: int, last: int) -> None:
+    """COB-IDs of node 128 would be those of other messages: its TPDO is the RPDO of node 0, its SDO that of NMT."""
+    assert plan("virtual_shaft", bus=bus, node=node - 1).axes[1].node == node
+    with pytest.raises(UsageError, match=f"node {node}: the 2 axes .* take the numbers {node} to {last}"):
+        plan("virtual_shaft", bus=bus, node=node)

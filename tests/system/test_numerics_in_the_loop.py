@@ -35,7 +35,8 @@ def test_a_wall_that_damps_is_rendered_by_every_estimator(estimator: str) -> Non
 def test_the_plan_says_by_what_stability_is_judged_where_the_estimator_is_not_linear(estimator: str) -> None:
     (step,) = [step for step in plan("damped_wall", estimator=estimator).steps if step.startswith("velocity: ")]
     other = linear_stand_in(estimator)
-    remark = f" (not linear: stability is checked with {other})" if other else ""
+    lost = ", and with the velocity 0" if estimator == "levant" else ""  # the motor can be faster than it follows
+    remark = f" (not linear: stability is checked with {other}{lost})" if other else ""
     assert step == f"velocity: {estimator}{remark}"
 
 

@@ -142,7 +142,8 @@ def linear_stand_in(spec: str) -> str | None:
 def most_acceleration(spec: str) -> float:
     """Return the largest acceleration that the velocity of an estimator follows [m/s² or rad/s²]."""
     choice = chosen(spec)
-    return choice.estimator.follows(choice.setup(1.0))
+    # A linear one follows any; no other depends on the period here, so any period serves.
+    return math.inf if choice.estimator.system is not None else choice.estimator.follows(choice.setup(1.0))
 
 
 @lru_cache(maxsize=KEPT)
