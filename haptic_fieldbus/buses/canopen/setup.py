@@ -327,7 +327,11 @@ class NodeSetup:
 
         Its type is another one in some drives.
         """
-        octets = self.node.found(TORQUE_OFFSET.object, 0)
+        try:
+            octets = self.node.found(TORQUE_OFFSET.object, 0)
+        except BusConfigurationError as error:  # as for a limit
+            self.warn(f"{error}. So it is not known whether the drive adds a torque offset to each set-point")
+            return
         if octets and any(octets):
             type = DataType.INT16 if len(octets) == DataType.INT16.size else DataType.INT32
             held, entry = int.from_bytes(octets, "little", signed=True), replace(TORQUE_OFFSET, type=type)

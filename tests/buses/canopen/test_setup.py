@@ -349,3 +349,13 @@ def test_no_torque_offset_is_not_written() -> None:
     bench.drive.objects[0x60B2, 0] = bytes(2)
     bench.open()
     assert "60B2h:00" not in [name for name, _ in bench.written()]
+
+
+def test_a_torque_offset_that_the_drive_refuses_to_show_is_told() -> None:
+    """Drives name an object that they lack by many abort codes."""
+    bench = Bench()
+    bench.drive.refusals[0x60B2, 0] = 0x0601_0000
+    bench.open()
+    (told,) = bench.bus.warnings
+    assert "reading 60B2h:00 torque offset" in told
+    assert told.endswith("So it is not known whether the drive adds a torque offset to each set-point")
