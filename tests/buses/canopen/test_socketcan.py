@@ -42,7 +42,14 @@ class StampedEnds(Ends):
         self.theirs.connect(self.ours.getsockname())
         self.port = SocketCanPort(self.ours, MonotonicClock())
         # Linux begins to stamp datagrams in a task of its own, soon after the first socket asked for it.
-        time.sleep(0.05)
+        assert any(self._stamps() for _ in range(200))
+
+    def _stamps(self) -> bool:
+        """Return whether a frame that waited 5 ms to be read has an age of more than 4 ms."""
+        self.theirs.send(octets(0x705, b""))
+        time.sleep(0.005)
+        self.port.receive(0.0)
+        return time.monotonic_ns() - (self.port.arrived_ns(0) or 0) > 4_000_000
 
 
 @pytest.fixture
