@@ -49,7 +49,8 @@ class StampedEnds(Ends):
         self.theirs.send(octets(0x705, b""))
         time.sleep(0.005)
         self.port.receive(0.0)
-        return time.monotonic_ns() - (self.port.arrived_ns(0) or 0) > 4_000_000
+        stamp = self.port.arrived_ns(0)
+        return stamp is not None and time.monotonic_ns() - stamp > 4_000_000
 
 
 @pytest.fixture
