@@ -303,11 +303,10 @@ class DriveRequest:
 
     def beside(self, folder: Path) -> "DriveRequest":
         """Return the request with the files that are in this folder; others count from the current one."""
-        profile, profiles, rig = (
-            str(folder / each) if each and (folder / each).exists() else each
-            for each in (self.profile, self.profiles, self.rig)
-        )
-        return replace(self, profile=profile, profiles=profiles, rig=rig)
+        profile, rig = (str(folder / each) if each and (folder / each).is_file() else each
+                        for each in (self.profile, self.rig))  # fmt: skip
+        own = self.profiles and folder / self.profiles
+        return replace(self, profile=profile, rig=rig, profiles=str(own) if own and own.is_dir() else self.profiles)
 
     def slot(self, default: str, bus: str, faults: tuple[Fault, ...]) -> DriveOnBus:
         """Return the place of the drive on a bus with these faults; `default` is the profile when none was named."""

@@ -193,6 +193,7 @@ class TestFaults:
 
 def test_files_of_a_mark_stand_beside_the_test_and_others_count_from_the_current_folder(tmp_path: Path) -> None:
     (tmp_path / "twin.toml").write_text("", encoding="utf-8")
+    (tmp_path / "maxon_epos4").mkdir()  # a folder of that name is no profile
     request = DriveRequest("maxon_epos4", rig="twin.toml", profiles="elsewhere").beside(tmp_path)
     assert request == DriveRequest("maxon_epos4", rig=str(tmp_path / "twin.toml"), profiles="elsewhere")
 
