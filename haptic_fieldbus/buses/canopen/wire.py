@@ -158,7 +158,7 @@ class SocketCanPort:
     def __init__(self, opened: socket.socket, clock: Clock) -> None:
         self._socket, self._clock = opened, clock
         self._send, self._receive = opened.send, opened.recv_into
-        self._sockets, self._select = (opened,), select.select
+        self._files, self._select = (opened.fileno(),), select.select  # a socket would be asked for its number
         self._buffer = bytearray(FRAME.size + 1)  # no frame of CAN 2.0 fills it
         self._at_once = int(socket.MSG_DONTWAIT)  # a flag of `socket` makes a new one with each operation
         with suppress(OSError):
@@ -172,7 +172,7 @@ class SocketCanPort:
             raise OSError(errno.ENOBUFS, "our share of the transmit queue is full") from full
 
     def receive(self, seconds: float) -> Received | None:
-        if seconds > 0.0 and not self._select(self._sockets, (), (), seconds)[0]:
+        if seconds > 0.0 and not self._select(self._files, (), (), seconds)[0]:
             return None
         try:
             return self._decoded(self._receive(self._buffer, 0, self._at_once))
