@@ -440,7 +440,7 @@ def change_text(time: float, settings: Mapping[str, object]) -> str:
 def periods_text(result: Result) -> str:
     """Return the number of periods, and the numbers of missed and late ones."""
     timing = result.timing
-    words = f"{result.cycles or 0} periods"
+    words = "1 period" if result.cycles == 1 else f"{result.cycles or 0} periods"
     if result.missed_cycles is not None:
         words += f", {result.missed_cycles or 'none'} missed"
     if timing is None or timing.lateness_us is None or not timing.late:

@@ -13,7 +13,7 @@ import pytest
 
 from haptic_fieldbus.api import plan, response, run
 from haptic_fieldbus.assessing.loop_report import LoopReport, Percentiles, Timing
-from haptic_fieldbus.assessing.result import WIDEST, Result, TorqueError, TripRecord, finite, known_before
+from haptic_fieldbus.assessing.result import WIDEST, Result, TorqueError, TripRecord, finite, known_before, periods_text
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import plan_json
 from haptic_fieldbus.planning.request import Task
@@ -77,6 +77,11 @@ def test_everything_known_is_in_the_object() -> None:
     keys = ("period_us", "age_us", "compute_us", "lateness_us")
     assert shown["timing"] == {**{key: times.to_json() for key in keys}, "late": 2}
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
+
+
+@pytest.mark.parametrize(("cycles", "words"), [(None, "0 periods"), (1, "1 period"), (2, "2 periods")])
+def test_one_period_is_told_in_the_singular(cycles: int | None, words: str) -> None:
+    assert periods_text(Result("wall", "maxon_epos4", "sim", 1000.0, cycles=cycles)) == words
 
 
 def test_no_number_is_written_that_json_does_not_have() -> None:

@@ -115,6 +115,7 @@ TESTS: dict[int, dict[str, str]] = {
     85: {},
     86: {},
     87: {},
+    88: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 
