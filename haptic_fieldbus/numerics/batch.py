@@ -92,8 +92,7 @@ def loops(
     difference. Raises UsageError for impossible numbers, naming the first loop that has them.
     """
     given = {name: value for name, value in locals().items() if name != "environments"}
-    count = 1 if environments is None else len(environments)
-    _, *arrays = np.broadcast_arrays(np.zeros(count), *given.values())
+    _, *arrays = np.broadcast_arrays(np.zeros(1 if environments is None else len(environments)), *given.values())
     rows = {name: np.ravel(row).astype(np.float64) for name, row in zip(given, arrays, strict=True)}
     unilateral, spring, damper = (rows.pop(name) for name in ("unilateral", "stiffness", "virtual_damping"))
     if environments is None:

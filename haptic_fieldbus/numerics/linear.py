@@ -172,5 +172,4 @@ def velocity_filter(system: StateSpace, period: float) -> StateSpace:
 def filter_delay(system: StateSpace, period: float) -> float:
     """Return the delay of a slow change of velocity in a filter with G(1) = 1 [s]; `period` in s."""
     rest = np.eye(system.order) - system.a
-    twice = np.linalg.solve(rest, np.linalg.solve(rest, system.b))
-    return period * float((system.c @ twice)[0, 0])
+    return period * float((system.c @ np.linalg.solve(rest, np.linalg.solve(rest, system.b)))[0, 0])

@@ -114,8 +114,7 @@ def sample(a: Matrix, b: Matrix, period: float, delay: float) -> SampledPlant:
     whole, fraction = split_delay(delay, period)
     first_transition, first = zoh(a, b, fraction)
     rest_transition, rest = zoh(a, b, period - fraction)
-    transition = rest_transition @ first_transition
-    return SampledPlant(transition, rest_transition @ first, rest, whole, fraction, _shift(a))
+    return SampledPlant(rest_transition @ first_transition, rest_transition @ first, rest, whole, fraction, _shift(a))
 
 
 def _shift(a: Matrix) -> Matrix | None:

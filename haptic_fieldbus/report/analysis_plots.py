@@ -111,8 +111,7 @@ def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
         values = np.array([np.nan if value is None else value for value in curve])
         panel.plot(1e3 * periods, values, **line(method, f"{method}: {told}", marked=False))
         if at_period is not None:
-            look = line(method)
-            panel.plot([1e3 * model.period], [at_period], **look | {"linestyle": "none", "label": "_"})
+            panel.plot([1e3 * model.period], [at_period], **line(method) | {"linestyle": "none", "label": "_"})
     panel.axvline(1e3 * model.period, color=GREY, linewidth=1.0, linestyle=":")
     panel.axhspan(1.0, GROWN, color=FAILS, linewidth=0, zorder=0)
     panel.set(xscale="log", ylim=(0.0, GROWN))

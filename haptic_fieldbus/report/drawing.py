@@ -410,8 +410,7 @@ def is_smear(values: Array) -> bool:
     least = SWING * float(np.ptp(shown)) if len(shown) else 0.0
     turns, rising, extreme = 0, True, float(shown[0]) if len(shown) else 0.0
     for value in shown.tolist():
-        ahead = value > extreme if rising else value < extreme
-        if ahead:
+        if value > extreme if rising else value < extreme:
             extreme = value
         elif abs(value - extreme) > least:
             turns, rising, extreme = turns + 1, not rising, value

@@ -15,12 +15,11 @@ from typing import ClassVar
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, Damping, Mass, Stiffness
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Mass, Stiffness
 
 
 @dataclass(frozen=True)
-class DampedSprungMass:
+class DampedSprungMass(Damped):
     """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad].
 
     `damping` acts beside the spring, `drag` between the mass and ground [N·s/m or N·m·s/rad].
@@ -33,11 +32,6 @@ class DampedSprungMass:
     drag: Damping = 0.0
     name: str = "damped_sprung_mass"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        """Position, and velocity only with damping: a mass with drag alone follows the position."""
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
     def dynamics(self) -> StateSpace:

@@ -298,8 +298,7 @@ def raise_faults(parts: list[ScenePart]) -> None:
 def _in_file(fault: Fault, source: str, main: str) -> Fault:
     if source == main:
         return fault
-    line = "" if fault.line is None else f"line {fault.line}: "
-    return Fault(f"in {source}: {line}{fault.key}", fault.message)
+    return Fault(f"in {source}: {'' if fault.line is None else f'line {fault.line}: '}{fault.key}", fault.message)
 
 
 def _workspace(document: Document, index: int, axes: Mapping[str, Workspace]) -> Workspace | None:

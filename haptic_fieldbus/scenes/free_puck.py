@@ -17,12 +17,11 @@ from typing import ClassVar
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, Damping, Mass, Stiffness
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Mass, Stiffness
 
 
 @dataclass(frozen=True)
-class FreePuck:
+class FreePuck(Damped):
     """A coupling of `stiffness` and `damping` to a puck of mass `puck`, with another `mass` behind the spring `spring`.
 
     Stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, masses in kg or kg·m².
@@ -37,10 +36,6 @@ class FreePuck:
     name: str = "free_puck"
     state_names: ClassVar = ("position", "velocity", "mass position", "mass velocity")
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
     def dynamics(self) -> StateSpace:

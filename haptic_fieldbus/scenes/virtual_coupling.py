@@ -19,12 +19,21 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace, foh
-from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Mass, NonNegativeStiffness, Place, Stiffness, below
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    Damped,
+    Damping,
+    Law,
+    Mass,
+    NonNegativeStiffness,
+    Place,
+    Stiffness,
+    below,
+)
 
 
 @dataclass(frozen=True)
-class VirtualCoupling:
+class VirtualCoupling(Damped):
     """A tool of `mass`, coupled by `stiffness` and `damping`, and a wall of `wall_stiffness` that starts at `wall`.
 
     The mass is in kg or kg·m², stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, the position
@@ -41,10 +50,6 @@ class VirtualCoupling:
     side: Literal["positive", "negative"] = "positive"
     name: str = "virtual_coupling"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the tool, which starts at rest; lengths inside count from the wall into it."""

@@ -123,8 +123,7 @@ def bind(spec: str, period: float, resolution: float = 0.0) -> Estimate:
 def discrete(spec: str, period: float) -> StateSpace | None:
     """Return the estimator as a linear system x_k → v_k; None when it is not linear. Raises UsageError as `bind`."""
     choice = chosen(spec)
-    setup = choice.setup(period)
-    return None if choice.estimator.system is None else choice.estimator.system(setup)
+    return None if choice.estimator.system is None else choice.estimator.system(choice.setup(period))
 
 
 def is_timed(spec: str) -> bool:

@@ -53,8 +53,7 @@ def _discretiser(increment_of: GrowthMinusOne, degree: int) -> Callable[[StateSp
 
     def discretise(space: StateSpace, period: float) -> OneStep:
         order, inputs = space.b.shape
-        system = polynomial_system(space.a * period, space.b * period, degree)
-        rows = increment_of(system)[:order]
+        rows = increment_of(polynomial_system(space.a * period, space.b * period, degree))[:order]
         increment, held = rows[:, :order], rows[:, order : order + inputs]
         slope = rows[:, order + inputs :] if degree else np.zeros_like(held)
         moved = StateSpace(increment, increment @ slope + held, space.c, space.c @ slope + space.d)

@@ -216,8 +216,7 @@ def _torn(damping: float, ratio: float) -> float:
     for first, speed, second, turning in places:
         force = -400.0 * (first - ratio * second) - damping * (speed - ratio * turning)
         found = law(first, speed, second, turning) if damping else law(first, second)
-        apart = largest_error(found, (force, -ratio * force))
-        worst = greatest((worst, apart / (40.0 * max(1.0, ratio**2))))
+        worst = greatest((worst, largest_error(found, (force, -ratio * force)) / (40.0 * max(1.0, ratio**2))))
     return worst
 
 
@@ -345,8 +344,7 @@ def light_puck(quick: bool) -> CaseResult:
     euler = _two_masses(1e-6, steps * PERIOD, steps, "forward-euler")
     damping, masses = 0.5, (1e-4, 1e-5, 1e-6, 1e-9)
     *limits, massless = (stiffness_limit(Plant(mass, damping), PERIOD, 0.0, spring) for mass in (*masses, 0.0))
-    exact = [jury_limit(Plant(mass, damping), PERIOD) for mass in masses]
-    worst = relative_error(limits, exact)
+    worst = relative_error(limits, [jury_limit(Plant(mass, damping), PERIOD) for mass in masses])
     return result_of(
         "exact step on the closed form, forward Euler diverges; massless handle: limit "
         f"{exactly(2 * damping / PERIOD)} N/m",
@@ -412,11 +410,9 @@ def start_inside_the_wall(quick: bool) -> CaseResult:
     for number in range(1000 if quick else 1900):
         feed(cycle, t_ns=number * PERIOD_NS)
         forces.append(cycle.value("command"))
-    ramp = [-min(6.0, 1000 * unit * (number + 1) / 500.0) for number in range(len(forces))]
-    worst = largest_error(forces, ramp)
+    worst = largest_error(forces, [-min(6.0, 1000 * unit * (number + 1) / 500.0) for number in range(len(forces))])
     deeper = Feeder(plan("wall", settings={"wall.position": -0.1}))
-    octets = feed(deeper)
-    refused = deeper.tripped is TripKind.START_FORCE and not any(octets)
+    refused = not any(feed(deeper)) and deeper.tripped is TripKind.START_FORCE
     return result_of(
         "10 mm deep: -6 N on the line of the limit, 50.3 N in 0.5 s; 100 mm deep: refused without torque",
         f"off the line by {worst:.4f} N (0.51 of a step of torque, {unit:.4f} N, allowed); "

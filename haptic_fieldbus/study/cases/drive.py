@@ -45,8 +45,7 @@ CONTACT = 0.6
 @cache
 def _shipped_bench(workspace: Workspace) -> Rig:
     """Return the bench that a plan without a rig has, with one axis."""
-    free = Constant("handle", 0.0)
-    return plan_scene(Scene("free", "", (SceneAxis("handle", workspace),), (free,))).rig
+    return plan_scene(Scene("free", "", (SceneAxis("handle", workspace),), (Constant("handle", 0.0),))).rig
 
 
 def plan_of(
@@ -387,8 +386,7 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
 
 
 def _judged(plan: Plan) -> float:
-    limit = plan.stability.stiffness_limit.stable if plan.stability else None
-    return limit or math.nan
+    return (plan.stability.stiffness_limit.stable if plan.stability else None) or math.nan
 
 
 def _limit_by_hand(plan: Plan) -> float:

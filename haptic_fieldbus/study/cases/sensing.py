@@ -242,8 +242,7 @@ def dropped_frames(quick: bool) -> CaseResult:
     for name, lengths in patterns.items():
         limit = pattern_limit(plant, PERIOD, 0.0, spring, gaps(lengths))
         bound = 2.0 * plant.damping * sum(lengths) / (PERIOD * sum(length**2 for length in lengths))
-        sides = [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)]
-        agree &= sides == [False, True]
+        agree &= [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)] == [False, True]
         off = greatest((off, abs(limit / bound - 1.0)))
         close &= abs(pattern_bound(plant.damping, PERIOD, gaps(lengths)) / bound - 1.0) <= 1e-12
         texts.append(f"{name} {limit:.1f}")

@@ -135,8 +135,7 @@ def hand_lets_go(quick: bool) -> CaseResult:
     devices = sample(plant, PERIOD, 0.0), sample_with(plant, (HAND,), PERIOD, 0.0)
     rates = [math.log(sampled.growth(device, spring(stiffness))) / PERIOD for device in devices]
     expected = [math.log(growth_in_contact(body, PERIOD, 0.0, stiffness)) / PERIOD for body in bodies]
-    found = [free, in_hand, *rates]
-    apart = relative_error(found, [*by_hand, *expected])
+    apart = relative_error([free, in_hand, *rates], [*by_hand, *expected])
     return result_of(
         f"limits {rounded(by_hand[0], 6)} free and {rounded(by_hand[1], 6)} N/m held; at K = {rounded(stiffness, 4)} "
         f"N/m {signed(expected[1], 6)} held, {signed(expected[0], 6)} 1/s released",
@@ -226,8 +225,7 @@ def z_width_damping(quick: bool) -> CaseResult:
     """Check that without delay, virtual damping first widens the range of stable stiffness and then closes it."""
 
     def holds(limits: list[float]) -> bool:
-        low = limits[0] * PERIOD / (2.0 * DEVICE.damping)
-        return 0 < int(np.argmax(limits)) < 4 and abs(low - 1) < 0.02
+        return 0 < int(np.argmax(limits)) < 4 and abs(limits[0] * PERIOD / (2.0 * DEVICE.damping) - 1.0) < 0.02
 
     points = [(damping, 0.0, 0.0) for damping in (0.0, 10.0, 40.0, 100.0, 160.0)]
     return _judged(points, "K limit for B = 0, 10, 40, 100, 160 N·s/m rises and falls again", holds, quick)

@@ -269,13 +269,12 @@ def contacts() -> dict[str, Contact]:
     """Return all contacts by name."""
     spring, damped = gain([[-CONTACT_STIFFNESS, 0.0]]), gain([[-CONTACT_STIFFNESS, -DAMPING]])
     by_estimator = "wall of 600 N/m and 2 N·s/m, a hand leaning on it; methods are velocity estimators"
-    dragged = "sprung mass, dragged by a hand: device, hand and mass in one loop"
     every = (
         Contact("wall-in-hand", "wall of 600 N/m, a hand leaning on it", spring, ("none",), _wall),
         Contact("damped-wall-in-hand", by_estimator, damped, tuple(ESTIMATORS), _wall),
         Contact(
             "sprung-mass-in-hand",
-            dragged,
+            "sprung mass, dragged by a hand: device, hand and mass in one loop",
             sprung_mass(),
             tuple(METHODS),
             lambda method, period, resolution: integrators.bind(sprung_mass(), period, method),
@@ -340,9 +339,7 @@ def _point(contact: Contact, method: str, bench: Bench, steps: int, cost: Cost) 
     period = HORIZON / steps
     law = contact.law(method, period, bench.plant.resolution)
     exact = reference(closed(contact, bench), steps)
-    found = loop_force(law, bench, period, steps)
-    figures = errors(found, exact)
-    largest = float(np.abs(exact).max())
+    figures = errors(loop_force(law, bench, period, steps), exact)
     # The eigenvalues of a loop with an encoder and an estimator are not at hand: instability is read off the run.
-    grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * largest
+    grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * float(np.abs(exact).max())
     return Point(contact.name, method, period, *figures, cost.ns, cost.quartiles, order=None, stable=not grew)

@@ -94,8 +94,7 @@ class Problem:
         system[:order, :order] = self.space.a
         system[:order, order:] = self.space.b @ self.motion.output
         system[order:, order:] = self.motion.system
-        start = np.concatenate([np.zeros(order), self.motion.start])
-        states = states_of(system, start, period, steps)
+        states = states_of(system, np.concatenate([np.zeros(order), self.motion.start]), period, steps)
         force: Array = states[:, :order] @ self.space.c[0] + states[:, order:] @ (self.space.d @ self.motion.output)[0]
         return force
 

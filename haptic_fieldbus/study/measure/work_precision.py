@@ -206,7 +206,6 @@ def _point(problem: Problem, method: str, steps: int, cost: Cost) -> Point:
     inputs = problem.motion.inputs(period, steps)
     # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`step_costs`).
     one = integrators.discretise(problem.space, period, method)
-    run = follow(one, inputs, [0.0] * problem.space.order)
-    figures = errors(run.outputs[:, 0], reference(problem, steps))
+    figures = errors(follow(one, inputs, [0.0] * problem.space.order).outputs[:, 0], reference(problem, steps))
     stable = figures[0] is not None and spectral_radius(one.system.a) <= 1.0 + GROWS
     return Point(problem.name, method, period, *figures, cost.ns, cost.quartiles, None, stable)

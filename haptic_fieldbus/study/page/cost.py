@@ -51,8 +51,7 @@ def reasons(plans: Mapping[str, Plan]) -> str:
         for scene, plan in plans.items()
     ]  # fmt: skip
     headings = ("scene", "leaves out, and why", "imports, of the optional modules", "octets of the image")
-    told = html.table(headings, rows, text_columns=3)
-    return html.folded("Why, scene by scene", told)
+    return html.folded("Why, scene by scene", html.table(headings, rows, text_columns=3))
 
 
 def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:

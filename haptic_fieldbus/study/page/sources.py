@@ -88,8 +88,7 @@ error sum to one; a negative share reduces the error of the others."""
 
 def sources_section(context: html.Context) -> html.Section:
     """Run all scenes of the library, or a few for a quick report, and return their section."""
-    names = FEW_SCENES if context.quick else library_scenes()
-    scenes = context.with_progress(names, lambda scene: f"scene {scene}")
+    scenes = context.with_progress(FEW_SCENES if context.quick else library_scenes(), lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, SECONDS) for scene in scenes]
     led = scene_error(context.tools, LED, SECONDS, LED_HAND)
     known = [each for each in found if each.rms is not None]
@@ -395,8 +394,7 @@ def ideal_impedance(plant: Plant, space: StateSpace, frequency: Array) -> Comple
     s = _laplace(frequency)
     systems: Complex = s[:, None, None] * np.eye(space.order) - space.a
     by_input = space.c @ np.linalg.solve(systems, space.b[None] + 0j) + space.d
-    law = by_input[:, 0, 0] + s * by_input[:, 0, 1]
-    return device_impedance(plant, frequency) - law / s
+    return device_impedance(plant, frequency) - (by_input[:, 0, 0] + s * by_input[:, 0, 1]) / s
 
 
 def device_impedance(plant: Plant, frequency: Array) -> Complex:

@@ -46,8 +46,7 @@ The label beside each row is its closest case."""
 
 def family_of(case: Case) -> str:
     """Return the row of a case."""
-    function = case.func if isinstance(case, partial) else case
-    module = function.__module__.rpartition(".")[2]
+    module = (case.func if isinstance(case, partial) else case).__module__.rpartition(".")[2]
     return FAMILIES.get(module, module.replace("_", " "))
 
 
