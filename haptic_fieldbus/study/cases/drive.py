@@ -138,12 +138,6 @@ def bus_off_in_contact() -> tuple[str, float, float, float]:
     return error, plan.guards[0].seconds, held[-1], free
 
 
-def odd_periods(start_ns: int, cycles: int) -> tuple[int, int]:
-    """Return the numbers of periods with a wrong length and of all periods; the clock begins at `start_ns`."""
-    _, report, _ = _run(plan_of(Wall("handle", stiffness=600.0)), VirtualClock(start_ns), cycles)
-    return int((report.sample("period_ns")[1:] != PERIOD_NS).sum()), report.cycles
-
-
 def lost_bus(quick: bool) -> CaseResult:
     """Check that after bus-off in contact the target is 0 in that period, and the drive frees itself."""
     cycle = running_feeder(plan_of(Constant("handle", 3.0)))
@@ -339,15 +333,17 @@ def long_clock(quick: bool) -> CaseResult:
         t_ns = stamp
     feed(cycle, counts, flags=LinkFlag.BOOT_UP, t_ns=start + 10**15 + 1)
     stamp = cycle.trip.t_ns - start if cycle.trip is not None else 0
-    odd, cycles = odd_periods(2**62 - 10**12 + 1, 300)
+    _, report, _ = _run(plan_of(Wall("handle", stiffness=600.0)), VirtualClock(2**62 - 10**12 + 1), 300)
+    odd = int((report.sample("period_ns")[1:] != PERIOD_NS).sum())
     return result_of(
         "velocity within 1e-9 of counts over nanoseconds, trip at 1000000000000001 ns, "
         "300 periods of exactly 1000000 ns, simulated 1000 s before 2⁶² ns (where the simulation's clock ends)",
-        f"velocity off by {rounded(error, 1)}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
+        f"velocity off by {rounded(error, 1)}, trip at {stamp} ns, {report.cycles} simulated periods, {odd} of another "
+        "length",
         "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
         tolerance="1e-9 of the velocity; times exact",
         within=[(error, 1e-9)],
-        holds=stamp == 10**15 + 1 and cycles == 300 and odd == 0,
+        holds=stamp == 10**15 + 1 and report.cycles == 300 and odd == 0,
     )
 
 
@@ -370,7 +366,10 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         outputs = [torque(cycle, counts) for cycle in cycles]
         worst = greatest((worst, *(abs(cycle.value("force") - exact) for cycle in cycles)))
         apart += outputs[0] != outputs[1]
-    limit, judged = _limit_by_hand(plans[0]), [_judged(plan) for plan in plans]
+    judged = [(plan.stability.stiffness_limit.stable if plan.stability else None) or math.nan for plan in plans]
+    # The limit of the shipped motor at a radius of 1 m, with the times of the plan.
+    delay = plans[0].axes[0].delay
+    limit = limit_in_contact(events.motor(4e-5, 1e-4, delay.torque_loop), 1e-3, delay.transport, VIRTUAL)
     off = greatest(abs(each / limit - 1.0) for each in judged)
     return result_of(
         f"force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, both limits of stiffness "
@@ -383,13 +382,3 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         within=[(worst, 1e-12), (off, 1e-6)],
         holds=apart == 0 and all(cycle.trip is None for cycle in cycles),
     )
-
-
-def _judged(plan: Plan) -> float:
-    return (plan.stability.stiffness_limit.stable if plan.stability else None) or math.nan
-
-
-def _limit_by_hand(plan: Plan) -> float:
-    """Return the limit of stability of the shipped motor at a radius of 1 m, with the times of a plan."""
-    delay = plan.axes[0].delay
-    return limit_in_contact(events.motor(4e-5, 1e-4, delay.torque_loop), 1e-3, delay.transport, VIRTUAL)

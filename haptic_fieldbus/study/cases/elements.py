@@ -21,6 +21,7 @@ from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, rela
 from haptic_fieldbus.study.explicit import bind_rates
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import (
+    bisected,
     growth_in_contact,
     jury_limit,
     limit_in_contact,
@@ -52,11 +53,8 @@ def _impact(speed: float, period: float) -> tuple[float, float]:
 
 def _exit_speed(speed: float) -> float:
     """Return the exit speed w [m/s] with −p·w − ln(1 − p·w) = p·v − ln(1 + p·v), by bisection."""
-    entry, low, high = LOSS * speed - math.log1p(LOSS * speed), 0.0, 1.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if -middle - math.log1p(-middle) < entry else (low, middle)
-    return low / LOSS
+    entry = LOSS * speed - math.log1p(LOSS * speed)
+    return bisected(lambda leaving: -leaving - math.log1p(-leaving) < entry, 0.0, 1.0, 2.3e-16)[0] / LOSS
 
 
 def hunt_crossley_fast_impact(quick: bool) -> CaseResult:

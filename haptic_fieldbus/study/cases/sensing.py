@@ -34,7 +34,7 @@ from haptic_fieldbus.study.case import (
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import limit_in_contact, moved_by_force
+from haptic_fieldbus.study.oracles.contact import bisected, limit_in_contact, moved_by_force
 
 PERIOD, STEP = 1e-3, 1e-5
 """Period [s] and encoder count [m]."""
@@ -191,15 +191,12 @@ def jittered_sampling(quick: bool) -> CaseResult:
     times = PERIOD * (1.0 + np.random.default_rng(4).uniform(-0.5, 0.5, number))
     devices = [sample(plant, float(time), 0.0) for time in times]
 
-    def grows(stiffness: float) -> bool:
+    def is_stable(stiffness: float) -> bool:
         maps: list[Matrix] = [loop_matrix(device, spring(stiffness)) for device in devices]
-        return spectral_radius(reduce(lambda before, after: after @ before, maps)) > 1.0
+        return spectral_radius(reduce(lambda before, after: after @ before, maps)) <= 1.0
 
     expected = 2.0 * plant.damping * float(times.sum() / (times**2).sum())
-    low, high = 0.5 * expected, 2.0 * expected
-    for _ in range(12 if quick else 20):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if grows(middle) else (middle, high)
+    low, _ = bisected(is_stable, 0.5 * expected, 2.0 * expected, 5e-4 if quick else 2e-6)
     sides = [_grows_by_hand(plant, part * low, (times / PERIOD).tolist()) for part in (1.0 - 1e-3, 1.0 + 1e-3)]
     timed, instants = estimators.bind("tick-interval", PERIOD), np.cumsum(times).tolist()
     error = float(np.std(_estimated("backward-difference", instants)[1:]))
