@@ -99,7 +99,8 @@ def loops(
         # A period that is not above 0 is refused below; until then it must not divide.
         a, b, c, d = _spring_damper(spring, damper, np.where(rows["period"] > 0.0, rows["period"], 1.0))
     else:
-        a, b, c, d = _stack(environments)
+        parts = ((each.a, each.b[:, 0], each.c[0], each.d[0, 0]) for each in environments)
+        a, b, c, d = map(np.array, zip(*parts, strict=True))
     made = Loops(**rows, unilateral=unilateral != 0.0, a=a, b=b, c=c, d=d)
     _check(made)
     return made
@@ -111,15 +112,6 @@ def _spring_damper(k: Array, virtual: Array, period: Array) -> tuple[Array, Arra
     slope = virtual / period
     ones = np.ones((len(k), order))
     return np.zeros((len(k), order, order)), ones, slope[:, None] * ones, -k - slope
-
-
-def _stack(environments: list[StateSpace]) -> tuple[Array, Array, Array, Array]:
-    return (
-        np.array([each.a for each in environments]),
-        np.array([each.b[:, 0] for each in environments]),
-        np.array([each.c[0] for each in environments]),
-        np.array([each.d[0, 0] for each in environments]),
-    )
 
 
 def _check(made: Loops) -> None:
@@ -240,8 +232,7 @@ class FinalState:
     def growth(self) -> Array:
         """Peak of the last part over that of the first, (N,)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            found: Array = self.peaks[-1] / self.peaks[0]
-        return found
+            return np.asarray(self.peaks[-1] / self.peaks[0])
 
 
 def run(given: Loops, steps: int, parts: int = 10) -> FinalState:

@@ -156,8 +156,7 @@ def without_shifts(matrix: Matrix, plants: Sequence[SampledPlant], environment: 
     modes = modes @ np.linalg.inv(directions[list(chosen)])
     pivots = [starts[place].start for place in chosen]
     kept = np.delete(np.arange(len(matrix)), pivots)
-    rest: Matrix = matrix[np.ix_(kept, kept)] - modes[kept] @ matrix[np.ix_(pivots, kept)]
-    return rest
+    return np.asarray(matrix[np.ix_(kept, kept)] - modes[kept] @ matrix[np.ix_(pivots, kept)])
 
 
 def growth(plants: Sequence[SampledPlant], environment: StateSpace) -> float:

@@ -201,8 +201,7 @@ def without_shift(matrix: Matrix, plant: SampledPlant, environment: StateSpace) 
     mode = np.zeros(len(matrix))
     order = len(plant.transition)
     mode[:order], mode[order : order + environment.order] = plant.shift, state
-    rest: Matrix = matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:])
-    return rest
+    return np.asarray(matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:]))
 
 
 def scaled(environment: StateSpace, factor: float) -> StateSpace:

@@ -514,8 +514,7 @@ def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: Shaft
 
 def _degrees(response: Array) -> Array:
     """Return the phase between −360° and 0°."""
-    turned: Array = -np.mod(-np.degrees(np.angle(response)), 360.0)
-    return turned
+    return np.asarray(-np.mod(-np.degrees(np.angle(response)), 360.0))
 
 
 def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
@@ -540,8 +539,7 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
 def _straightened(values: Array) -> Array:
     """Return values without their mean and slope."""
     times = np.arange(len(values))
-    line: Array = values - np.polyval(np.polyfit(times, values, 1), times)
-    return line
+    return np.asarray(values - np.polyval(np.polyfit(times, values, 1), times))
 
 
 def modelled_response(model: ShaftModel, period: float, frequencies: Array) -> Array:
@@ -549,5 +547,4 @@ def modelled_response(model: ShaftModel, period: float, frequencies: Array) -> A
     s = 2j * math.pi * frequencies
     hold = (1.0 - np.exp(-s * period)) / (s * period)
     shaft = 1.0 / (s * (model.inertia * s + model.damping))
-    response: Array = hold * np.exp(-s * model.delay) / (1.0 + s * model.lag) * shaft
-    return response
+    return np.asarray(hold * np.exp(-s * model.delay) / (1.0 + s * model.lag) * shaft)

@@ -141,14 +141,10 @@ LOOKS = {
     "kalman-acceleration": CurveStyle(GREEN, "<", "--"),
     "tick-interval": CurveStyle(GREY, "h", ":"),
 }
-OTHERS = (
-    CurveStyle(BLUE, "o", ":"),
-    CurveStyle(VERMILION, "s", ":"),
-    CurveStyle(GREEN, "^", ":"),
-    CurveStyle(PURPLE, "D", ":"),
-    CurveStyle(ORANGE, "v", ":"),
-    CurveStyle(SKY, "P", ":"),
-)
+OTHERS = [
+    CurveStyle(colour, marker, ":")
+    for colour, marker in zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), "os^DvP", strict=True)
+]
 
 
 def look_of(name: str) -> CurveStyle:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, cast
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.documents.quantities import with_units
@@ -47,28 +47,18 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
     # All parts are validated before the first fault is raised, so that one error lists them all.
     elements = [element for part in parts for element in elements_of(part, axes)]
     raise_faults(parts)
-    frame = parts[-1].frame
+    frame = cast(SceneFile, parts[-1].frame)  # one that could not be read is a fault
+    told = [part.frame.passivity for part in parts if part.frame is not None and part.frame.passivity]
     return Scene(
         name=path.stem,
-        description=frame.description if frame is not None else "",
+        description=frame.description,
         axes=tuple(SceneAxis(name, workspace, _held(parts, name)) for name, workspace in axes.items()),
         elements=tuple(elements),
         source=str(path),
-        hand=frame.hand if frame is not None else None,
-        passivity=_passivity(parts),
-        made_for=_made_for(parts[-1].frame),
+        hand=frame.hand,
+        passivity=told[-1] if told else "observer",  # that of the last file that names one
+        made_for=frame.made_for and MadeFor(frame.made_for.rate, frame.made_for.drive),
     )
-
-
-def _made_for(frame: SceneFile | None) -> MadeFor | None:
-    found = None if frame is None else frame.made_for
-    return None if found is None else MadeFor(found.rate, found.drive)
-
-
-def _passivity(parts: list[ScenePart]) -> Literal["observer", "controller"]:
-    """Return the passivity of the last file that names one."""
-    told = [part.frame.passivity for part in parts if part.frame is not None and part.frame.passivity]
-    return told[-1] if told else "observer"
 
 
 def _held(parts: list[ScenePart], axis: str) -> bool | None:

@@ -473,5 +473,4 @@ def _map(plant: Plant, period: float, pattern: Sequence[Instants], environment: 
 def _moved(a: Matrix, b: Matrix, span: float, device: Matrix, force: Matrix) -> Matrix:
     """Return the rows of the device after `span` [s] under a force."""
     transition, gain = zoh(a, b, span)
-    moved: Matrix = transition @ device + np.outer(gain[:, 0], force)
-    return moved
+    return np.asarray(transition @ device + np.outer(gain[:, 0], force))
