@@ -94,15 +94,12 @@ def sources_section(context: html.Context) -> html.Section:
     known = [each for each in found if each.rms is not None]
     document = drawing.svg(draw(known))
     caption = "Shares of the mean square error by source. A negative share reduces the error of other sources."
-    body = [
-        html.paragraph(EXPLAINED),
-        html.picture("sources", document, caption) if known else "",
-        sources_table(found),
-    ]
     return html.Section(
         "sources",
         "Where the error comes from",
-        "".join(body),
+        html.paragraph(EXPLAINED)
+        + (html.picture("sources", document, caption) if known else "")
+        + sources_table(found),
         (_finding(led),) if led.contact is not None else (),
         {"sources": document} if known else {},
         {"scenes": [asdict(each) for each in found], "led": asdict(led)},
@@ -202,18 +199,12 @@ def integrator_section(context: html.Context) -> html.Section:
         f"The free handle after a flick of 0.1 m/s at {percent(SHARE)} of the limit of <code>exact-foh</code>: same "
         "spring, same mass, different integrators. Curves that leave the frame continue to grow."
     )
-    body = [
-        html.paragraph(QUESTION),
-        html.picture("integrator", rates, caption),
-        limits_table(found),
-        "<h3>The answer</h3>",
-        html.paragraph(answer(found)),
-        html.picture("integrator-flick", swing, swinging),
-    ]
+    limits = html.paragraph(QUESTION) + html.picture("integrator", rates, caption) + limits_table(found)
+    answered = html.paragraph(answer(found)) + html.picture("integrator-flick", swing, swinging)
     return html.Section(
         "integrator",
         "Does the integrator's own stability matter in the loop?",
-        "".join(body),
+        f"{limits}<h3>The answer</h3>{answered}",
         (f"Does preserving stability in the integrator matter in the loop? {short_answer(found)}",),
         {"integrator": rates, "integrator-flick": swing},
         [{"method": each.method, "limit": each.limit, "rate_at_scene": each.at_scene} for each in found],
@@ -248,14 +239,12 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
     """Return a figure of the force on the free handle over time, at a stiffness that only some methods keep stable."""
     drawn = drawing.figure(3.4)
     panel = drawn.subplots()
-    largest = 0.0
     for method in FLICKED:
         times, force = flicked_free(bench, method, INTEGRATOR_SECONDS, stiffness)
-        if method == "exact-foh":
-            largest = float(np.abs(force).max())
         panel.plot(times, force, **drawing.line(method, marked=False))
-    # Growing curves leave the frame; a frame around them would hide the stable ones.
-    panel.set_ylim(-3.0 * largest, 3.0 * largest)
+        if method == "exact-foh":
+            # Growing curves leave the frame; a frame around them would hide the stable ones.
+            panel.set_ylim(-3.0 * float(np.abs(force).max()), 3.0 * float(np.abs(force).max()))
     panel.margins(x=0)
     drawing.dress(
         panel,

@@ -311,14 +311,12 @@ def _panel(panel: Axes, region: Region) -> None:
 def _region_table(regions: Sequence[Region]) -> str:
     rows: list[list[html.Entry]] = [
         [
-            region.title,
-            *map(
-                float, (region.stable_limit[0], region.stable_limit.max(), region.damping[region.stable_limit.argmax()])
-            ),
-            float(region.passive_limit.max()),
-            percent(region.agreement, 4),
+            each.title,
+            *map(float, (each.stable_limit[0], each.stable_limit.max(), each.damping[each.stable_limit.argmax()])),
+            float(each.passive_limit.max()),
+            percent(each.agreement, 4),
         ]
-        for region in regions
+        for each in regions
     ]
     headings = ("bench", "stable without damping [N/m]", "stable at best [N/m]", "with damping [N·s/m]",
                 "passive at best [N/m]", "measured as predicted")  # fmt: skip
@@ -460,16 +458,11 @@ def passivity_section(context: html.Context) -> html.Section:
     taps = felt(context.tools, TAPPED)
     document = drawing.svg(draw_passivity(found))
     caption = "Growth per swing over stiffness, as a share of the limit. Above the line the motion grows."
-    body = [
-        html.paragraph(PASSIVITY_EXPLAINED),
-        html.picture("passivity", document, caption),
-        _decay_table(found),
-        _felt_table(taps),
-    ]
+    tables = _decay_table(found) + _felt_table(taps)
     return html.Section(
         "passivity",
         "Passivity controller",
-        "".join(body),
+        html.paragraph(PASSIVITY_EXPLAINED) + html.picture("passivity", document, caption) + tables,
         (_passivity_finding(found, taps),),
         {"passivity": document},
         {"decay": [asdict(each) for each in found], "tap": [asdict(each) for each in taps]},
