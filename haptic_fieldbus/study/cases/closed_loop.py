@@ -186,12 +186,12 @@ def _tied(damping: float, ratio: float) -> Group:
 
 def _stable_by_hand(damping: float, ratio: float) -> float:
     bodies = [events.motor(each.mass, each.damping, each.torque_lag) for each in (FIRST, SECOND)]
-    turn, shots = events.every(PERIOD, *DELAYS)
 
     def is_stable(stiffness: float) -> bool:
         law = events.shaft(stiffness, damping, ratio, PERIOD)
         # The shaft may be turned as a whole, and nothing turns it back: one eigenvalue is 1.
-        return events.growth(events.map_of_turn(bodies, turn, shots, law, memory=1), freely=1) <= 1.0
+        shots = [events.Shot(0.0, DELAYS)]
+        return events.growth(events.map_of_turn(bodies, PERIOD, shots, law, memory=1), freely=1) <= 1.0
 
     return largest(is_stable, 1.0, 1.4, 1e-8)
 

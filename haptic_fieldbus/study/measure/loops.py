@@ -15,10 +15,10 @@ from haptic_fieldbus.numerics import estimators, integrators, sampled
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS, OneStep
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, zoh
+from haptic_fieldbus.numerics.linear import StateSpace, gain, zoh
 from haptic_fieldbus.numerics.sampled import SampledPlant, environment
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand, free, grounded
-from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, KnownMotion, Problem, peak, sine, sprung_mass
+from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, Problem, peak, sine, sprung_mass
 from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn
 from haptic_fieldbus.study.measure.work_precision import TIMED_STEPS, Point, Set, errors, reference, with_order
 
@@ -298,7 +298,11 @@ def closed(contact: Contact, bench: Bench) -> Problem:
 
 def loop_force(law: PositionLaw, bench: Bench, period: float, steps: int) -> Array:
     """Return the force of the sampled loop at its samples [N], `(steps + 1,)`; fewer values when it diverged."""
-    transition, drive = _moved(bench, HAND_FORCE, period)
+    a, motor, hand = device_in_hand(bench.plant)
+    outer = len(HAND_FORCE.start)
+    # The transition of device, hand and its force over one period, and the effect of a held motor force.
+    system = np.block([[a, hand @ HAND_FORCE.output[:1]], [np.zeros((outer, len(a))), HAND_FORCE.system]])
+    transition, drive = zoh(system, np.vstack([motor, np.zeros((outer, 1))]), period)
     state = np.concatenate([np.zeros(4), HAND_FORCE.start])
     forces = np.empty(steps + 1)
     for sample in range(steps + 1):
@@ -306,17 +310,8 @@ def loop_force(law: PositionLaw, bench: Bench, period: float, steps: int) -> Arr
         if not abs(force) < DIVERGED:  # in this form true for NaN too
             return forces[:sample]
         forces[sample] = force
-        state = transition @ state + drive * force
+        state = transition @ state + drive[:, 0] * force
     return forces
-
-
-def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Array]:
-    """Return the transition of device, hand and its force over one period, and the effect of a held motor force."""
-    a, motor, hand = device_in_hand(bench.plant)
-    outer = len(motion.start)
-    system = np.block([[a, hand @ motion.output[:1]], [np.zeros((outer, len(a))), motion.system]])
-    transition, drive = zoh(system, np.vstack([motor, np.zeros((outer, 1))]), period)
-    return transition, drive[:, 0]
 
 
 def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int], cost: Cost | None = None) -> Set:

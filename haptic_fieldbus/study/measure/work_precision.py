@@ -160,21 +160,17 @@ def errors(
     return figures if all(map(math.isfinite, figures)) else (None, None, None)
 
 
-def measured_order(points: Sequence[Point], peak: float) -> float | None:
-    """Return the slope of log rms error over log period between the two smallest steps with an error above rounding.
+def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
+    """Return the points, the largest step first, with the order of their set.
 
-    None when fewer than two steps have an error above rounding. The largest step comes first in `points`.
+    It is the slope of log rms error over log period between the two smallest steps with an error above rounding, and
+    None when fewer than two steps have an error above rounding.
     """
     told = [(p.period_s, p.error_rms) for p in points if p.error_rms is not None and p.error_rms > ROUNDING * peak]
-    if len(told) < 2:
-        return None
-    (wide, large), (narrow, small) = told[-2:]
-    return math.log(large / small) / math.log(wide / narrow)
-
-
-def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
-    """Return the points with the order of their set."""
-    order = measured_order(points, peak)
+    order = None
+    if len(told) > 1:
+        (wide, large), (narrow, small) = told[-2:]
+        order = math.log(large / small) / math.log(wide / narrow)
     return tuple(replace(point, order=order) for point in points)
 
 
