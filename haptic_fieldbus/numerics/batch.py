@@ -170,9 +170,8 @@ def slide(device: SampledMass, position: Array, velocity: Array, force: Array, s
     reverses = wrong & (net * direction < 0.0)
     v[wrong & ~reverses] = 0.0  # by rounding: no force opposes what is left of the velocity
     if reverses.any():
-        x[reverses], v[reverses] = _through_rest(
-            device.part(reverses), position[reverses], velocity[reverses], force[reverses], span[reverses]
-        )
+        given = (values[reverses] for values in (position, velocity, force, span))
+        x[reverses], v[reverses] = _through_rest(device.part(reverses), *given)
     return x, v
 
 

@@ -31,6 +31,11 @@ class StateSpace:
         return bool(np.any(self.b[:, 1]) or np.any(self.d[:, 1]))
 
 
+def system_of(*matrices: list[list[float]]) -> StateSpace:
+    """Return a system from the rows of A, B, C and D."""
+    return StateSpace(*(np.array(rows, dtype=float) for rows in matrices))
+
+
 def gain(d: list[list[float]]) -> StateSpace:
     """Return a system without states, y = D u; `d` holds n_out rows of n_in numbers."""
     matrix = np.array(d, dtype=float)

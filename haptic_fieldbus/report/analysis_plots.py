@@ -196,13 +196,10 @@ def draw_estimate(found: Estimation, file: str) -> Figure:
     notes = [f"{key}: {told[key]}" for key in TOLD]
     drawn = figure(6.6, 10.0, f"Noise {few}", [f"{file}, estimator {found.estimator}", *notes])
     panels = drawn.subplots(2, 1, sharex=True)
-    signal, estimate = found.signal, found.estimate
-    rows = (
-        ("measured", signal.quantity, signal.values, BLUE),
-        ("estimated", estimate.quantity, estimate.values, ORANGE),
-    )
-    for panel, (which, quantity, values, colour) in zip(panels, rows, strict=True):
-        panel.plot(*thin(signal.times, values), color=colour, linewidth=1.4)
+    rows = (("measured", found.signal, BLUE), ("estimated", found.estimate, ORANGE))
+    for panel, (which, series, colour) in zip(panels, rows, strict=True):
+        quantity = series.quantity
+        panel.plot(*thin(found.signal.times, series.values), color=colour, linewidth=1.4)
         label = "" if panel is panels[0] else "time [s]"
         dress(panel, f"{which} {quantity}", label, f"{quantity} [{ESTIMATE_UNITS[quantity]}]")
         panel.margins(x=0)
@@ -407,11 +404,8 @@ def _draw_map(
     else:
         kinds, shown = _kinds(values, outcome)
         shades = np.select([kinds == kind for kind in shown], [float(place) for place in range(len(shown))])
-        look = {
-            "cmap": ListedColormap([KINDS_OF_POINTS[kind] for kind in shown]),
-            "vmin": -0.5,
-            "vmax": len(shown) - 0.5,
-        }
+        colours = ListedColormap([KINDS_OF_POINTS[kind] for kind in shown])
+        look = {"cmap": colours, "vmin": -0.5, "vmax": len(shown) - 0.5}
     for direction, each in (("x", x), ("y", y)):
         _spaced(panel, direction, each)
     across, upward = np.unique(x), np.unique(y)
@@ -454,18 +448,16 @@ def draw_identified(found: IdentifiedBench) -> Figure:
         f"delay and lag {interval_text(values['delay_and_lag'])}"
     ]
     drawn = figure(13.0, 11.0, f"Inertia {interval_text(values['inertia'])}", told)
-    (motion, error), (size, friction), (phase, travel), (shared, blank) = drawn.subplots(
-        4, 2, height_ratios=(1.0, 1.0, 1.0, 0.5)
-    )
+    panels = drawn.subplots(4, 2, height_ratios=(1.0, 1.0, 1.0, 0.5))
+    (motion, error), (size, friction), (phase, travel), (shared, blank) = panels
     blank.set_axis_off()
     begin = 0.0
     for record, colour, label in ((used, BLUE, "used in the fit"), (unused, ORANGE, "predicted only")):
         times: Array = begin + record.period * np.arange(len(record.positions), dtype=float)
         begin = float(times[-1])
         motion.plot(*thin(times, np.array(record.positions)), color=colour, linewidth=1.2, label=label)
-        error.plot(
-            *thin(times[unsettled_samples(record) :], prediction_errors(fit.model, record)), color=colour, linewidth=0.8
-        )
+        settled = times[unsettled_samples(record) :]
+        error.plot(*thin(settled, prediction_errors(fit.model, record)), color=colour, linewidth=0.8)
     dress(motion, "motion of the motor", "time [s]", "angle [rad]")
     dress(error, "prediction error", "time [s]", "error [counts]")
     frequencies, response, coherence = measured_response(used)
@@ -522,10 +514,12 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
     length = 2 * len(record.positions) // (SEGMENTS + 1)
     window = np.hanning(length)
     torque, angle, both = (np.zeros(length // 2 + 1, dtype) for dtype in (float, float, complex))
+    times = np.arange(length)
     for number in range(SEGMENTS):
         here = slice(number * length // 2, number * length // 2 + length)
-        u, y = (np.fft.rfft(window * _straightened(np.array(each[here])))
-                for each in (record.torques, record.positions))  # fmt: skip
+        parts = [np.array(each[here]) for each in (record.torques, record.positions)]
+        # Without its mean and slope.
+        u, y = (np.fft.rfft(window * (part - np.polyval(np.polyfit(times, part, 1), times))) for part in parts)
         torque, angle, both = torque + abs(u) ** 2, angle + abs(y) ** 2, both + y * np.conj(u)
     frequencies = np.fft.rfftfreq(length, record.period)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -534,12 +528,6 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
     # A line of the window leaks into its neighbours; the slowest ones are the slow motion, where friction rules.
     driven = (torque > 0.01 * torque.max()) & (frequencies > 3.0)
     return frequencies[driven], response[driven], coherence[driven]
-
-
-def _straightened(values: Array) -> Array:
-    """Return values without their mean and slope."""
-    times = np.arange(len(values))
-    return np.asarray(values - np.polyval(np.polyfit(times, values, 1), times))
 
 
 def modelled_response(model: ShaftModel, period: float, frequencies: Array) -> Array:

@@ -159,9 +159,8 @@ def estimate_lines(found: Estimation, file: str) -> list[Line]:
     signal, estimate = found.signal, found.estimate
     duration = float(signal.times[-1] - signal.times[0])
     sampled = f"{len(signal.times)} rows, {rounded(duration)} s at {rounded(1.0 / found.period, 6)} Hz"
-    uneven = (
-        f", samples up to {percent(found.unevenness)} of a period early or late" if found.unevenness > UNEVEN else ""
-    )
+    late = f", samples up to {percent(found.unevenness)} of a period early or late"
+    uneven = late if found.unevenness > UNEVEN else ""
     return [
         ("signal", f"{file}: {_range(signal.quantity, signal.values)}, in steps of {rounded(found.resolution)}"),
         ("", f"{sampled}{uneven}"),

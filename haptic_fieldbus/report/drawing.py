@@ -141,10 +141,7 @@ LOOKS = {
     "kalman-acceleration": CurveStyle(GREEN, "<", "--"),
     "tick-interval": CurveStyle(GREY, "h", ":"),
 }
-OTHERS = [
-    CurveStyle(colour, marker, ":")
-    for colour, marker in zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), "os^DvP", strict=True)
-]
+OTHERS = [CurveStyle(*look, ":") for look in zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), "os^DvP", strict=True)]
 
 
 def look_of(name: str) -> CurveStyle:

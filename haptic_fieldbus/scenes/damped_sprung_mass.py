@@ -12,9 +12,7 @@ period: K·Σ(Δx)²/2 for its spring, and for its damper as much as any held da
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
 from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Mass, Stiffness
 
 
@@ -37,12 +35,8 @@ class DampedSprungMass(Damped):
     def dynamics(self) -> StateSpace:
         """States (position, velocity) of the mass, inputs (position, velocity) of the handle, output its force."""
         k, b, m = self.stiffness, self.damping, self.mass
-        return StateSpace(
-            a=np.array([[0.0, 1.0], [-k / m, -(b + self.drag) / m]]),
-            b=np.array([[0.0, 0.0], [k / m, b / m]]),
-            c=np.array([[k, b]]),
-            d=np.array([[-k, -b]]),
-        )
+        rates = [[0.0, 1.0], [-k / m, -(b + self.drag) / m]]
+        return system_of(rates, [[0.0, 0.0], [k / m, b / m]], [[k, b]], [[-k, -b]])
 
     def linearised(self) -> StateSpace:
         """Return the dynamics: the element is linear."""

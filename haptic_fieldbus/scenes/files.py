@@ -319,11 +319,9 @@ def check_ratio(document: Document, index: int, kind: type[AnyElement], axes: Ma
     """Note a fault when a coupling of a linear and a rotary axis gives no ratio: with a unit it has no default."""
     spaces = [axes[name] for path in _axis_paths(document, index) if (name := str(document.value(*path))) in axes]
     if len(set(spaces)) > 1 and "ratio" in parameters(kind) and document.value("element", index, "ratio") is None:
-        first, second = (space.length_unit for space in spaces[:2])
-        text = (
-            f"missing; expected a number: motion of the {spaces[0].value} axis per motion of the {spaces[1].value} axis"
-        )
-        document.fault(("element", index, "ratio"), f"{text} [{first}/{second}]")
+        one, other = spaces[:2]
+        text = f"missing; expected a number: motion of the {one.value} axis per motion of the {other.value} axis"
+        document.fault(("element", index, "ratio"), f"{text} [{one.length_unit}/{other.length_unit}]")
 
 
 def convert(document: Document, index: int, kind: type[AnyElement], axes: Mapping[str, Workspace]) -> None:

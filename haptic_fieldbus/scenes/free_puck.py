@@ -14,9 +14,7 @@ period.
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
 from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Mass, Stiffness
 
 
@@ -40,20 +38,15 @@ class FreePuck(Damped):
     @property
     def dynamics(self) -> StateSpace:
         """States (position, velocity) of puck and mass, inputs (position, velocity) of the handle, output its force."""
-        stiffness, damping, spring = self.stiffness, self.damping, self.spring
-        return StateSpace(
-            a=np.array(
-                [
-                    [0.0, 1.0, 0.0, 0.0],
-                    [-(stiffness + spring) / self.puck, -damping / self.puck, spring / self.puck, 0.0],
-                    [0.0, 0.0, 0.0, 1.0],
-                    [spring / self.mass, 0.0, -spring / self.mass, 0.0],
-                ]
-            ),
-            b=np.array([[0.0, 0.0], [stiffness / self.puck, damping / self.puck], [0.0, 0.0], [0.0, 0.0]]),
-            c=np.array([[stiffness, damping, 0.0, 0.0]]),
-            d=np.array([[-stiffness, -damping]]),
-        )
+        k, b, spring, puck, mass = self.stiffness, self.damping, self.spring, self.puck, self.mass
+        rates = [
+            [0.0, 1.0, 0.0, 0.0],
+            [-(k + spring) / puck, -b / puck, spring / puck, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [spring / mass, 0.0, -spring / mass, 0.0],
+        ]
+        by_handle = [[0.0, 0.0], [k / puck, b / puck], [0.0, 0.0], [0.0, 0.0]]
+        return system_of(rates, by_handle, [[k, b, 0.0, 0.0]], [[-k, -b]])
 
     def linearised(self) -> StateSpace:
         """Return the dynamics: the element is linear."""

@@ -16,9 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace, foh
+from haptic_fieldbus.numerics.linear import StateSpace, foh, system_of
 from haptic_fieldbus.scenes.element import (
     STRICT,
     Damped,
@@ -82,12 +80,8 @@ class VirtualCoupling(Damped):
     def _tool(self, wall_stiffness: float) -> StateSpace:
         """States (position, velocity) of the tool, inputs those of the handle, output the force on the handle."""
         k, b, m = self.stiffness, self.damping, self.mass
-        return StateSpace(
-            a=np.array([[0.0, 1.0], [-(k + wall_stiffness) / m, -b / m]]),
-            b=np.array([[0.0, 0.0], [k / m, b / m]]),
-            c=np.array([[k, b]]),
-            d=np.array([[-k, -b]]),
-        )
+        rates = [[0.0, 1.0], [-(k + wall_stiffness) / m, -b / m]]
+        return system_of(rates, [[0.0, 0.0], [k / m, b / m]], [[k, b]], [[-k, -b]])
 
     def linearised(self) -> StateSpace:
         """Return the tool in sustained contact with the wall."""

@@ -61,10 +61,8 @@ class ChosenEstimator:
         """
         if not 0.0 < period < math.inf:
             raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
-        defaults = {
-            parameter.key: resolution if parameter.default is None else parameter.default
-            for parameter in self.estimator.parameters
-        }
+        known = self.estimator.parameters
+        defaults = {each.key: resolution if each.default is None else each.default for each in known}
         setup = EstimatorSetup(period, resolution, defaults | self.given)
         self.estimator.check(setup)
         return setup

@@ -1,7 +1,6 @@
 """Cases of the loop around a puck and a wall: a virtual mass with a held, free or light puck, and a start in a wall."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -44,8 +43,9 @@ def _limit(device: Plant, period: float = PERIOD, delay: float = 0.0) -> float:
     return stiffness_limit(device, period, delay * period, spring)
 
 
-def _law(stiffness: float) -> Callable[[float], float]:
-    return lambda position: -stiffness * position
+def _grown(device: Plant, stiffness: float, steps: int, period: float = PERIOD, delay: float = 0.0) -> float:
+    """Return ln of the growth of a loop of plain floats; `delay` in periods."""
+    return growth_of(sampled_positions(device, period, lambda x: -stiffness * x, steps, delay=delay))
 
 
 def at_boundary(factor: float, quick: bool) -> CaseResult:
@@ -58,7 +58,7 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
     e, _, c0 = plain_terms(BENCH, PERIOD)
     # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
-    measured = growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), steps))
+    measured = _grown(BENCH, factor * limit, steps)
     return result_of(
         f"limit {exact:.6f} N/m; at {exactly(factor)} of it ln of growth {expected:+.4f} in {exactly(0.9 * steps)} "
         "periods",
@@ -87,10 +87,8 @@ def wall_over(quick: bool) -> CaseResult:
     calm, _ = _chatter(0.5 * limit, steps, push)
     e, _, c0 = plain_terms(BENCH, PERIOD)
     expected = math.sqrt(e + 1.5 * limit * c0)
-    both_sides = batch.run(
-        loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3), 1000
-    )
-    grown = float(both_sides.growth[0]) ** (1.0 / 900.0)
+    many = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3)
+    grown = float(batch.run(many, 1000).growth[0]) ** (1.0 / 900.0)
     return result_of(
         f"in contact growth {expected:.4f} a period; leaning with 5 N, overshoot {brute * 1e6:.3f} µm for ever",
         f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1e-6), at half the limit "
@@ -108,10 +106,7 @@ def delayed(delay: float, quick: bool) -> CaseResult:
     devices = [Plant(mass, damping) for mass in masses for damping in (1e-2, 1.0, 1e2)]
     worst = greatest(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
     limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
-    below, above = (
-        growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
-        for factor in (0.99, 1.01)
-    )
+    below, above = (_grown(BENCH, factor * limit, 20_000, delay=delay) for factor in (0.99, 1.01))
     return result_of(
         f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
         f"{limit:.5f} N/m; {len(devices)} other devices off by {rounded(worst, 1)} at most (1e-6 allowed); ln of "
@@ -131,7 +126,7 @@ def slow_loop(quick: bool) -> CaseResult:
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
-    grown = growth_of(sampled_positions(device, periods[0], _law(stiffness), 50))
+    grown = _grown(device, stiffness, 50, periods[0])
     return result_of(
         f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",
         f"limit {slowest:.8f} N/m, off Jury's by {rounded(worst, 1)} (1e-8 allowed); 600 N/m {verdict.value}, ln of "
@@ -150,7 +145,7 @@ def undamped_wall(quick: bool) -> CaseResult:
     limits += [passive_limit(each, PERIOD, 0.0) for each in plants]
     share, steps = (1e-3 if quick else 1e-5), (20_000 if quick else 1_000_000)
     device = Plant(0.1, 0.0)
-    measured = growth_of(sampled_positions(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
+    measured = _grown(device, share * device.mass / PERIOD**2, steps)
     expected = 0.9 * steps * 0.5 * math.log1p(0.5 * share)
     return result_of(
         f"limit exactly 0 N/m; at K = {exactly(share)}·m/T² ln of growth {expected:.4f} in {exactly(0.9 * steps)} "
@@ -168,29 +163,24 @@ def undamped_wall(quick: bool) -> CaseResult:
 ESTIMATOR = "backward-difference"
 AGREEMENT, CUT, EXACT = 1e-6, 5e-4, 1e-12
 """Permitted relative differences of stability limits, of energies (motions are cut into cells), and of forces."""
-FIRST, SECOND = Plant(0.1, 2.0, 0.02, 1e-5, 0.4e-3), Plant(0.05, 0.8, 0.001, 2e-6)
-"""Devices of two axes, with friction and encoder; the motor of the first one lags."""
-DELAYS = (0.3e-3, 1.2e-3)
-"""From sample to force [s]."""
+DEVICES = ((Plant(0.1, 2.0, 0.02, 1e-5, 0.4e-3), 0.3e-3), (Plant(0.05, 0.8, 0.001, 2e-6), 1.2e-3))
+"""Devices of two axes, with friction and encoder, and the time from sample to force [s]; the first motor lags."""
 SHAFTS = ((0.05, -2.5), (0.15, 0.4))
 """Damping B [N·s/m] and ratio n of shafts between the axes."""
 
 
 def _tied(damping: float, ratio: float) -> Group:
-    members = [
-        Member(name, plant, delay, (), None, ESTIMATOR)
-        for name, plant, delay in zip("ab", (FIRST, SECOND), DELAYS, strict=True)
-    ]
-    return Group(tuple(members), (Coupling(("a", "b"), 1.0, damping, ratio),), PERIOD)
+    members = tuple(Member(name, *device, (), None, ESTIMATOR) for name, device in zip("ab", DEVICES, strict=True))
+    return Group(members, (Coupling(("a", "b"), 1.0, damping, ratio),), PERIOD)
 
 
 def _stable_by_hand(damping: float, ratio: float) -> float:
-    bodies = [events.motor(each.mass, each.damping, each.torque_lag) for each in (FIRST, SECOND)]
+    bodies = [events.motor(each.mass, each.damping, each.torque_lag) for each, _ in DEVICES]
+    shots = [events.Shot(0.0, tuple(delay for _, delay in DEVICES))]
 
     def is_stable(stiffness: float) -> bool:
         law = events.shaft(stiffness, damping, ratio, PERIOD)
         # The shaft may be turned as a whole, and nothing turns it back: one eigenvalue is 1.
-        shots = [events.Shot(0.0, DELAYS)]
         return events.growth(events.map_of_turn(bodies, PERIOD, shots, law, memory=1), freely=1) <= 1.0
 
     return largest(is_stable, 1.0, 1.4, 1e-8)
@@ -199,13 +189,8 @@ def _stable_by_hand(damping: float, ratio: float) -> float:
 def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -> float:
     """Return the share of both dampings that the worst motion of both handles needs."""
     ends = np.outer([1.0, -ratio], [1.0, -ratio])
-    drives = [
-        energies.LateDrive(each.damping, delay, each.torque_lag)
-        for each, delay in zip((FIRST, SECOND), DELAYS, strict=True)
-    ]
-    return energies.worst_share(
-        lambda z: -(stiffness + damping * (1.0 - 1.0 / z) / PERIOD) * ends, drives, PERIOD, cells
-    )
+    drives = [energies.LateDrive(each.damping, delay, each.torque_lag) for each, delay in DEVICES]
+    return energies.worst_share(lambda z: -(stiffness + damping * (1 - 1 / z) / PERIOD) * ends, drives, PERIOD, cells)
 
 
 def _torn(damping: float, ratio: float) -> float:

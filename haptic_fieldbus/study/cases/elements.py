@@ -234,10 +234,8 @@ DETENTS = Detents("handle", amplitude=1.0, pitch=PITCH)
 
 def _swing(stiffness: float, steps: int) -> float:
     """Return the growth factor of a swing of a millionth of a pitch in detents of this local stiffness [N/m]."""
-    start = 1e-6 * PITCH
-    positions = sampled_positions(
-        HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0)
-    )
+    start, law = 1e-6 * PITCH, DETENTS.with_stiffness(stiffness).force
+    positions = sampled_positions(HANDLE, PERIOD, law, steps + 1, start=(start, 0.0))
     return greatest(map(abs, positions[-499:])) / start
 
 

@@ -20,7 +20,7 @@ from haptic_fieldbus.margins import (
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, system_of
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import (
     CaseResult,
@@ -99,7 +99,7 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
     refusal = refused(lambda: estimators.bind(f"filtered-derivative:tau={tau!r},mapping=forward", PERIOD))
     answers = _estimated(f"filtered-derivative:tau={0.51 * PERIOD!r},mapping=forward", (0.0, *[1.0] * 50))
     ratio = answers[50] / answers[49]
-    lag = StateSpace(*(np.array([[value]]) for value in (-1.0 / tau, 1.0 / tau, -1.0 / tau, 1.0 / tau)))
+    lag = system_of([[-1.0 / tau]], [[1.0 / tau]], [[-1.0 / tau]], [[1.0 / tau]])
     pole = float(integrators.discrete(lag, PERIOD, "forward-euler").a[0, 0])
     growth, expected = abs(pole) ** steps, (1.0 / 0.49 - 1.0) ** steps
     return result_of(
@@ -285,7 +285,7 @@ def _maxwell(stiffness: float) -> StateSpace:
     """Return a spring in series with the dashpot, by s = (1 − z⁻¹)/T: its pole moves with the stiffness."""
     whole = stiffness * LAGS_PERIOD + DASHPOT
     pole, step = DASHPOT / whole, -stiffness * DASHPOT / whole
-    return StateSpace(*(np.array([[value]]) for value in (pole, 1.0, step * (pole - 1.0), step)))
+    return system_of([[pole]], [[1.0]], [[step * (pole - 1.0)]], [[step]])
 
 
 def _maxwell_by_hand(stiffness: float) -> Force:

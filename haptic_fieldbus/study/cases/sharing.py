@@ -322,11 +322,9 @@ def half_sample_wall(quick: bool) -> CaseResult:
     predicted = PredictedWall("handle", STIFFNESS, position=-0.01, lead=0.5 * PERIOD)
     plain = _growth_a_period(mass, lambda x, v: -STIFFNESS * x, steps)
     true = _growth_a_period(mass, lambda x, v: predicted.force(x, v) + STIFFNESS * 0.01, steps)
-    difference = sampled.environment(
-        predicted.linearised(), period=PERIOD, method=None, estimator="backward-difference"
-    )
-    left = math.log(sampled.growth(sample(Plant(mass, 0.0), PERIOD, 0.0), difference))
-    shaken = damping_needed(difference, PERIOD, 0.0)
+    late = sampled.environment(predicted.linearised(), period=PERIOD, method=None, estimator="backward-difference")
+    left = math.log(sampled.growth(sample(Plant(mass, 0.0), PERIOD, 0.0), late))
+    shaken = damping_needed(late, PERIOD, 0.0)
     without = damping_needed(gain([[-STIFFNESS]]), PERIOD, 0.0)
     one = math.log(growth_in_contact(events.motor(mass, 0.0), PERIOD, 0.0, STIFFNESS, 0.5 * STIFFNESS * PERIOD))
     expected = 0.5 * math.log1p(0.5 * h * h)

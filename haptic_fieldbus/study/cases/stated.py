@@ -227,11 +227,8 @@ def straight_line_step(quick: bool) -> CaseResult:
         found = before[:, 0] * start + after[:, 0] * end
         angle = rate * PERIOD
         # 1 − sin(a)/a and 1 − cos(a) by their series where they would cancel.
-        lag = (
-            angle**2 / 6.0 * (1.0 - angle**2 / 20.0 * (1.0 - angle**2 / 42.0))
-            if angle < 0.1
-            else 1.0 - math.sin(angle) / angle
-        )
+        series = angle**2 / 6.0 * (1.0 - angle**2 / 20.0 * (1.0 - angle**2 / 42.0))
+        lag = series if angle < 0.1 else 1.0 - math.sin(angle) / angle
         expected = (RAMP * PERIOD * lag, RAMP * 2.0 * math.sin(0.5 * angle) ** 2)
         off = greatest((off, relative_error(found.tolist(), expected)))
     return result_of(

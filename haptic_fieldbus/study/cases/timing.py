@@ -72,9 +72,7 @@ LOST = ((1, 2), (1, 1, 3), (5, 1, 1))
 
 def _shots(lengths: Sequence[int]) -> tuple[float, list[events.Shot]]:
     received = [place == 0 for length in lengths for place in range(length)]
-    shots = [
-        events.Shot(number * PERIOD, (number * PERIOD + LATE,), has_come) for number, has_come in enumerate(received)
-    ]
+    shots = [events.Shot(at * PERIOD, (at * PERIOD + LATE,), has_come) for at, has_come in enumerate(received)]
     return len(received) * PERIOD, shots
 
 
@@ -337,11 +335,8 @@ def gaps_given_up(quick: bool) -> CaseResult:
         raise ValueError("the bench of the cases is known")
     limit = axis.stability.stiffness_limit.stable or 0.0
     body = events.motor(axis.plant.mass, axis.plant.damping, axis.plant.torque_lag)
-    period = PERIOD_NS * 1e-9
-    shots = [
-        events.Shot(number * period, (number * period + axis.delay.transport,), not 0 < number < LENGTH)
-        for number in range(EACH)
-    ]
+    period, late = PERIOD_NS * 1e-9, axis.delay.transport
+    shots = [events.Shot(at * period, (at * period + late,), not 0 < at < LENGTH) for at in range(EACH)]
     grown = [growth_of_turn(body, EACH * period, shots, limit / span, 0.0, period) for span in SPANS]
     found = [_given_up(limit / span) for span in SPANS]
     stretch = (LENGTH**2 + EACH - LENGTH) / EACH

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import Integrator
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, system_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.study.oracles.events import states_of
 
@@ -128,12 +128,7 @@ def sprung_mass(stiffness: float = STIFFNESS, mass: float = MASS) -> StateSpace:
 def damped_mass() -> StateSpace:
     """Return the held puck with a damper beside the spring, which needs the velocity of the puck too."""
     k, b, m = STIFFNESS, DAMPING, MASS
-    return StateSpace(
-        np.array([[0.0, 1.0], [-k / m, -b / m]]),
-        np.array([[0.0, 0.0], [k / m, b / m]]),
-        np.array([[k, b]]),
-        np.array([[-k, -b]]),
-    )
+    return system_of([[0.0, 1.0], [-k / m, -b / m]], [[0.0, 0.0], [k / m, b / m]], [[k, b]], [[-k, -b]])
 
 
 def free_puck() -> StateSpace:

@@ -17,7 +17,7 @@ from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.method import follow
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.measure.problems import Problem, peak
 from haptic_fieldbus.study.measure.timing import Cost, Quartiles, Timed, in_turn
@@ -48,9 +48,7 @@ class StepLimit:
 
 def oscillator(square: float, damping: float = 0.0) -> StateSpace:
     """Return the oscillator p̈ = −square·p − damping·ṗ with the output p."""
-    return StateSpace(
-        np.array([[0.0, 1.0], [-square, -damping]]), np.zeros((2, 1)), np.array([[1.0, 0.0]]), np.zeros((1, 1))
-    )
+    return system_of([[0.0, 1.0], [-square, -damping]], [[0.0], [0.0]], [[1.0, 0.0]], [[0.0]])
 
 
 def _largest(radius: Callable[[float], float]) -> float:
@@ -75,7 +73,7 @@ def step_limit(name: str) -> StepLimit:
         return spectral_radius(integrators.discrete(space, 1.0, name).a)
 
     swing = _largest(lambda h: radius(oscillator(h * h)))
-    lag = _largest(lambda h: radius(StateSpace(np.array([[-h]]), np.array([[h]]), np.ones((1, 1)), np.zeros((1, 1)))))
+    lag = _largest(lambda h: radius(system_of([[-h]], [[h]], [[1.0]], [[0.0]])))
     return StepLimit(name, method.oscillator_limit, swing, method.lag_limit, lag, radius(oscillator(0.1 * 0.1)))
 
 

@@ -161,9 +161,7 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
 
 def _late_table(late: RateDeadlines) -> str:
     """Return the times of a period in words, and a table of missed periods at each rate."""
-    shown = [
-        html.number_text(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)
-    ]
+    shown = [html.number_text(1e6 * each) for each in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
     times = (
         f"{late.periods} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs (99.9 %), "
         f"{shown[2]} µs (largest); bus {shown[3]} µs."

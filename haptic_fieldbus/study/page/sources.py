@@ -246,12 +246,8 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
             # Growing curves leave the frame; a frame around them would hide the stable ones.
             panel.set_ylim(-3.0 * float(np.abs(force).max()), 3.0 * float(np.abs(force).max()))
     panel.margins(x=0)
-    drawing.dress(
-        panel,
-        f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free",
-        "time [s]",
-        "force on the handle [N]",
-    )
+    title = f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free"
+    drawing.dress(panel, title, "time [s]", "force on the handle [N]")
     drawing.name_lines(drawn)
     return drawn
 
@@ -399,13 +395,8 @@ def _laplace(frequency: Array) -> Complex:
 def impedance(scene: str, bench: Bench, space: StateSpace, environment: StateSpace, points: int = 400) -> Impedance:
     """Return the impedances of a scene at `points` frequencies, from 0.1 Hz to just below half the sampling rate."""
     frequency = np.geomspace(0.1, 0.499 / bench.period, points)
-    return Impedance(
-        scene,
-        frequency,
-        felt_impedance(bench, environment, frequency),
-        ideal_impedance(bench.plant, space, frequency),
-        device_impedance(bench.plant, frequency),
-    )
+    felt, ideal = felt_impedance(bench, environment, frequency), ideal_impedance(bench.plant, space, frequency)
+    return Impedance(scene, frequency, felt, ideal, device_impedance(bench.plant, frequency))
 
 
 SCENES = ("wall", "damped_wall", "sprung_mass")

@@ -171,11 +171,8 @@ def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
         ]
         for name, (result, seconds) in results.items()
     ]
-    return html.table(
-        ("case", "verdict", "expected", "measured", "checked by", "share of tolerance", "time [s]"),
-        rows,
-        text_columns=5,
-    )
+    headings = ("case", "verdict", "expected", "measured", "checked by", "share of tolerance", "time [s]")
+    return html.table(headings, rows, text_columns=5)
 
 
 # Section on the K–B region, measured and predicted.
@@ -222,12 +219,8 @@ def _plane_panel(panel: Axes, plane: Plane) -> None:
     panel.axhline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--")
     panel.set_xlim(0.0, LARGEST)
     panel.set_ylim(0.0, LARGEST)
-    drawing.dress(
-        panel,
-        f"released {exactly(plane.start)} counts away",
-        "damping over K·T: β = b/(K·T) [1]",
-        "friction over K·D: σ = fc/(K·D) [1]",
-    )
+    labels = ("damping over K·T: β = b/(K·T) [1]", "friction over K·D: σ = fc/(K·D) [1]")
+    drawing.dress(panel, f"released {exactly(plane.start)} counts away", *labels)
     panel.grid(visible=False)
 
 
@@ -478,9 +471,8 @@ def draw_passivity(found: Sequence[Decay]) -> Figure:
         shares, growths = [each.share for each in rows], [each.growth for each in rows]
         panel.plot(shares, growths, "o-", color=PASSIVITY_COLOURS[controlled], label=name)
     panel.axhline(1.0, color=drawing.INK, linewidth=0.8, linestyle="--")
-    drawing.dress(
-        panel, "a handle released beside a wall", "stiffness over the stability limit [1]", "growth per swing [1]"
-    )
+    labels = ("stiffness over the stability limit [1]", "growth per swing [1]")
+    drawing.dress(panel, "a handle released beside a wall", *labels)
     drawing.name_lines(drawn)
     return drawn
 

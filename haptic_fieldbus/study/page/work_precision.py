@@ -353,9 +353,8 @@ def growth_section(context: html.Context) -> html.Section:
     """Measure all methods and return their section."""
     total = QUICK if context.quick else FULL
     told = f"{rounded(total)} steps of "
-    found = [
-        loops.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
-    ]
+    methods = context.with_progress(METHODS, lambda method: f"{told}{method}")
+    found = [loops.free_swing(method, total) for method in methods]
     document = drawing.svg(draw_growth(found))
     caption = (
         f"{rounded(total)} steps are {rounded(total * loops.PERIOD)} s of simulated time. Values outside the frame "
@@ -393,9 +392,8 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
     drawn = drawing.figure(*html.CARD)
     panel = drawn.subplots()
     for swing in swings:
-        panel.loglog(
-            swing.steps, np.clip(swing.error, GROWTH_LOWEST, HIGHEST), **drawing.line(swing.method, marked=False)
-        )
+        error = np.clip(swing.error, GROWTH_LOWEST, HIGHEST)
+        panel.loglog(swing.steps, error, **drawing.line(swing.method, marked=False))
     panel.axhline(drawing.FELT, color=drawing.INK, linewidth=0.9, linestyle=(0, (5, 4)))
     drawing.note(panel, drawing.FELT, "noticeable above", right=False)
     panel.set_ylim(GROWTH_LOWEST, HIGHEST)
