@@ -196,10 +196,13 @@ def draw_estimate(found: Estimation, file: str) -> Figure:
     notes = [f"{key}: {told[key]}" for key in TOLD]
     drawn = figure(6.6, 10.0, f"Noise {few}", [f"{file}, estimator {found.estimator}", *notes])
     panels = drawn.subplots(2, 1, sharex=True)
-    rows = (("measured", found.signal, BLUE), ("estimated", found.estimate, ORANGE))
-    for panel, (which, series, colour) in zip(panels, rows, strict=True):
-        quantity = series.quantity
-        panel.plot(*thin(found.signal.times, series.values), color=colour, linewidth=1.4)
+    signal, estimate = found.signal, found.estimate
+    rows = (
+        ("measured", signal.quantity, signal.values, BLUE),
+        ("estimated", estimate.quantity, estimate.values, ORANGE),
+    )
+    for panel, (which, quantity, values, colour) in zip(panels, rows, strict=True):
+        panel.plot(*thin(signal.times, values), color=colour, linewidth=1.4)
         label = "" if panel is panels[0] else "time [s]"
         dress(panel, f"{which} {quantity}", label, f"{quantity} [{ESTIMATE_UNITS[quantity]}]")
         panel.margins(x=0)

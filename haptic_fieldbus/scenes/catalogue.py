@@ -57,7 +57,7 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
         source=str(path),
         hand=frame.hand,
         passivity=told[-1] if told else "observer",  # that of the last file that names one
-        made_for=frame.made_for and MadeFor(frame.made_for.rate, frame.made_for.drive),
+        made_for=MadeFor(made.rate, made.drive) if (made := frame.made_for) else None,
     )
 
 

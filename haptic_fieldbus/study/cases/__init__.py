@@ -61,6 +61,8 @@ CASES: dict[str, Case] = {
         closed_loop.compliant_transmission, elements.varying_slope, timing.missed_frames_pattern, timing.tick_phase,
         timing.fade_return, timing.gaps_given_up, ledger.leak_allowance, ledger.controller_damping,
         ledger.stored_energy, stated.worst_of_ranges, stated.estimator_weight, stated.rounding_bridged,
-        stated.magnet_outside, stated.score_by_hand, stated.straight_line_step, timing.modbus_one_period,
+        stated.magnet_outside,
     ),
+    "score-by-hand": stated.late_spring_score,
+    **_named_alike(stated.straight_line_step, timing.modbus_one_period),
 }  # fmt: skip

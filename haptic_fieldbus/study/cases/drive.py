@@ -366,9 +366,7 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         worst = greatest((worst, *(abs(cycle.value("force") - exact) for cycle in cycles)))
         apart += outputs[0] != outputs[1]
     judged = [(plan.stability.stiffness_limit.stable if plan.stability else None) or math.nan for plan in plans]
-    # The limit of the shipped motor at a radius of 1 m, with the times of the plan.
-    delay = plans[0].axes[0].delay
-    limit = limit_in_contact(events.motor(4e-5, 1e-4, delay.torque_loop), 1e-3, delay.transport, VIRTUAL)
+    limit = _limit_by_hand(plans[0])
     off = greatest(abs(each / limit - 1.0) for each in judged)
     return result_of(
         f"force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, both limits of stiffness "
@@ -381,3 +379,9 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         within=[(worst, 1e-12), (off, 1e-6)],
         holds=apart == 0 and all(cycle.trip is None for cycle in cycles),
     )
+
+
+def _limit_by_hand(plan: Plan) -> float:
+    """Return the limit of stability of the shipped motor at a radius of 1 m, with the times of a plan."""
+    delay = plan.axes[0].delay
+    return limit_in_contact(events.motor(4e-5, 1e-4, delay.torque_loop), 1e-3, delay.transport, VIRTUAL)

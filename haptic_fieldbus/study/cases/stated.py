@@ -182,7 +182,7 @@ CLOSE = 2e-3
 """Permitted relative difference of a score: its threshold of speed is known to 1 %."""
 
 
-def score_by_hand(quick: bool) -> CaseResult:
+def late_spring_score(quick: bool) -> CaseResult:
     """Check the score of a spring with a late force in a sine motion: error over force, both while the handle moves."""
     points = POINTS if quick else 10 * POINTS
     phase = 2.0 * math.pi * (np.arange(points) + 0.5) / points
