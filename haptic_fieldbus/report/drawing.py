@@ -184,8 +184,7 @@ def figure(height: float, width: float = WIDTH, title: str = "", subtitle: Seque
 def dress(panel: Axes, title: str = "", x: str = "", y: str = "") -> None:
     """Give a panel a title, labels of its axes with units, and a light grid."""
     panel.set_title(title, loc="left", size=PANEL_SIZE, color=INK)
-    panel.set_xlabel(x)
-    panel.set_ylabel(y)
+    panel.set(xlabel=x, ylabel=y)
     panel.grid(visible=True, which="major", color=GRID, linewidth=0.8)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)

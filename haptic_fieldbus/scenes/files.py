@@ -154,25 +154,21 @@ def _name_elements(document: Document) -> dict[int, str]:
     kinds: dict[int, str] = {}
     names: set[object] = set()
     for index, table in tables.items():
-        kind = table.get("kind")
+        kind, place = table.get("kind"), ("element", index, "name")
         if not isinstance(kind, str) or not _is_known(document, index, kind):
-            document.refuse(
-                ("element", index, "kind"),
-                f"a kind of element, see docs/reference/elements.md{suggestion(str(kind or ''), kind_names())}",
-            )
+            near = suggestion(str(kind or ""), kind_names())
+            document.refuse(("element", index, "kind"), f"a kind of element, see docs/reference/elements.md{near}")
             continue
         if "name" not in table and given.count(kind) > 1:
-            document.fault(
-                ("element", index, "name"), f'missing; expected a name, because the kind "{kind}" is used twice'
-            )
+            document.fault(place, f'missing; expected a name, because the kind "{kind}" is used twice')
         kinds[index] = kind
         del table["kind"]
         name = str(table.setdefault("name", kind))
         # A setting on the command line is split at its first equals sign, so a name must have none.
         if not name or "=" in name:
-            document.refuse(("element", index, "name"), "a non-empty string, without =")
+            document.refuse(place, "a non-empty string, without =")
         if name in names:
-            document.fault(("element", index, "name"), f'"{name}" is used twice; expected a unique name')
+            document.fault(place, f'"{name}" is used twice; expected a unique name')
         names.add(name)
     return kinds
 

@@ -150,8 +150,7 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
                    size=8.5, color="#444444")  # fmt: skip
     panel.set_yticks(range(len(parts)), [part.part for part in parts], fontsize=9)
     panel.invert_yaxis()
-    panel.set_xscale("log")
-    panel.set_xlim(20.0, 2.2 * max(part.ns_per_step for part in parts))
+    panel.set(xscale="log", xlim=(20.0, 2.2 * max(part.ns_per_step for part in parts)))
     panel.margins(y=0.01)
     drawing.dress(panel, "", "time per step [ns]", "")
     panel.grid(visible=False, axis="y")
@@ -335,8 +334,7 @@ def _curves(panel: Axes, points: Sequence[BusPoint], places: Sequence[float]) ->
     curves: dict[tuple[str, str], list[tuple[float, BusPoint]]] = {}
     for place, point in zip(places, points, strict=True):
         curves.setdefault((point.bus, point.estimator), []).append((place, point))
-    panel.set_xscale("log")
-    panel.set_yscale("log")
+    panel.set(xscale="log", yscale="log")
     for (bus, estimator), runs in curves.items():
         good = [(place, 100.0 * point.felt_error) for place, point in runs if point.felt_error is not None]
         refused = [place for place, point in runs if point.felt_error is None]

@@ -98,8 +98,7 @@ def closest(found: Mapping[str, CaseResult]) -> list[str]:
 
 def _frame(panel: Axes, rows: Sequence[str]) -> None:
     """Scale the axes, shade the range of failures, and separate the exact cases."""
-    panel.set_xscale("log")
-    panel.set_xlim(WORST, 10.0 * EXACT)
+    panel.set(xscale="log", xlim=(WORST, 10.0 * EXACT))
     panel.axvspan(WORST, 1.0, color="#fbeee6", linewidth=0, zorder=0)
     panel.axvline(1.0, color=drawing.VERMILION, linewidth=1.0, zorder=1)
     panel.axvspan(3.0 * FURTHEST, 10.0 * EXACT, color="#eef6f2", linewidth=0, zorder=0)
@@ -217,8 +216,7 @@ def _plane_panel(panel: Axes, plane: Plane) -> None:
     panel.plot(beta, border(plane.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
     panel.axvline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--", label="quadrants")
     panel.axhline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--")
-    panel.set_xlim(0.0, LARGEST)
-    panel.set_ylim(0.0, LARGEST)
+    panel.set(xlim=(0.0, LARGEST), ylim=(0.0, LARGEST))
     labels = ("damping over K·T: β = b/(K·T) [1]", "friction over K·D: σ = fc/(K·D) [1]")
     drawing.dress(panel, f"released {exactly(plane.start)} counts away", *labels)
     panel.grid(visible=False)
@@ -295,8 +293,7 @@ def _panel(panel: Axes, region: Region) -> None:
     # Empty areas, for the legend: a mesh has no entry of its own there.
     panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
     panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=drawing.VERMILION)
-    panel.set_xlim(0.0, region.damping[-1])
-    panel.set_ylim(0.0, scale * region.stiffness[-1])
+    panel.set(xlim=(0.0, region.damping[-1]), ylim=(0.0, scale * region.stiffness[-1]))
     drawing.dress(panel, region.title, "virtual damping [N·s/m]", "virtual stiffness [N/mm]")
     panel.grid(visible=False)
 

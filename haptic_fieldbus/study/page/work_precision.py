@@ -396,8 +396,7 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
         panel.loglog(swing.steps, error, **drawing.line(swing.method, marked=False))
     panel.axhline(drawing.FELT, color=drawing.INK, linewidth=0.9, linestyle=(0, (5, 4)))
     drawing.note(panel, drawing.FELT, "noticeable above", right=False)
-    panel.set_ylim(GROWTH_LOWEST, HIGHEST)
-    panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
+    panel.set(xlim=(swings[0].steps[0], swings[0].steps[-1]), ylim=(GROWTH_LOWEST, HIGHEST))
     drawing.card_panel(panel, "", "steps of the loop [1]", "largest error over amplitude [1]")
     _name_ends(panel, {swing.method: min(max(swing.error[-1], GROWTH_LOWEST), HIGHEST) for swing in swings})
     return drawn
