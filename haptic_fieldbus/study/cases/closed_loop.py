@@ -18,17 +18,7 @@ from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, rela
 from haptic_fieldbus.study.cases.drive import PERIOD_NS, Feeder, feed
 from haptic_fieldbus.study.measure.loops import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
-from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import (
-    growth_of,
-    jury_limit,
-    largest,
-    limit_in_contact,
-    moved_by_force,
-    plain_terms,
-    sampled_positions,
-    schur_cohn_limit,
-)
+from haptic_fieldbus.study.oracles import contact, energies, events
 from haptic_fieldbus.study.oracles.textbook import RULES
 
 # Cases of a wall in the sampled loop: at its limit, beyond it, late, slow, and without friction.
@@ -45,7 +35,7 @@ def _limit(device: Plant, period: float = PERIOD, delay: float = 0.0) -> float:
 
 def _grown(device: Plant, stiffness: float, steps: int, period: float = PERIOD, delay: float = 0.0) -> float:
     """Return ln of the growth of a loop of plain floats; `delay` in periods."""
-    return growth_of(sampled_positions(device, period, lambda x: -stiffness * x, steps, delay=delay))
+    return contact.growth_of(contact.sampled_positions(device, period, lambda x: -stiffness * x, steps, delay=delay))
 
 
 def at_boundary(factor: float, quick: bool) -> CaseResult:
@@ -54,8 +44,8 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
     The logarithm of the growth over N periods is compared with N·ln ρ, where ρ² = e + K·c0 for complex roots.
     """
     steps = 100_000 if quick else 1_000_000
-    limit, exact = _limit(BENCH), jury_limit(BENCH, PERIOD)
-    e, _, c0 = plain_terms(BENCH, PERIOD)
+    limit, exact = _limit(BENCH), contact.jury_limit(BENCH, PERIOD)
+    e, _, c0 = contact.plain_terms(BENCH, PERIOD)
     # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
     measured = _grown(BENCH, factor * limit, steps)
@@ -75,17 +65,17 @@ def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
     wall = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=stiffness, unilateral=True,
                  push=push, position=1e-3)  # fmt: skip
     peak = float(batch.run(wall, steps).peaks[-1, 0])
-    positions = sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
+    positions = contact.sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
     return peak - push / stiffness, max(positions[-(steps // 10) :]) - push / stiffness
 
 
 def wall_over(quick: bool) -> CaseResult:
     """Check that a wall with a hand leaning on it keeps chattering at 1.5 times its limit, and rests at half of it."""
     steps, push = (4000 if quick else 50_000), 5.0
-    limit = jury_limit(BENCH, PERIOD)
+    limit = contact.jury_limit(BENCH, PERIOD)
     chatter, brute = _chatter(1.5 * limit, steps, push)
     calm, _ = _chatter(0.5 * limit, steps, push)
-    e, _, c0 = plain_terms(BENCH, PERIOD)
+    e, _, c0 = contact.plain_terms(BENCH, PERIOD)
     expected = math.sqrt(e + 1.5 * limit * c0)
     many = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3)
     grown = float(batch.run(many, 1000).growth[0]) ** (1.0 / 900.0)
@@ -104,8 +94,9 @@ def delayed(delay: float, quick: bool) -> CaseResult:
     """Check the limits of many devices with delay against Schur and Cohn, and runs below and above one of them."""
     masses = (1e-5, 0.1, 10.0) if quick else (1e-5, 1e-3, 0.1, 1.0, 10.0)
     devices = [Plant(mass, damping) for mass in masses for damping in (1e-2, 1.0, 1e2)]
-    worst = greatest(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
-    limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
+    by_hand = [contact.schur_cohn_limit(each, PERIOD, delay) for each in devices]
+    worst = relative_error([_limit(each, delay=delay) for each in devices], by_hand)
+    limit, exact = _limit(BENCH, delay=delay), contact.schur_cohn_limit(BENCH, PERIOD, delay)
     below, above = (_grown(BENCH, factor * limit, 20_000, delay=delay) for factor in (0.99, 1.01))
     return result_of(
         f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
@@ -122,7 +113,7 @@ def slow_loop(quick: bool) -> CaseResult:
     """Check slow loops from 20 Hz to 0.1 Hz: the device stops between samples, and the limit goes to 2b/(T − 2m/b)."""
     device, stiffness = Plant(0.1, 5.0), 600.0
     periods = (0.05, 0.2, 1.0, 10.0)
-    worst = greatest(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
+    worst = greatest(abs(_limit(device, period) / contact.jury_limit(device, period) - 1.0) for period in periods)
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
@@ -183,7 +174,7 @@ def _stable_by_hand(damping: float, ratio: float) -> float:
         # The shaft may be turned as a whole, and nothing turns it back: one eigenvalue is 1.
         return events.growth(events.map_of_turn(bodies, PERIOD, shots, law, memory=1), freely=1) <= 1.0
 
-    return largest(is_stable, 1.0, 1.4, 1e-8)
+    return contact.largest(is_stable, 1.0, 1.4, 1e-8)
 
 
 def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -> float:
@@ -252,7 +243,7 @@ def compliant_transmission(quick: bool) -> CaseResult:
     found = [_judged(HungBody(LOAD, STIFF, loss)) for loss in LOSSES]
     motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
     loaded = [events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss) for loss in LOSSES]
-    by_hand = [limit_in_contact(body, PERIOD, DELAY) for body in loaded]
+    by_hand = [contact.limit_in_contact(body, PERIOD, DELAY) for body in loaded]
     whole = _judged(plant=Plant(MOTOR.mass + LOAD, MOTOR.damping, torque_lag=MOTOR.torque_lag))
     rigid = _judged(HungBody(LOAD, RIGID, math.sqrt(RIGID * LOAD)))
     apart = relative_error(found, by_hand)
@@ -329,7 +320,7 @@ def light_puck(quick: bool) -> CaseResult:
     euler = _two_masses(1e-6, steps * PERIOD, steps, "forward-euler")
     damping, masses = 0.5, (1e-4, 1e-5, 1e-6, 1e-9)
     *limits, massless = (stiffness_limit(Plant(mass, damping), PERIOD, 0.0, spring) for mass in (*masses, 0.0))
-    worst = relative_error(limits, [jury_limit(Plant(mass, damping), PERIOD) for mass in masses])
+    worst = relative_error(limits, [contact.jury_limit(Plant(mass, damping), PERIOD) for mass in masses])
     return result_of(
         "exact step on the closed form, forward Euler diverges; massless handle: limit "
         f"{exactly(2 * damping / PERIOD)} N/m",
@@ -351,7 +342,7 @@ def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
         force = STIFFNESS * (q - x)
         forces.append(force)
         before = x
-        x, v = moved_by_force(device, x, v, force, PERIOD)
+        x, v = contact.moved_by_force(device, x, v, force, PERIOD)
         q, speed = rule(q, speed, before, x, omega, PERIOD)
     return forces
 

@@ -19,15 +19,7 @@ from haptic_fieldbus.sim import mechanics
 from haptic_fieldbus.sim.mechanics import Shaft
 from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, relative_error, result_of, values_text
 from haptic_fieldbus.study.explicit import bind_rates
-from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import (
-    bisected,
-    growth_in_contact,
-    jury_limit,
-    limit_in_contact,
-    sampled_positions,
-    stretches,
-)
+from haptic_fieldbus.study.oracles import contact, energies, events
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Loss factor p of the impact [s/m], and the mass that hits [kg]."""
@@ -54,7 +46,7 @@ def _impact(speed: float, period: float) -> tuple[float, float]:
 def _exit_speed(speed: float) -> float:
     """Return the exit speed w [m/s] with −p·w − ln(1 − p·w) = p·v − ln(1 + p·v), by bisection."""
     entry = LOSS * speed - math.log1p(LOSS * speed)
-    return bisected(lambda leaving: -leaving - math.log1p(-leaving) < entry, 0.0, 1.0, 2.3e-16)[0] / LOSS
+    return contact.bisected(lambda leaving: -leaving - math.log1p(-leaving) < entry, 0.0, 1.0, 2.3e-16)[0] / LOSS
 
 
 def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
@@ -151,9 +143,8 @@ def lugre_fast_slip(quick: bool) -> CaseResult:
     limit, steps = 2.0 * LEVEL / (BRISTLE * PERIOD), 500
     below, above = _explicit_error(0.99 * limit, steps), _explicit_error(1.01 * limit, steps)
     slips = [share * limit for share in (1e-4, 0.01, 0.3, 1.0, -1.01)]
-    error = greatest(
-        relative_error(_element_bristle([speed] * 3), stretches(speed, PERIOD, 3, BRISTLE, LEVEL)) for speed in slips
-    )
+    by_hand = [contact.stretches(speed, PERIOD, 3, BRISTLE, LEVEL) for speed in slips]
+    error = greatest(map(relative_error, (_element_bristle([speed] * 3) for speed in slips), by_hand))
     speeds = ((-1.0) ** n * limit * 10.0 ** (n % 9) for n in range(steps if quick else 1_000_000))
     largest = greatest(BRISTLE * abs(z) / LEVEL for z in _element_bristle(speeds))
     rates = [math.log(value) / steps for value in (below, above)]
@@ -235,13 +226,13 @@ DETENTS = Detents("handle", amplitude=1.0, pitch=PITCH)
 def _swing(stiffness: float, steps: int) -> float:
     """Return the growth factor of a swing of a millionth of a pitch in detents of this local stiffness [N/m]."""
     start, law = 1e-6 * PITCH, DETENTS.with_stiffness(stiffness).force
-    positions = sampled_positions(HANDLE, PERIOD, law, steps + 1, start=(start, 0.0))
+    positions = contact.sampled_positions(HANDLE, PERIOD, law, steps + 1, start=(start, 0.0))
     return greatest(map(abs, positions[-499:])) / start
 
 
 def detent_too_sharp(quick: bool) -> CaseResult:
     """Check that a detent is calm in its valley when 2π·A/p is below the stiffness limit of a wall, and not above."""
-    limit, steps = jury_limit(HANDLE, PERIOD), 20_000 if quick else 200_000
+    limit, steps = contact.jury_limit(HANDLE, PERIOD), 20_000 if quick else 200_000
     predicted = stiffness_limit(HANDLE, PERIOD, 0.0, lambda k: gain([[-DETENTS.with_stiffness(k).stiffness]]))
     calm, restless = _swing(0.9 * predicted, steps), _swing(1.1 * predicted, steps)
     off = abs(predicted / limit - 1.0)
@@ -282,7 +273,7 @@ def _judged(element: Element) -> Stability:
 
 def _growth_by_hand(stiffness: float, damping: float) -> float:
     """Return the growth a period at a spring and damper by backward difference."""
-    return growth_in_contact(SLOPES_BODY, SLOPES_PERIOD, DELAY, stiffness, damping)
+    return contact.growth_in_contact(SLOPES_BODY, SLOPES_PERIOD, DELAY, stiffness, damping)
 
 
 def _steepest(stiffness: float) -> float:
@@ -317,7 +308,7 @@ def varying_slope(quick: bool) -> CaseResult:
     """
     elastic = _judged(HuntCrossley("handle", FORCE, DEPTH, exponent=EXPONENT)).stiffness_limit
     stable, passive = (_steepest(limit or math.nan) for limit in (elastic.stable, elastic.passive))
-    by_hand = limit_in_contact(SLOPES_BODY, SLOPES_PERIOD, DELAY)
+    by_hand = contact.limit_in_contact(SLOPES_BODY, SLOPES_PERIOD, DELAY)
     drives = [energies.LateDrive(DAMPING, DELAY, SLOPES_LAG)]
     share = energies.worst_share(lambda z: complex(-passive), drives, SLOPES_PERIOD, 24 if quick else 96)
     lossy = _judged(HuntCrossley("handle", STEEP, DEPTH, exponent=EXPONENT, loss=SLOPES_LOSS))

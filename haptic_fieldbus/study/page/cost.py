@@ -11,18 +11,8 @@ from matplotlib.lines import Line2D
 from haptic_fieldbus import HapticFieldbusError, Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.report import drawing
+from haptic_fieldbus.study.measure import timing
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, FEW_SCENES, Tools, library_scenes
-from haptic_fieldbus.study.measure.timing import (
-    SCENE,
-    Cost,
-    OptionalPart,
-    Playback,
-    RateDeadlines,
-    Timed,
-    deadlines,
-    in_turn,
-    parts,
-)
 from haptic_fieldbus.study.page import html
 
 # What each scene leaves out: a line a scene on the first screen, and all of them with their reasons further down.
@@ -32,7 +22,7 @@ the computing time of a whole period: the median of 25 repeats in which the scen
 of the repeats. The image is the data read and written in a period, for all axes together."""
 
 
-def lines(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+def lines(plans: Mapping[str, Plan], costs: Mapping[str, timing.Cost]) -> str:
     """Return a table with a line for each scene; `costs` are those of a whole period, by scene."""
     rows = [[scene, ", ".join(names(plan)) or "nothing", _micros(costs[scene])] for scene, plan in plans.items()]
     return html.table(("scene", "omitted", "µs per period"), rows, text_columns=2)
@@ -55,7 +45,7 @@ def reasons(plans: Mapping[str, Plan]) -> str:
     return html.folded("Why, scene by scene", html.table(headings, rows, text_columns=3))
 
 
-def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, timing.Cost]) -> str:
     """Return a sentence on omitted parts, and the times of the cheapest and the most expensive scene."""
     least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
     return (
@@ -65,7 +55,7 @@ def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     )
 
 
-def _micros(cost: Cost) -> str:
+def _micros(cost: timing.Cost) -> str:
     """Return the median and the middle half of the passes [µs]."""
     low, _, high = (rounded(1e-3 * ns) for ns in cost.quartiles)
     return f"{rounded(1e-3 * cost.ns)} ({low} to {high})"
@@ -95,8 +85,8 @@ the computer, limits the rate."""
 def cost_section(context: html.Context) -> html.Section:
     """Time all parts and the periods, and return their section."""
     plans = {scene: context.tools.plan(scene) for scene in (FEW_SCENES if context.quick else library_scenes())}
-    found: list[OptionalPart] = []
-    for each in parts(plans, context.bench):
+    found: list[timing.OptionalPart] = []
+    for each in timing.parts(plans, context.bench):
         found.append(each)
         # The number of parts is not known before; about 60 fill most of the bar.
         context.progress(each.part, min(len(found) / 60, 0.9))
@@ -104,7 +94,7 @@ def cost_section(context: html.Context) -> html.Section:
         context.add("optional_parts", row)
     context.costs.extend(each.cost for each in found if each.cost is not None)
     context.progress("deadlines", 0.9)
-    late = deadlines(context.tools, QUICK if context.quick else FULL)
+    late = timing.deadlines(context.tools, QUICK if context.quick else FULL)
     document = drawing.svg(draw(found))
     costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
@@ -127,7 +117,7 @@ def cost_section(context: html.Context) -> html.Section:
     )
 
 
-def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:
+def _finding(found: Sequence[timing.OptionalPart], late: timing.RateDeadlines) -> str:
     whole = found[0]
     return (
         f"A whole period of the wall takes {rounded(1e-3 * whole.ns_per_step)} µs of computing (half of the repeats "
@@ -136,7 +126,7 @@ def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:
     )
 
 
-def draw(parts: Sequence[OptionalPart]) -> Figure:
+def draw(parts: Sequence[timing.OptionalPart]) -> Figure:
     """Return a figure with a bar for each part, on a logarithmic scale."""
     drawn = drawing.figure(1.2 + 0.24 * len(parts))
     panel = drawn.subplots()
@@ -158,12 +148,12 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
     return drawn
 
 
-def _late_table(late: RateDeadlines) -> str:
+def _late_table(late: timing.RateDeadlines) -> str:
     """Return the times of a period in words, and a table of missed periods at each rate."""
     shown = [html.number_text(1e6 * each) for each in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
     times = (
-        f"{late.periods} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs (99.9 %), "
-        f"{shown[2]} µs (largest); bus {shown[3]} µs."
+        f"{late.periods} periods of <code>{timing.SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs "
+        f"(99.9 %), {shown[2]} µs (largest); bus {shown[3]} µs."
     )
     rows: list[list[html.Entry]] = [
         [f"{exactly(each.rate)} Hz", _share(each.missed_computing), _share(each.missed)] for each in late.rates
@@ -239,8 +229,8 @@ def bus_points(tools: Tools, name: str, *, quick: bool) -> Iterator[BusPoint]:
     for estimator in FEW_ESTIMATORS if quick else ESTIMATORS:
         chosen: dict[str, object] = {"bus": bus, "drive": drive, "estimator": estimator, "settings": SETTINGS}
         fastest = tools.plan(BUSES_SCENE, **chosen)
-        playback = Playback(fastest)
-        timed = in_turn({BUSES_SCENE: Timed(playback.running_cycle(), playback.swing)}, REPEATS)
+        playback = timing.Playback(fastest)
+        timed = timing.in_turn({BUSES_SCENE: timing.Timed(playback.running_cycle(), playback.swing)}, REPEATS)
         for divisor in FEW_RATES if quick else RATES:
             rate = fastest.rate / divisor
             traffic = tools.plan(BUSES_SCENE, rate=rate, **chosen).buses[0].traffic
