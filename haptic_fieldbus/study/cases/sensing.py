@@ -6,17 +6,7 @@ from functools import reduce
 
 import numpy as np
 
-from haptic_fieldbus.margins import (
-    Plant,
-    alone,
-    gaps,
-    passive_limit,
-    passive_limit_of,
-    pattern_bound,
-    pattern_limit,
-    sample,
-    stiffness_limit,
-)
+from haptic_fieldbus import margins
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
@@ -187,9 +177,9 @@ def tachometer_alias(quick: bool) -> CaseResult:
 
 def jittered_sampling(quick: bool) -> CaseResult:
     """Check that jitter lowers the limit by its square, and is an error of a difference that assumes the period T."""
-    number, plant = 300 if quick else 3000, Plant(5.0, 0.5)
+    number, plant = 300 if quick else 3000, margins.Plant(5.0, 0.5)
     times = PERIOD * (1.0 + np.random.default_rng(4).uniform(-0.5, 0.5, number))
-    devices = [sample(plant, float(time), 0.0) for time in times]
+    devices = [margins.sample(plant, float(time), 0.0) for time in times]
 
     def is_stable(stiffness: float) -> bool:
         maps: list[Matrix] = [loop_matrix(device, spring(stiffness)) for device in devices]
@@ -216,7 +206,7 @@ def jittered_sampling(quick: bool) -> CaseResult:
     )
 
 
-def _grows_by_hand(plant: Plant, stiffness: float, lengths: Sequence[float]) -> bool:
+def _grows_by_hand(plant: margins.Plant, stiffness: float, lengths: Sequence[float]) -> bool:
     """Return whether (x, v) grows over a pattern of gaps, each force held for its whole gap, in plain floats."""
     columns = []
     for x, v in ((1.0, 0.0), (0.0, 1.0)):
@@ -230,18 +220,18 @@ def _grows_by_hand(plant: Plant, stiffness: float, lengths: Sequence[float]) -> 
 
 def dropped_frames(quick: bool) -> CaseResult:
     """Check that lost frames with a held force lower the limit by the squares of their gaps."""
-    plant = Plant(5.0, 0.5)
+    plant = margins.Plant(5.0, 0.5)
     patterns: dict[str, tuple[int, ...]] = {
         "none": (1,), "every second": (2,), "one of three": (1, 2), "two of five": (1, 1, 3),
         "ten of a hundred": (*[1] * 90, 10),
     }  # fmt: skip
     texts, bounds, close, agree, off = [], [], True, True, 0.0
     for name, lengths in patterns.items():
-        limit = pattern_limit(plant, PERIOD, 0.0, spring, gaps(lengths))
+        limit = margins.pattern_limit(plant, PERIOD, 0.0, spring, margins.gaps(lengths))
         bound = 2.0 * plant.damping * sum(lengths) / (PERIOD * sum(length**2 for length in lengths))
         agree &= [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)] == [False, True]
         off = greatest((off, abs(limit / bound - 1.0)))
-        close &= abs(pattern_bound(plant.damping, PERIOD, gaps(lengths)) / bound - 1.0) <= 1e-12
+        close &= abs(margins.pattern_bound(plant.damping, PERIOD, margins.gaps(lengths)) / bound - 1.0) <= 1e-12
         texts.append(f"{name} {limit:.1f}")
         bounds.append(f"{name} {bound:.1f}")
     return result_of(
@@ -302,12 +292,12 @@ def _passive(lag: float, delay: float, cells: int) -> tuple[list[float], list[fl
     The shares are those of the damping that the worst motion needs at these limits; the last one is the share for
     ASKED, relative to the computed one.
     """
-    plant, drives = Plant(MASS, DAMPING, torque_lag=lag), [energies.LateDrive(DAMPING, delay, lag)]
-    spring_alone = passive_limit(plant, LAGS_PERIOD, delay)
-    wall, body = (passive_limit_of(plant, LAGS_PERIOD, delay, each, math.inf) for each in (_wall, _maxwell))
+    plant, drives = margins.Plant(MASS, DAMPING, torque_lag=lag), [energies.LateDrive(DAMPING, delay, lag)]
+    spring_alone = margins.passive_limit(plant, LAGS_PERIOD, delay)
+    wall, body = (margins.passive_limit_of(plant, LAGS_PERIOD, delay, each, math.inf) for each in (_wall, _maxwell))
     forces = (_wall_by_hand(spring_alone, 0.0), _wall_by_hand(wall), _maxwell_by_hand(body), _wall_by_hand(ASKED))
     *shares, asked = (energies.worst_share(force, drives, LAGS_PERIOD, cells) for force in forces)
-    computed = alone(plant, LAGS_PERIOD, delay).damping_share(_wall(ASKED))
+    computed = margins.alone(plant, LAGS_PERIOD, delay).damping_share(_wall(ASKED))
     return [spring_alone, wall, body], [*shares, asked / computed]
 
 
@@ -317,8 +307,8 @@ def torque_lag(quick: bool) -> CaseResult:
     The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection for a Maxwell
     body, and the damping that a wall requires.
     """
-    plants = [(Plant(MASS, DAMPING, torque_lag=lag), delay) for lag, delay in BENCHES]
-    stable = [stiffness_limit(plant, LAGS_PERIOD, delay, _wall) for plant, delay in plants]
+    plants = [(margins.Plant(MASS, DAMPING, torque_lag=lag), delay) for lag, delay in BENCHES]
+    stable = [margins.stiffness_limit(plant, LAGS_PERIOD, delay, _wall) for plant, delay in plants]
     motors = [(events.motor(MASS, DAMPING, lag), delay) for lag, delay in BENCHES]
     by_hand = [limit_in_contact(motor, LAGS_PERIOD, delay, VIRTUAL) for motor, delay in motors]
     apart = relative_error(stable, by_hand)
