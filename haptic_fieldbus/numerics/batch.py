@@ -92,15 +92,15 @@ def loops(
     difference. Raises UsageError for impossible numbers, naming the first loop that has them.
     """
     given = {name: value for name, value in locals().items() if name != "environments"}
-    count = 1 if environments is None else len(environments)
-    _, *arrays = np.broadcast_arrays(np.zeros(count), *given.values())
+    _, *arrays = np.broadcast_arrays(np.zeros(1 if environments is None else len(environments)), *given.values())
     rows = {name: np.ravel(row).astype(np.float64) for name, row in zip(given, arrays, strict=True)}
     unilateral, spring, damper = (rows.pop(name) for name in ("unilateral", "stiffness", "virtual_damping"))
     if environments is None:
         # A period that is not above 0 is refused below; until then it must not divide.
         a, b, c, d = _spring_damper(spring, damper, np.where(rows["period"] > 0.0, rows["period"], 1.0))
     else:
-        a, b, c, d = _stack(environments)
+        parts = ((each.a, each.b[:, 0], each.c[0], each.d[0, 0]) for each in environments)
+        a, b, c, d = map(np.array, zip(*parts, strict=True))
     made = Loops(**rows, unilateral=unilateral != 0.0, a=a, b=b, c=c, d=d)
     _check(made)
     return made
@@ -112,15 +112,6 @@ def _spring_damper(k: Array, virtual: Array, period: Array) -> tuple[Array, Arra
     slope = virtual / period
     ones = np.ones((len(k), order))
     return np.zeros((len(k), order, order)), ones, slope[:, None] * ones, -k - slope
-
-
-def _stack(environments: list[StateSpace]) -> tuple[Array, Array, Array, Array]:
-    return (
-        np.array([each.a for each in environments]),
-        np.array([each.b[:, 0] for each in environments]),
-        np.array([each.c[0] for each in environments]),
-        np.array([each.d[0, 0] for each in environments]),
-    )
 
 
 def _check(made: Loops) -> None:
@@ -179,9 +170,8 @@ def slide(device: SampledMass, position: Array, velocity: Array, force: Array, s
     reverses = wrong & (net * direction < 0.0)
     v[wrong & ~reverses] = 0.0  # by rounding: no force opposes what is left of the velocity
     if reverses.any():
-        x[reverses], v[reverses] = _through_rest(
-            device.part(reverses), position[reverses], velocity[reverses], force[reverses], span[reverses]
-        )
+        given = (values[reverses] for values in (position, velocity, force, span))
+        x[reverses], v[reverses] = _through_rest(device.part(reverses), *given)
     return x, v
 
 
@@ -241,8 +231,7 @@ class FinalState:
     def growth(self) -> Array:
         """Peak of the last part over that of the first, (N,)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            found: Array = self.peaks[-1] / self.peaks[0]
-        return found
+            return np.asarray(self.peaks[-1] / self.peaks[0])
 
 
 def run(given: Loops, steps: int, parts: int = 10) -> FinalState:

@@ -104,8 +104,7 @@ def loop_matrix(plants: Sequence[SampledPlant], environment: StateSpace) -> Matr
 def _layout(plants: Sequence[SampledPlant], environment: StateSpace) -> tuple[list[slice], slice, list[slice]]:
     """Return the places of the states of each plant, of the environment, and of the earlier forces of each axis."""
     orders = [len(plant.transition) for plant in plants]
-    memories = [plant.whole + bool(plant.fraction) for plant in plants]
-    ends = np.cumsum([*orders, environment.order, *memories]).tolist()
+    ends = np.cumsum([*orders, environment.order, *[plant.whole + bool(plant.fraction) for plant in plants]]).tolist()
     parts = [slice(*edge) for edge in zip([0, *ends[:-1]], ends, strict=True)]
     return parts[: len(plants)], parts[len(plants)], parts[len(plants) + 1 :]
 
@@ -157,8 +156,7 @@ def without_shifts(matrix: Matrix, plants: Sequence[SampledPlant], environment: 
     modes = modes @ np.linalg.inv(directions[list(chosen)])
     pivots = [starts[place].start for place in chosen]
     kept = np.delete(np.arange(len(matrix)), pivots)
-    rest: Matrix = matrix[np.ix_(kept, kept)] - modes[kept] @ matrix[np.ix_(pivots, kept)]
-    return rest
+    return np.asarray(matrix[np.ix_(kept, kept)] - modes[kept] @ matrix[np.ix_(pivots, kept)])
 
 
 def growth(plants: Sequence[SampledPlant], environment: StateSpace) -> float:

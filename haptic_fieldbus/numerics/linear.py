@@ -31,6 +31,11 @@ class StateSpace:
         return bool(np.any(self.b[:, 1]) or np.any(self.d[:, 1]))
 
 
+def system_of(*matrices: list[list[float]]) -> StateSpace:
+    """Return a system from the rows of A, B, C and D."""
+    return StateSpace(*(np.array(rows, dtype=float) for rows in matrices))
+
+
 def gain(d: list[list[float]]) -> StateSpace:
     """Return a system without states, y = D u; `d` holds n_out rows of n_in numbers."""
     matrix = np.array(d, dtype=float)
@@ -172,5 +177,4 @@ def velocity_filter(system: StateSpace, period: float) -> StateSpace:
 def filter_delay(system: StateSpace, period: float) -> float:
     """Return the delay of a slow change of velocity in a filter with G(1) = 1 [s]; `period` in s."""
     rest = np.eye(system.order) - system.a
-    twice = np.linalg.solve(rest, np.linalg.solve(rest, system.b))
-    return period * float((system.c @ twice)[0, 0])
+    return period * float((system.c @ np.linalg.solve(rest, np.linalg.solve(rest, system.b)))[0, 0])

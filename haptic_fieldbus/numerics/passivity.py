@@ -100,8 +100,7 @@ def damping_needed(environment: StateSpace, period: float, delay: float, lag: fl
 
 def _needed(force: Complex, behind: Hold) -> Array:
     along = (force * behind.displacement).real
-    needed: Array = 0.5 * (along + np.sqrt(np.abs(force) ** 2 * behind.spread + along**2))
-    return needed
+    return np.asarray(0.5 * (along + np.sqrt(np.abs(force) ** 2 * behind.spread + along**2)))
 
 
 def largest_gain(
@@ -122,8 +121,7 @@ def largest_gain(
         rest = np.abs(h) ** 2 * behind.spread + 4.0 * damping * ((h * behind.displacement).real - damping)
         root = mixed + np.sqrt(np.maximum(mixed**2 - 4.0 * squared * rest, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            found: Array = np.where(rest < 0.0, np.maximum(root, 0.0) / (-2.0 * rest), math.inf)
-        return found
+            return np.asarray(np.where(rest < 0.0, np.maximum(root, 0.0) / (-2.0 * rest), math.inf))
 
     if not damping:
         return 0.0

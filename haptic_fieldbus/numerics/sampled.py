@@ -114,8 +114,7 @@ def sample(a: Matrix, b: Matrix, period: float, delay: float) -> SampledPlant:
     whole, fraction = split_delay(delay, period)
     first_transition, first = zoh(a, b, fraction)
     rest_transition, rest = zoh(a, b, period - fraction)
-    transition = rest_transition @ first_transition
-    return SampledPlant(transition, rest_transition @ first, rest, whole, fraction, _shift(a))
+    return SampledPlant(rest_transition @ first_transition, rest_transition @ first, rest, whole, fraction, _shift(a))
 
 
 def _shift(a: Matrix) -> Matrix | None:
@@ -202,8 +201,7 @@ def without_shift(matrix: Matrix, plant: SampledPlant, environment: StateSpace) 
     mode = np.zeros(len(matrix))
     order = len(plant.transition)
     mode[:order], mode[order : order + environment.order] = plant.shift, state
-    rest: Matrix = matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:])
-    return rest
+    return np.asarray(matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:]))
 
 
 def scaled(environment: StateSpace, factor: float) -> StateSpace:

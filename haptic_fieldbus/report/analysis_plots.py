@@ -111,8 +111,7 @@ def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
         values = np.array([np.nan if value is None else value for value in curve])
         panel.plot(1e3 * periods, values, **line(method, f"{method}: {told}", marked=False))
         if at_period is not None:
-            look = line(method)
-            panel.plot([1e3 * model.period], [at_period], **look | {"linestyle": "none", "label": "_"})
+            panel.plot([1e3 * model.period], [at_period], **line(method) | {"linestyle": "none", "label": "_"})
     panel.axvline(1e3 * model.period, color=GREY, linewidth=1.0, linestyle=":")
     panel.axhspan(1.0, GROWN, color=FAILS, linewidth=0, zorder=0)
     panel.set(xscale="log", ylim=(0.0, GROWN))
@@ -408,11 +407,8 @@ def _draw_map(
     else:
         kinds, shown = _kinds(values, outcome)
         shades = np.select([kinds == kind for kind in shown], [float(place) for place in range(len(shown))])
-        look = {
-            "cmap": ListedColormap([KINDS_OF_POINTS[kind] for kind in shown]),
-            "vmin": -0.5,
-            "vmax": len(shown) - 0.5,
-        }
+        colours = ListedColormap([KINDS_OF_POINTS[kind] for kind in shown])
+        look = {"cmap": colours, "vmin": -0.5, "vmax": len(shown) - 0.5}
     for direction, each in (("x", x), ("y", y)):
         _spaced(panel, direction, each)
     across, upward = np.unique(x), np.unique(y)
@@ -455,18 +451,16 @@ def draw_identified(found: IdentifiedBench) -> Figure:
         f"delay and lag {interval_text(values['delay_and_lag'])}"
     ]
     drawn = figure(13.0, 11.0, f"Inertia {interval_text(values['inertia'])}", told)
-    (motion, error), (size, friction), (phase, travel), (shared, blank) = drawn.subplots(
-        4, 2, height_ratios=(1.0, 1.0, 1.0, 0.5)
-    )
+    panels = drawn.subplots(4, 2, height_ratios=(1.0, 1.0, 1.0, 0.5))
+    (motion, error), (size, friction), (phase, travel), (shared, blank) = panels
     blank.set_axis_off()
     begin = 0.0
     for record, colour, label in ((used, BLUE, "used in the fit"), (unused, ORANGE, "predicted only")):
         times: Array = begin + record.period * np.arange(len(record.positions), dtype=float)
         begin = float(times[-1])
         motion.plot(*thin(times, np.array(record.positions)), color=colour, linewidth=1.2, label=label)
-        error.plot(
-            *thin(times[unsettled_samples(record) :], prediction_errors(fit.model, record)), color=colour, linewidth=0.8
-        )
+        settled = times[unsettled_samples(record) :]
+        error.plot(*thin(settled, prediction_errors(fit.model, record)), color=colour, linewidth=0.8)
     dress(motion, "motion of the motor", "time [s]", "angle [rad]")
     dress(error, "prediction error", "time [s]", "error [counts]")
     frequencies, response, coherence = measured_response(used)
@@ -515,8 +509,7 @@ def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: Shaft
 
 def _degrees(response: Array) -> Array:
     """Return the phase between −360° and 0°."""
-    turned: Array = -np.mod(-np.degrees(np.angle(response)), 360.0)
-    return turned
+    return np.asarray(-np.mod(-np.degrees(np.angle(response)), 360.0))
 
 
 def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
@@ -524,10 +517,12 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
     length = 2 * len(record.positions) // (SEGMENTS + 1)
     window = np.hanning(length)
     torque, angle, both = (np.zeros(length // 2 + 1, dtype) for dtype in (float, float, complex))
+    times = np.arange(length)
     for number in range(SEGMENTS):
         here = slice(number * length // 2, number * length // 2 + length)
-        u, y = (np.fft.rfft(window * _straightened(np.array(each[here])))
-                for each in (record.torques, record.positions))  # fmt: skip
+        parts = [np.array(each[here]) for each in (record.torques, record.positions)]
+        # Without its mean and slope.
+        u, y = (np.fft.rfft(window * (part - np.polyval(np.polyfit(times, part, 1), times))) for part in parts)
         torque, angle, both = torque + abs(u) ** 2, angle + abs(y) ** 2, both + y * np.conj(u)
     frequencies = np.fft.rfftfreq(length, record.period)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -538,17 +533,9 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
     return frequencies[driven], response[driven], coherence[driven]
 
 
-def _straightened(values: Array) -> Array:
-    """Return values without their mean and slope."""
-    times = np.arange(len(values))
-    line: Array = values - np.polyval(np.polyfit(times, values, 1), times)
-    return line
-
-
 def modelled_response(model: ShaftModel, period: float, frequencies: Array) -> Array:
     """Return the response of the shaft without Coulomb friction, with the hold of the set-points."""
     s = 2j * math.pi * frequencies
     hold = (1.0 - np.exp(-s * period)) / (s * period)
     shaft = 1.0 / (s * (model.inertia * s + model.damping))
-    response: Array = hold * np.exp(-s * model.delay) / (1.0 + s * model.lag) * shaft
-    return response
+    return np.asarray(hold * np.exp(-s * model.delay) / (1.0 + s * model.lag) * shaft)

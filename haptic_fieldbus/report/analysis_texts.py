@@ -25,15 +25,7 @@ from haptic_fieldbus.numerals import (
 )
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.transfer import difference_equation, fraction
-from haptic_fieldbus.planning.explain import (
-    delay_text,
-    limit_text,
-    nominal_texts,
-    passive_to,
-    place_texts,
-    up_to,
-    worst_texts,
-)
+from haptic_fieldbus.planning import explain
 from haptic_fieldbus.planning.plan import assumed_texts
 from haptic_fieldbus.planning.refusal import passivity_condition, verdict_text
 from haptic_fieldbus.protocols.traffic import Delay
@@ -159,9 +151,8 @@ def estimate_lines(found: Estimation, file: str) -> list[Line]:
     signal, estimate = found.signal, found.estimate
     duration = float(signal.times[-1] - signal.times[0])
     sampled = f"{len(signal.times)} rows, {rounded(duration)} s at {rounded(1.0 / found.period, 6)} Hz"
-    uneven = (
-        f", samples up to {percent(found.unevenness)} of a period early or late" if found.unevenness > UNEVEN else ""
-    )
+    late = f", samples up to {percent(found.unevenness)} of a period early or late"
+    uneven = late if found.unevenness > UNEVEN else ""
     return [
         ("signal", f"{file}: {_range(signal.quantity, signal.values)}, in steps of {rounded(found.resolution)}"),
         ("", f"{sampled}{uneven}"),
@@ -239,11 +230,11 @@ def stability_rows(judgement: Judgement) -> Iterator[OutputRow]:
     yield OutputRow("ways", (way.text() for way in ways), "ways", [way.to_json() for way in ways])
     yield from (OutputRow("assumed", [text]) for text in assumed_texts(assumed))
     yield OutputRow(key="assumed", value=list(assumed))
-    yield OutputRow("limit", [limit_text(stability)])
-    yield OutputRow("", worst_texts(stability, space, judgement.group))
+    yield OutputRow("limit", [explain.limit_text(stability)])
+    yield OutputRow("", explain.worst_texts(stability, space, judgement.group))
     yield OutputRow("nominal", _nominal(judgement))
     yield OutputRow("radius", [f"spectral radius {rounded(stability.spectral_radius, 9)} (below 1 decays)"])
-    yield OutputRow("place", place_texts(stability, space))
+    yield OutputRow("place", explain.place_texts(stability, space))
     is_limited = math.isfinite(stability.effort)
     held = f"up to {in_unit(stability.effort, space.effort_unit)}" if is_limited else "a hand"
     above = stability.verdict is Verdict.STABLE and not stability.is_inside
@@ -262,7 +253,7 @@ def _devices(judgement: Judgement) -> Iterator[OutputRow]:
         yield OutputRow("device", [f"{name}{text}" for text in texts])
         # A device has no parts of its delay, and ideal torque.
         delay = judgement.delays.get(member.name) or Delay(member.delay, 0.0, 0.0, 0.0)
-        yield OutputRow("delay", [f"{name}{delay_text(delay, judgement.stability.period_s)}"])
+        yield OutputRow("delay", [f"{name}{explain.delay_text(delay, judgement.stability.period_s)}"])
 
 
 def notes(judgement: Judgement) -> list[Line]:
@@ -321,11 +312,11 @@ def _step(plant: Plant) -> str:
 
 def _nominal(judgement: Judgement) -> Iterator[str]:
     """Yield the limits at the nominal values, last with the share `UNCERTAIN` of the friction."""
-    yield from nominal_texts(judgement.stability)
+    yield from explain.nominal_texts(judgement.stability)
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less, unit = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit, judgement.stability.unit
     if less.stable is not None and less.passive is not None:
         # With stated friction, passivity is told once, with its condition.
-        passive = "" if passivity_condition(judgement.stability) else f", {passive_to(less.passive, unit)}"
+        passive = "" if passivity_condition(judgement.stability) else f", {explain.passive_to(less.passive, unit)}"
         share = f"with {exactly(UNCERTAIN)} times damping and Coulomb friction"
-        yield f"{share}: stable {up_to(less.stable, unit)}{passive}"
+        yield f"{share}: stable {explain.up_to(less.stable, unit)}{passive}"

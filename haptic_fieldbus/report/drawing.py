@@ -141,14 +141,7 @@ LOOKS = {
     "kalman-acceleration": CurveStyle(GREEN, "<", "--"),
     "tick-interval": CurveStyle(GREY, "h", ":"),
 }
-OTHERS = (
-    CurveStyle(BLUE, "o", ":"),
-    CurveStyle(VERMILION, "s", ":"),
-    CurveStyle(GREEN, "^", ":"),
-    CurveStyle(PURPLE, "D", ":"),
-    CurveStyle(ORANGE, "v", ":"),
-    CurveStyle(SKY, "P", ":"),
-)
+OTHERS = [CurveStyle(*look, ":") for look in zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), "os^DvP", strict=True)]
 
 
 def look_of(name: str) -> CurveStyle:
@@ -191,8 +184,7 @@ def figure(height: float, width: float = WIDTH, title: str = "", subtitle: Seque
 def dress(panel: Axes, title: str = "", x: str = "", y: str = "") -> None:
     """Give a panel a title, labels of its axes with units, and a light grid."""
     panel.set_title(title, loc="left", size=PANEL_SIZE, color=INK)
-    panel.set_xlabel(x)
-    panel.set_ylabel(y)
+    panel.set(xlabel=x, ylabel=y)
     panel.grid(visible=True, which="major", color=GRID, linewidth=0.8)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
@@ -410,8 +402,7 @@ def is_smear(values: Array) -> bool:
     least = SWING * float(np.ptp(shown)) if len(shown) else 0.0
     turns, rising, extreme = 0, True, float(shown[0]) if len(shown) else 0.0
     for value in shown.tolist():
-        ahead = value > extreme if rising else value < extreme
-        if ahead:
+        if value > extreme if rising else value < extreme:
             extreme = value
         elif abs(value - extreme) > least:
             turns, rising, extreme = turns + 1, not rising, value

@@ -99,8 +99,7 @@ def draw_law(panel: Axes, trace: Trace, elements: Sequence[object], effort: floa
         panel.axvline(stop * units.per_length, color=PURPLE, linewidth=1.2, label=None if number else label)
     room = AROUND * (max(shown) - min(shown) or 1e-3)
     panel.set_ylim(min(shown) - room, max(shown) + room)
-    panel.set_ylabel(f"{units.effort_name} [{units.effort}]")
-    panel.set_xlabel(f"position [{units.length}]")
+    panel.set(xlabel=f"position [{units.length}]", ylabel=f"{units.effort_name} [{units.effort}]")
 
 
 def law_at_rest(elements: Sequence[object], places: Array) -> Array | None:

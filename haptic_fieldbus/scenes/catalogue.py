@@ -3,21 +3,12 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, cast
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.documents.quantities import with_units
 from haptic_fieldbus.errors import wrong_kind
-from haptic_fieldbus.scenes.files import (
-    LIBRARY,
-    SceneFile,
-    ScenePart,
-    apply_settings,
-    check_together,
-    elements_of,
-    raise_faults,
-    read_parts,
-)
+from haptic_fieldbus.scenes import files
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements, quantities
 from haptic_fieldbus.scenes.scene import MadeFor, Scene, SceneAxis
@@ -28,7 +19,7 @@ Setting = float | str | bool
 
 def scene_names() -> list[str]:
     """Return the names of the shipped scenes, sorted."""
-    return file_names(LIBRARY)
+    return file_names(files.LIBRARY)
 
 
 @own_faults()
@@ -40,38 +31,28 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
     """
     if not isinstance(settings, Mapping | None):
         raise wrong_kind("settings", 'a mapping such as {"wall.stiffness": 800.0}', settings)
-    path = file_of("scene", name_or_path, LIBRARY)
-    parts = read_parts(path)
-    apply_settings(parts, settings or {}, path.stem)
-    axes = check_together(parts)
+    path = file_of("scene", name_or_path, files.LIBRARY)
+    parts = files.read_parts(path)
+    files.apply_settings(parts, settings or {}, path.stem)
+    axes = files.check_together(parts)
     # All parts are validated before the first fault is raised, so that one error lists them all.
-    elements = [element for part in parts for element in elements_of(part, axes)]
-    raise_faults(parts)
-    frame = parts[-1].frame
+    elements = [element for part in parts for element in files.elements_of(part, axes)]
+    files.raise_faults(parts)
+    frame = cast(files.SceneFile, parts[-1].frame)  # one that could not be read is a fault
+    told = [part.frame.passivity for part in parts if part.frame is not None and part.frame.passivity]
     return Scene(
         name=path.stem,
-        description=frame.description if frame is not None else "",
+        description=frame.description,
         axes=tuple(SceneAxis(name, workspace, _held(parts, name)) for name, workspace in axes.items()),
         elements=tuple(elements),
         source=str(path),
-        hand=frame.hand if frame is not None else None,
-        passivity=_passivity(parts),
-        made_for=_made_for(parts[-1].frame),
+        hand=frame.hand,
+        passivity=told[-1] if told else "observer",  # that of the last file that names one
+        made_for=MadeFor(made.rate, made.drive) if (made := frame.made_for) else None,
     )
 
 
-def _made_for(frame: SceneFile | None) -> MadeFor | None:
-    found = None if frame is None else frame.made_for
-    return None if found is None else MadeFor(found.rate, found.drive)
-
-
-def _passivity(parts: list[ScenePart]) -> Literal["observer", "controller"]:
-    """Return the passivity of the last file that names one."""
-    told = [part.frame.passivity for part in parts if part.frame is not None and part.frame.passivity]
-    return told[-1] if told else "observer"
-
-
-def _held(parts: list[ScenePart], axis: str) -> bool | None:
+def _held(parts: list[files.ScenePart], axis: str) -> bool | None:
     """Return whether the hand holds an axis, by the last file that states it; None when no file does."""
     frames = [part.frame for part in parts if part.frame is not None and axis in part.frame.axis]
     told = [held for frame in frames if (held := frame.axis[axis].held) is not None]
@@ -91,7 +72,7 @@ def scene_schema(*, own: bool = False) -> dict[str, Any]:
 
     With `own` it has the elements that other packages add too.
     """
-    schema = schema_of(SceneFile)
+    schema = schema_of(files.SceneFile)
     definitions = schema.setdefault("$defs", {})
     names = {kind: element_type(kind).__name__ for kind in ELEMENTS}
     if own:

@@ -27,6 +27,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import (
     STRICT,
     AnyRatio,
+    Damped,
     Damping,
     NonNegativeLength,
     PairLaw,
@@ -34,11 +35,10 @@ from haptic_fieldbus.scenes.element import (
     Stiffness,
     TwoAxes,
 )
-from haptic_fieldbus.signals import Signal
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(Damped):
     """A spring of `stiffness` and a damper of `damping` between the first of `axes` and `ratio` times the second.
 
     `dead_band` is the play on either side, `saturation` the largest force on the first axis. `ratio` defaults to 1;
@@ -65,11 +65,6 @@ class Coupling:
     def transmission(self) -> float:
         """The ratio in use: 1 when none is given."""
         return 1.0 if self.ratio is None else self.ratio
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        """Position, and velocity only with damping."""
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> PairLaw:
         """Return a law without memory; not-a-number on either axis gives not-a-number on both."""

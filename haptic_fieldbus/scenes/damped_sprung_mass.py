@@ -12,15 +12,12 @@ period: K·Σ(Δx)²/2 for its spring, and for its damper as much as any held da
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, Damping, Mass, Stiffness
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Mass, Stiffness
 
 
 @dataclass(frozen=True)
-class DampedSprungMass:
+class DampedSprungMass(Damped):
     """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad].
 
     `damping` acts beside the spring, `drag` between the mass and ground [N·s/m or N·m·s/rad].
@@ -35,20 +32,11 @@ class DampedSprungMass:
     __pydantic_config__: ClassVar = STRICT
 
     @property
-    def needs(self) -> tuple[Signal, ...]:
-        """Position, and velocity only with damping: a mass with drag alone follows the position."""
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
-
-    @property
     def dynamics(self) -> StateSpace:
         """States (position, velocity) of the mass, inputs (position, velocity) of the handle, output its force."""
         k, b, m = self.stiffness, self.damping, self.mass
-        return StateSpace(
-            a=np.array([[0.0, 1.0], [-k / m, -(b + self.drag) / m]]),
-            b=np.array([[0.0, 0.0], [k / m, b / m]]),
-            c=np.array([[k, b]]),
-            d=np.array([[-k, -b]]),
-        )
+        rates = [[0.0, 1.0], [-k / m, -(b + self.drag) / m]]
+        return system_of(rates, [[0.0, 0.0], [k / m, b / m]], [[k, b]], [[-k, -b]])
 
     def linearised(self) -> StateSpace:
         """Return the dynamics: the element is linear."""

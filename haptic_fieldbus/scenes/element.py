@@ -80,8 +80,7 @@ def hinge(depth: Interval, stiffness: float, damping: float, inwards: float, sat
         return Local((0.0, 0.0), (0.0, 0.0))
     push = tuple(min(stiffness * max(each, 0.0), saturation) for each in depth)
     in_reach = stiffness * least <= saturation
-    always = least > 0.0 and stiffness * most < saturation
-    slope = (stiffness if always else 0.0, stiffness if in_reach else 0.0)
+    slope = (stiffness if least > 0.0 and stiffness * most < saturation else 0.0, stiffness if in_reach else 0.0)
     return Local(outwards((push[0], push[1]), inwards), slope, damping)
 
 
@@ -194,6 +193,17 @@ class Element(AnyElement, Protocol):
 
     @property
     def axis(self) -> str: ...
+
+
+class Damped:
+    """Base of elements that need the velocity for their damping alone: without damping the plan has no estimator."""
+
+    damping: float
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        """Position, and velocity only with damping."""
+        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
 
 @runtime_checkable

@@ -13,12 +13,11 @@ from typing import ClassVar
 
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Local, Place, Stiffness, depths, either, hinge
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Law, Local, Place, Stiffness, depths, either, hinge
 
 
 @dataclass(frozen=True)
-class EndStop:
+class EndStop(Damped):
     """Stops at `lower` and `upper` [m or rad], of `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad]."""
 
     axis: str
@@ -33,11 +32,6 @@ class EndStop:
         """Raise ValueError unless `lower` is below `upper`."""
         if not self.lower < self.upper:
             raise ValueError(f"lower {exactly(self.lower)}: expected less than upper, {exactly(self.upper)}")
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        """Position, and velocity only with damping."""
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
     def force(self) -> Law:

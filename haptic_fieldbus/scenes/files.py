@@ -154,25 +154,21 @@ def _name_elements(document: Document) -> dict[int, str]:
     kinds: dict[int, str] = {}
     names: set[object] = set()
     for index, table in tables.items():
-        kind = table.get("kind")
+        kind, place = table.get("kind"), ("element", index, "name")
         if not isinstance(kind, str) or not _is_known(document, index, kind):
-            document.refuse(
-                ("element", index, "kind"),
-                f"a kind of element, see docs/reference/elements.md{suggestion(str(kind or ''), kind_names())}",
-            )
+            near = suggestion(str(kind or ""), kind_names())
+            document.refuse(("element", index, "kind"), f"a kind of element, see docs/reference/elements.md{near}")
             continue
         if "name" not in table and given.count(kind) > 1:
-            document.fault(
-                ("element", index, "name"), f'missing; expected a name, because the kind "{kind}" is used twice'
-            )
+            document.fault(place, f'missing; expected a name, because the kind "{kind}" is used twice')
         kinds[index] = kind
         del table["kind"]
         name = str(table.setdefault("name", kind))
         # A setting on the command line is split at its first equals sign, so a name must have none.
         if not name or "=" in name:
-            document.refuse(("element", index, "name"), "a non-empty string, without =")
+            document.refuse(place, "a non-empty string, without =")
         if name in names:
-            document.fault(("element", index, "name"), f'"{name}" is used twice; expected a unique name')
+            document.fault(place, f'"{name}" is used twice; expected a unique name')
         names.add(name)
     return kinds
 
@@ -298,8 +294,7 @@ def raise_faults(parts: list[ScenePart]) -> None:
 def _in_file(fault: Fault, source: str, main: str) -> Fault:
     if source == main:
         return fault
-    line = "" if fault.line is None else f"line {fault.line}: "
-    return Fault(f"in {source}: {line}{fault.key}", fault.message)
+    return Fault(f"in {source}: {'' if fault.line is None else f'line {fault.line}: '}{fault.key}", fault.message)
 
 
 def _workspace(document: Document, index: int, axes: Mapping[str, Workspace]) -> Workspace | None:
@@ -320,11 +315,9 @@ def check_ratio(document: Document, index: int, kind: type[AnyElement], axes: Ma
     """Note a fault when a coupling of a linear and a rotary axis gives no ratio: with a unit it has no default."""
     spaces = [axes[name] for path in _axis_paths(document, index) if (name := str(document.value(*path))) in axes]
     if len(set(spaces)) > 1 and "ratio" in parameters(kind) and document.value("element", index, "ratio") is None:
-        first, second = (space.length_unit for space in spaces[:2])
-        text = (
-            f"missing; expected a number: motion of the {spaces[0].value} axis per motion of the {spaces[1].value} axis"
-        )
-        document.fault(("element", index, "ratio"), f"{text} [{first}/{second}]")
+        one, other = spaces[:2]
+        text = f"missing; expected a number: motion of the {one.value} axis per motion of the {other.value} axis"
+        document.fault(("element", index, "ratio"), f"{text} [{one.length_unit}/{other.length_unit}]")
 
 
 def convert(document: Document, index: int, kind: type[AnyElement], axes: Mapping[str, Workspace]) -> None:

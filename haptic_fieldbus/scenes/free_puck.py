@@ -14,15 +14,12 @@ period.
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, Damping, Mass, Stiffness
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Mass, Stiffness
 
 
 @dataclass(frozen=True)
-class FreePuck:
+class FreePuck(Damped):
     """A coupling of `stiffness` and `damping` to a puck of mass `puck`, with another `mass` behind the spring `spring`.
 
     Stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, masses in kg or kg·m².
@@ -39,26 +36,17 @@ class FreePuck:
     __pydantic_config__: ClassVar = STRICT
 
     @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
-
-    @property
     def dynamics(self) -> StateSpace:
         """States (position, velocity) of puck and mass, inputs (position, velocity) of the handle, output its force."""
-        stiffness, damping, spring = self.stiffness, self.damping, self.spring
-        return StateSpace(
-            a=np.array(
-                [
-                    [0.0, 1.0, 0.0, 0.0],
-                    [-(stiffness + spring) / self.puck, -damping / self.puck, spring / self.puck, 0.0],
-                    [0.0, 0.0, 0.0, 1.0],
-                    [spring / self.mass, 0.0, -spring / self.mass, 0.0],
-                ]
-            ),
-            b=np.array([[0.0, 0.0], [stiffness / self.puck, damping / self.puck], [0.0, 0.0], [0.0, 0.0]]),
-            c=np.array([[stiffness, damping, 0.0, 0.0]]),
-            d=np.array([[-stiffness, -damping]]),
-        )
+        k, b, spring, puck, mass = self.stiffness, self.damping, self.spring, self.puck, self.mass
+        rates = [
+            [0.0, 1.0, 0.0, 0.0],
+            [-(k + spring) / puck, -b / puck, spring / puck, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [spring / mass, 0.0, -spring / mass, 0.0],
+        ]
+        by_handle = [[0.0, 0.0], [k / puck, b / puck], [0.0, 0.0], [0.0, 0.0]]
+        return system_of(rates, by_handle, [[k, b, 0.0, 0.0]], [[-k, -b]])
 
     def linearised(self) -> StateSpace:
         """Return the dynamics: the element is linear."""

@@ -27,10 +27,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from haptic_fieldbus.numerics import condition
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
 from haptic_fieldbus.scenes.element import (
     STRICT,
     Acceleration,
@@ -103,9 +101,4 @@ class Inertia:
     def linearised(self) -> StateSpace:
         """Return the side with the whole mass: state filtered velocity, inputs (position, velocity), output force."""
         rate = 1.0 / self.time_constant
-        return StateSpace(
-            a=np.array([[-rate]]),
-            b=np.array([[0.0, rate]]),
-            c=np.array([[self.mass * rate]]),
-            d=np.array([[0.0, -self.mass * rate]]),
-        )
+        return system_of([[-rate]], [[0.0, rate]], [[self.mass * rate]], [[0.0, -self.mass * rate]])

@@ -62,10 +62,8 @@ class Magnet:
         # The force has its extremes at ±1/√5, the slope at 0 and ±√(3/5); both are 0 from ±1 on.
         pulls = [_pull(each) for each in (*ends, *(u for u in (-(0.2**0.5), 0.2**0.5) if ends[0] < u < ends[1]))]
         slopes = [_slope(each) for each in (*ends, *(u for u in (-(0.6**0.5), 0.0, 0.6**0.5) if ends[0] < u < ends[1]))]
-        most = self.pull / LARGEST_PULL
-        return Local(
-            (-most * max(pulls), -most * min(pulls)), (self.stiffness * min(slopes), self.stiffness * max(slopes))
-        )
+        most, steep = self.pull / LARGEST_PULL, self.stiffness
+        return Local((-most * max(pulls), -most * min(pulls)), (steep * min(slopes), steep * max(slopes)))
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
         """Return places all over the magnet."""

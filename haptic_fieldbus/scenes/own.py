@@ -37,10 +37,9 @@ class OwnElement:
 
 def own_type(kind: str) -> type[AnyElement]:
     """Import the class of a kind; KeyError for an unknown one, UsageError that names package, entry point and fault."""
-    entries = own_entry_points(GROUP)[kind]
     if not _KIND.fullmatch(kind):
         fault = "its name is no kind; expected a letter, then letters, digits, _, - or ."
-        raise UsageError(f'element "{kind}" of {places_of(entries)}: {fault}')
+        raise UsageError(f'element "{kind}" of {places_of(own_entry_points(GROUP)[kind])}: {fault}')
     return cast(type[AnyElement], own_part(GROUP, "element", kind, _faults))
 
 

@@ -92,8 +92,7 @@ def _classes(element: AnyElement) -> tuple[str, ...]:
 def check_shapes(scene: Scene) -> None:
     """Raise UsageError for own elements whose needs or linear models have a wrong form."""
     own = [each for each in scene.elements if _is_own(type(each).__module__)]
-    faults = [f"scene: element {each.name}: {fault}" for each in own if (fault := shape_fault(each))]
-    raise_all(faults)
+    raise_all([f"scene: element {each.name}: {fault}" for each in own if (fault := shape_fault(each))])
 
 
 def shape_fault(element: AnyElement) -> str:

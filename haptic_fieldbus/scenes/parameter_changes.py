@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, cast
 
 from haptic_fieldbus.documents import Document, suggestion, table_of
 from haptic_fieldbus.errors import SceneError, UsageError
@@ -34,14 +34,10 @@ def with_axes(scene: Scene, names: Mapping[str, str]) -> Scene:
     return replace(scene, axes=axes, elements=tuple(_renamed(element, names) for element in scene.elements))
 
 
-def _renamed(element: AnyElement, names: Mapping[str, str]) -> AnyElement:
-    made: Any = element
-    if hasattr(made, "axis"):
-        made = replace(made, axis=names.get(made.axis, made.axis))
-    else:
-        made = replace(made, axes=tuple(names.get(name, name) for name in made.axes))
-    renamed: AnyElement = made
-    return renamed
+def _renamed(element: Any, names: Mapping[str, str]) -> AnyElement:
+    if hasattr(element, "axis"):
+        return cast(AnyElement, replace(element, axis=names.get(element.axis, element.axis)))
+    return cast(AnyElement, replace(element, axes=tuple(names.get(name, name) for name in element.axes)))
 
 
 def changed(scene: Scene, settings: Mapping[str, object]) -> Scene:
@@ -89,8 +85,7 @@ def _unchecked(document: Document, place: int, element: Any, given: Mapping[str,
     if texts:
         return None
     try:
-        changed_element: AnyElement = replace(element, **given)
+        return cast(AnyElement, replace(element, **given))
     except (TypeError, ValueError) as error:  # its own __post_init__ may refuse a value
         document.fault(("element", place), f"{element.name}: {error}")
         return None
-    return changed_element

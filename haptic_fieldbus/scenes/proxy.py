@@ -15,12 +15,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Place, Stiffness
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Law, Place, Stiffness
 
 
 @dataclass(frozen=True)
-class Proxy:
+class Proxy(Damped):
     """A surface at `position` [m or rad] with `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad]."""
 
     axis: str
@@ -29,10 +28,6 @@ class Proxy:
     damping: Damping = 0.0
     name: str = "proxy"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the side of the proxy: that on which the handle first left the surface."""

@@ -90,8 +90,7 @@ def element_type(kind: str) -> type[AnyElement]:
     """Return the class of a kind; KeyError for an unknown one, UsageError where the package that adds it is broken."""
     if kind in ELEMENTS:
         module, name = ELEMENTS[kind]
-        found: type[AnyElement] = getattr(import_module(module), name)
-        return found
+        return cast(type[AnyElement], getattr(import_module(module), name))
     from haptic_fieldbus.scenes.own import own_type
 
     return own_type(kind)
@@ -107,8 +106,7 @@ def kind_names() -> list[str]:
 def kind_of(element: type[AnyElement]) -> str | None:
     """Return the kind of a class; None for one that no scene file can name."""
     place = (element.__module__, element.__qualname__)
-    shipped = next((kind for kind, known in ELEMENTS.items() if known == place), None)
-    if shipped is not None:
+    if shipped := next((kind for kind, known in ELEMENTS.items() if known == place), None):
         return shipped
     from haptic_fieldbus.scenes.own import own_kind
 

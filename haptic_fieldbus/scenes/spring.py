@@ -19,6 +19,7 @@ from haptic_fieldbus.numerics import condition
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import (
     STRICT,
+    Damped,
     Damping,
     Law,
     Local,
@@ -31,11 +32,10 @@ from haptic_fieldbus.scenes.element import (
     either,
     hinge,
 )
-from haptic_fieldbus.signals import Signal
 
 
 @dataclass(frozen=True)
-class Spring:
+class Spring(Damped):
     """A spring of `stiffness` [N/m or N·m/rad] about `position` [m or rad], with `damping` [N·s/m or N·m·s/rad].
 
     `dead_band` [m or rad] is free play on either side. The coefficients are the shares of stiffness and damping on the
@@ -57,11 +57,6 @@ class Spring:
 
     def __post_init__(self) -> None:
         condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "stiffness")
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        """Position, and velocity only with damping."""
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
     def force(self) -> Law:

@@ -11,9 +11,7 @@ Euler at every period (|λ| = √(1 + k·T²/m)).
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
 from haptic_fieldbus.scenes.element import STRICT, Mass, Stiffness
 from haptic_fieldbus.signals import Signal
 
@@ -32,13 +30,8 @@ class SprungMass:
     @property
     def dynamics(self) -> StateSpace:
         """States (position, velocity) of the mass, inputs (position, velocity) of the handle, output its force."""
-        stiffness, mass = self.stiffness, self.mass
-        return StateSpace(
-            a=np.array([[0.0, 1.0], [-stiffness / mass, 0.0]]),
-            b=np.array([[0.0, 0.0], [stiffness / mass, 0.0]]),
-            c=np.array([[stiffness, 0.0]]),
-            d=np.array([[-stiffness, 0.0]]),
-        )
+        k, m = self.stiffness, self.mass
+        return system_of([[0.0, 1.0], [-k / m, 0.0]], [[0.0, 0.0], [k / m, 0.0]], [[k, 0.0]], [[-k, 0.0]])
 
     def linearised(self) -> StateSpace:
         """Return the dynamics: the element is linear."""

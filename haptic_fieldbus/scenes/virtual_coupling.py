@@ -16,15 +16,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-import numpy as np
-
-from haptic_fieldbus.numerics.linear import StateSpace, foh
-from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Mass, NonNegativeStiffness, Place, Stiffness, below
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.numerics.linear import StateSpace, foh, system_of
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    Damped,
+    Damping,
+    Law,
+    Mass,
+    NonNegativeStiffness,
+    Place,
+    Stiffness,
+    below,
+)
 
 
 @dataclass(frozen=True)
-class VirtualCoupling:
+class VirtualCoupling(Damped):
     """A tool of `mass`, coupled by `stiffness` and `damping`, and a wall of `wall_stiffness` that starts at `wall`.
 
     The mass is in kg or kg·m², stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, the position
@@ -41,10 +48,6 @@ class VirtualCoupling:
     side: Literal["positive", "negative"] = "positive"
     name: str = "virtual_coupling"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
         """Return a law that remembers the tool, which starts at rest; lengths inside count from the wall into it."""
@@ -77,12 +80,8 @@ class VirtualCoupling:
     def _tool(self, wall_stiffness: float) -> StateSpace:
         """States (position, velocity) of the tool, inputs those of the handle, output the force on the handle."""
         k, b, m = self.stiffness, self.damping, self.mass
-        return StateSpace(
-            a=np.array([[0.0, 1.0], [-(k + wall_stiffness) / m, -b / m]]),
-            b=np.array([[0.0, 0.0], [k / m, b / m]]),
-            c=np.array([[k, b]]),
-            d=np.array([[-k, -b]]),
-        )
+        rates = [[0.0, 1.0], [-(k + wall_stiffness) / m, -b / m]]
+        return system_of(rates, [[0.0, 0.0], [k / m, b / m]], [[k, b]], [[-k, -b]])
 
     def linearised(self) -> StateSpace:
         """Return the tool in sustained contact with the wall."""

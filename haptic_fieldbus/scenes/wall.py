@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, Damping, Local, Place, Stiffness, below, depths, hinge
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import STRICT, Damped, Damping, Local, Place, Stiffness, below, depths, hinge
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(Damped):
     """A wall at `position` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad].
 
     `side` is the side of `position` on which its material lies. With `sides` "bilateral" a spring-damper holds the
@@ -34,11 +33,6 @@ class Wall:
     side: Literal["positive", "negative"] = "positive"
     name: str = "wall"
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        """Position, and velocity only with damping: without it the plan has no estimator."""
-        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def force(self, position: float, velocity: float = 0.0) -> float:
         """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""

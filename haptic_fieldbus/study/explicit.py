@@ -52,32 +52,18 @@ def _some_moved(states: States, rates: Sequence[float], span: float, which: tupl
 
 
 Inputs = tuple[float, ...]
-Step = Callable[[System, float, int, States, Inputs], tuple[States, States]]
-"""Function (system, period, sample, states, inputs) → (states at the sample, states that the next step begins with)."""
+Stepped = tuple[States, States]
+"""States at the sample, and the states that the next step begins with."""
+Step = Callable[[System, float, int, States, Inputs, Inputs], Stepped]
+"""Function (system, period, sample, states, inputs of the sample before, inputs) → states; at sample 0 both inputs are
+the same."""
 
 
-def _in_steps(step: Step) -> Callable[[System, float], Advance]:
-    """Return the function that binds a step."""
-
-    def bind(system: System, period: float) -> Advance:
-        states, sample = system.start, 0
-
-        def advance(*inputs: float) -> States:
-            nonlocal states, sample
-            now, states = step(system, period, sample, states, inputs)
-            sample += 1
-            return now
-
-        return advance
-
-    return bind
-
-
-def _forward_euler(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+def _forward_euler(system: System, period: float, sample: int, now: States, before: Inputs, inputs: Inputs) -> Stepped:
     return now, _moved(now, system.rates(sample * period, now, *inputs), period)
 
 
-def _semi_implicit(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+def _semi_implicit(system: System, period: float, sample: int, now: States, before: Inputs, inputs: Inputs) -> Stepped:
     """Kick, then drift; the velocities belong to half a period earlier."""
     rates, time = system.rates, sample * period
     acceleration = rates(time, now, *inputs)
@@ -87,13 +73,13 @@ def _semi_implicit(system: System, period: float, sample: int, now: States, inpu
     return now, _some_moved(kicked, rates(time, kicked, *inputs), period, system.positions)
 
 
-def _drift_first(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+def _drift_first(system: System, period: float, sample: int, now: States, before: Inputs, inputs: Inputs) -> Stepped:
     rates, time = system.rates, sample * period
     drifted = _some_moved(now, rates(time, now, *inputs), period, system.positions)
     return now, _some_moved(drifted, rates(time, drifted, *inputs), period, system.velocities)
 
 
-def _verlet(system: System, period: float, sample: int, now: States, inputs: Inputs) -> tuple[States, States]:
+def _verlet(system: System, period: float, sample: int, now: States, before: Inputs, inputs: Inputs) -> Stepped:
     """Half a kick completes v_n, then half a kick and a drift begin the next step."""
     rates, velocities, half, time = system.rates, system.velocities, 0.5 * period, sample * period
     if sample:
@@ -103,33 +89,26 @@ def _verlet(system: System, period: float, sample: int, now: States, inputs: Inp
     return now, _some_moved(kicked, rates(time, kicked, *inputs), period, system.positions)
 
 
-def _runge_kutta(system: System, period: float) -> Advance:
-    """Bind the classic Runge–Kutta method; the input halfway is the mean of the inputs at both ends."""
-    # The step to z_n needs u_n, so it is made when u_n arrives; the first call only remembers u_0.
-    states, sample, rates, half = system.start, -1, system.rates, 0.5 * period
-    before: tuple[float, ...] = ()
-
-    def advance(*inputs: float) -> States:
-        nonlocal states, sample, before
-        if sample >= 0:
-            time, middle = sample * period, [0.5 * (old + new) for old, new in zip(before, inputs, strict=True)]
-            first = rates(time, states, *before)
-            second = rates(time + half, _moved(states, first, half), *middle)
-            third = rates(time + half, _moved(states, second, half), *middle)
-            fourth = rates(time + period, _moved(states, third, period), *inputs)
-            slopes = zip(first, second, third, fourth, strict=True)
-            states = _moved(states, [a + 2.0 * (b + c) + d for a, b, c, d in slopes], period / 6.0)
-        sample, before = sample + 1, inputs
-        return states
-
-    return advance
+def _runge_kutta(system: System, period: float, sample: int, now: States, before: Inputs, inputs: Inputs) -> Stepped:
+    """Make the classic Runge–Kutta step to z_n; the input halfway is the mean of the inputs at both ends."""
+    # The step to z_n needs u_n, so it is made when u_n arrives; the first call has nothing to do.
+    if sample:
+        rates, half, time = system.rates, 0.5 * period, (sample - 1) * period
+        middle = [0.5 * (old + new) for old, new in zip(before, inputs, strict=True)]
+        first = rates(time, now, *before)
+        second = rates(time + half, _moved(now, first, half), *middle)
+        third = rates(time + half, _moved(now, second, half), *middle)
+        fourth = rates(time + period, _moved(now, third, period), *inputs)
+        slopes = zip(first, second, third, fourth, strict=True)
+        now = _moved(now, [a + 2.0 * (b + c) + d for a, b, c, d in slopes], period / 6.0)
+    return now, now
 
 
-EXPLICIT: dict[str, Callable[[System, float], Advance]] = {
-    "forward-euler": _in_steps(_forward_euler),
-    "semi-implicit": _in_steps(_semi_implicit),
-    "semi-implicit-drift-first": _in_steps(_drift_first),
-    "verlet": _in_steps(_verlet),
+EXPLICIT: dict[str, Step] = {
+    "forward-euler": _forward_euler,
+    "semi-implicit": _semi_implicit,
+    "semi-implicit-drift-first": _drift_first,
+    "verlet": _verlet,
     "rk4": _runge_kutta,
 }
 
@@ -146,4 +125,14 @@ def bind_rates(
         raise UsageError(f'"{method}" is not for nonlinear rates; there are: {", ".join(EXPLICIT)}')
     if not 0.0 < period < math.inf:
         raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
-    return EXPLICIT[method](System(rates, tuple(start), tuple(positions)), period)
+    step, system = EXPLICIT[method], System(rates, tuple(start), tuple(positions))
+    states, sample = system.start, 0
+    before: Inputs = ()
+
+    def advance(*inputs: float) -> States:
+        nonlocal states, before, sample
+        now, states = step(system, period, sample, states, before or inputs, inputs)
+        before, sample = inputs, sample + 1
+        return now
+
+    return advance

@@ -206,9 +206,8 @@ def _write(out: Path, sections: list[Section], rows: Mapping[str, object], text:
 
 
 def _write_json(path: Path, value: object) -> None:
-    path.write_text(
-        json.dumps(json_ready(value), ensure_ascii=False, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    text = json.dumps(json_ready(value), ensure_ascii=False, indent=1, allow_nan=False)
+    path.write_text(f"{text}\n", encoding="utf-8")
 
 
 def json_ready(value: object) -> object:

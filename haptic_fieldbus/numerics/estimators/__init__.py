@@ -13,12 +13,13 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
+from typing import cast
 
 from haptic_fieldbus.documents import nearest
 from haptic_fieldbus.documents.own_parts import OwnName, entry_point_names, foreign_part
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, ParameterValue
 from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
@@ -60,10 +61,8 @@ class ChosenEstimator:
         """
         if not 0.0 < period < math.inf:
             raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
-        defaults = {
-            parameter.key: resolution if parameter.default is None else parameter.default
-            for parameter in self.estimator.parameters
-        }
+        known = self.estimator.parameters
+        defaults = {each.key: resolution if each.default is None else each.default for each in known}
         setup = EstimatorSetup(period, resolution, defaults | self.given)
         self.estimator.check(setup)
         return setup
@@ -77,8 +76,7 @@ def estimator_named(name: str) -> Estimator:
             raise UsageError(_unknown(f'no estimator "{name}"', name, [*ESTIMATORS, *entry_point_names(GROUP)]))
         return own
     module = import_module(f"{__name__}.{ESTIMATORS[name]}")
-    found: Estimator = next(estimator for estimator in module.ESTIMATORS if estimator.name == name)
-    return found
+    return cast(Estimator, next(estimator for estimator in module.ESTIMATORS if estimator.name == name))
 
 
 def chosen(spec: str) -> ChosenEstimator:
@@ -95,15 +93,11 @@ def chosen(spec: str) -> ChosenEstimator:
             raise UsageError(_unknown(f'{name}: no parameter "{key}"', key, list(known)))
         if key in given:
             raise UsageError(f"{name}: {key} is set twice")
-        given[key] = _parsed(name, known[key], text)
+        try:
+            given[key] = known[key].parsed(text)
+        except UsageError as error:
+            raise UsageError(f"{name}: {error}") from None
     return ChosenEstimator(estimator, given)
-
-
-def _parsed(name: str, parameter: Parameter, text: str) -> ParameterValue:
-    try:
-        return parameter.parsed(text)
-    except UsageError as error:
-        raise UsageError(f"{name}: {error}") from None
 
 
 def _unknown(sentence: str, name: str, known: list[str]) -> str:
@@ -123,8 +117,7 @@ def bind(spec: str, period: float, resolution: float = 0.0) -> Estimate:
 def discrete(spec: str, period: float) -> StateSpace | None:
     """Return the estimator as a linear system x_k → v_k; None when it is not linear. Raises UsageError as `bind`."""
     choice = chosen(spec)
-    setup = choice.setup(period)
-    return None if choice.estimator.system is None else choice.estimator.system(setup)
+    return None if choice.estimator.system is None else choice.estimator.system(choice.setup(period))
 
 
 def is_timed(spec: str) -> bool:

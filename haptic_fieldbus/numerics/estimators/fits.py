@@ -36,8 +36,7 @@ def slope_weights(length: int, order: int, period: float) -> Matrix:
     # Times from −1 to 0 keep the powers well conditioned; the last line scales the slope back.
     times = -np.arange(length, dtype=np.float64) / max(1, length - 1)
     powers = np.vander(times, order + 1, increasing=True)
-    weights: Matrix = np.linalg.pinv(powers)[1] / (max(1, length - 1) * period)
-    return weights
+    return np.asarray(np.linalg.pinv(powers)[1] / (max(1, length - 1) * period))
 
 
 def _weights(setup: EstimatorSetup) -> Matrix:
@@ -72,10 +71,6 @@ def _line_noise_gain(setup: EstimatorSetup) -> float:
     if setup.whole("order") > 1:
         return float(np.linalg.norm(_weights(setup)))
     return math.sqrt(12.0 / (length * (length * length - 1.0))) / setup.period
-
-
-def _line_delay(setup: EstimatorSetup) -> float:
-    return 0.0 if setup.whole("order") > 1 else 0.5 * (setup.whole("window") - 1) * setup.period
 
 
 Slope = Callable[[int], tuple[float, float, float]]
@@ -127,7 +122,7 @@ LEAST_SQUARES = Estimator(
     start=_start_least_squares,
     system=lambda setup: shift_register(_weights(setup)),
     noise_gain=_line_noise_gain,
-    delay=_line_delay,
+    delay=lambda setup: 0.0 if setup.whole("order") > 1 else 0.5 * (setup.whole("window") - 1) * setup.period,
     parameters=(
         Parameter("window", 8.0, "positions", lowest=2.0, highest=256.0, is_whole=True),
         Parameter("order", 1.0, "of the polynomial", lowest=1.0, highest=4.0, is_whole=True),

@@ -5,9 +5,9 @@ with deviations from the position of its first call, and is at rest there. The f
 therefore exactly constant, and no digits are lost to a position far from zero. Numbers that are not finite are passed
 on, and an overflow becomes such a number; the safety of the cycle sees them in the force.
 
-Up to four states each state is a variable of its own, because walking over rows costs ten times as much as the
-products. All variants add the same products in the same order, the states' products first, so that the choice of the
-variant does not change the numbers.
+Of two and of four states, as the shipped elements have, each state is a variable of its own, because walking over rows
+costs ten times as much as the products. All variants add the same products in the same order, the states' products
+first, so that the choice of the variant does not change the numbers.
 """
 
 import math
@@ -123,41 +123,7 @@ def bind_pair(system: StateSpace, stiffness: float) -> Step:
 def bind_general(system: StateSpace, stiffness: float) -> Step:
     """Return a step of any number of states, driven by position and velocity; the velocity is 0 when left out."""
     updates, outputs = _rows(system.a, system.b), _rows(system.c, system.d)[0]
-    if system.order in _UNROLLED:
-        return _UNROLLED[system.order](updates, outputs, stiffness)
-    return _bind_many(updates, outputs, stiffness)
-
-
-def _bind_none(updates: Rows, outputs: Row, stiffness: float) -> Step:
-    d0, d1 = outputs
-    origin: float | None = None
-    base = 0.0
-
-    def step(position: float, velocity: float = 0.0) -> float:
-        nonlocal origin, base
-        if origin is None:
-            origin, base = position, stiffness * position
-        return base + (d0 * (position - origin) + d1 * velocity)
-
-    return step
-
-
-def _bind_one(updates: Rows, outputs: Row, stiffness: float) -> Step:
-    ((e, g, h),) = updates
-    c, d0, d1 = outputs
-    origin: float | None = None
-    z = base = 0.0
-
-    def step(position: float, velocity: float = 0.0) -> float:
-        nonlocal origin, base, z
-        if origin is None:
-            origin, base = position, stiffness * position
-        u = position - origin
-        force: float = base + (c * z + d0 * u + d1 * velocity)
-        z += e * z + g * u + h * velocity
-        return force
-
-    return step
+    return _UNROLLED.get(system.order, _bind_many)(updates, outputs, stiffness)
 
 
 def _bind_two(updates: Rows, outputs: Row, stiffness: float) -> Step:
@@ -175,28 +141,6 @@ def _bind_two(updates: Rows, outputs: Row, stiffness: float) -> Step:
         z0, z1 = (
             z0 + (e00 * z0 + e01 * z1 + g0 * u + h0 * velocity),
             z1 + (e10 * z0 + e11 * z1 + g1 * u + h1 * velocity),
-        )
-        return force
-
-    return step
-
-
-def _bind_three(updates: Rows, outputs: Row, stiffness: float) -> Step:
-    (e00, e01, e02, g0, h0), (e10, e11, e12, g1, h1), (e20, e21, e22, g2, h2) = updates
-    c0, c1, c2, d0, d1 = outputs
-    origin: float | None = None
-    z0 = z1 = z2 = base = 0.0
-
-    def step(position: float, velocity: float = 0.0) -> float:
-        nonlocal origin, base, z0, z1, z2
-        if origin is None:
-            origin, base = position, stiffness * position
-        u = position - origin
-        force: float = base + (c0 * z0 + c1 * z1 + c2 * z2 + d0 * u + d1 * velocity)
-        z0, z1, z2 = (
-            z0 + (e00 * z0 + e01 * z1 + e02 * z2 + g0 * u + h0 * velocity),
-            z1 + (e10 * z0 + e11 * z1 + e12 * z2 + g1 * u + h1 * velocity),
-            z2 + (e20 * z0 + e21 * z1 + e22 * z2 + g2 * u + h2 * velocity),
         )
         return force
 
@@ -227,13 +171,7 @@ def _bind_four(updates: Rows, outputs: Row, stiffness: float) -> Step:
     return step
 
 
-_UNROLLED: dict[int, Callable[[Rows, Row, float], Step]] = {
-    0: _bind_none,
-    1: _bind_one,
-    2: _bind_two,
-    3: _bind_three,
-    4: _bind_four,
-}
+_UNROLLED: dict[int, Callable[[Rows, Row, float], Step]] = {2: _bind_two, 4: _bind_four}
 """Binding functions by the number of states."""
 
 

@@ -48,18 +48,12 @@ def _solve(left: Matrix, right: Matrix) -> Matrix:
     return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
 
 
-def rk4_growth(x: complex) -> complex:
-    """Return R(x) of the classic Runge–Kutta method."""
-    return 1.0 + x * (1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0)))
-
-
 def _discretiser(increment_of: GrowthMinusOne, degree: int) -> Callable[[StateSpace, float], OneStep]:
     """Return the function that makes the step of a method from R − 1, with the stored states of the module's theory."""
 
     def discretise(space: StateSpace, period: float) -> OneStep:
         order, inputs = space.b.shape
-        system = polynomial_system(space.a * period, space.b * period, degree)
-        rows = increment_of(system)[:order]
+        rows = increment_of(polynomial_system(space.a * period, space.b * period, degree))[:order]
         increment, held = rows[:, :order], rows[:, order : order + inputs]
         slope = rows[:, order + inputs :] if degree else np.zeros_like(held)
         moved = StateSpace(increment, increment @ slope + held, space.c, space.c @ slope + space.d)
@@ -69,28 +63,14 @@ def _discretiser(increment_of: GrowthMinusOne, degree: int) -> Callable[[StateSp
 
 
 def _method(
-    name: str,
-    order: int,
-    free_order: float,
-    growth: Callable[[complex], complex],
-    increment_of: GrowthMinusOne,
-    degree: int,
-    limits: tuple[float, float],
-    update: str,
-    oscillator_growth: Callable[[float], float] | None = None,
-) -> Integrator:
-    return Integrator(
-        name=name,
-        order=order,
-        free_order=free_order,
-        inputs="u_n, u_{n-1}" if degree else "u_{n-1}",
-        update=update,
-        growth=growth,
-        oscillator_growth=oscillator_growth or (lambda h: abs(growth(complex(0.0, h)))),
-        oscillator_limit=limits[0],
-        lag_limit=limits[1],
-        discretise=_discretiser(increment_of, degree),
-    )
+    name: str, order: int, free_order: float, growth: Callable[[complex], complex], increment_of: GrowthMinusOne,
+    degree: int, limits: tuple[float, float], update: str, oscillator_growth: Callable[[float], float] | None = None,
+) -> Integrator:  # fmt: skip
+    """Return a method from its figures; `limits` are those of an oscillator and of a decay."""
+    inputs = "u_n, u_{n-1}" if degree else "u_{n-1}"
+    swing = oscillator_growth or (lambda h: abs(growth(complex(0.0, h))))
+    step = _discretiser(increment_of, degree)
+    return Integrator(name, order, free_order, inputs, update, growth, swing, *limits, step)
 
 
 # A method that preserves an oscillator states its growth as exactly 1, without the rounding of |R(ih)|.
@@ -117,6 +97,6 @@ TRAPEZOIDAL = _method(
     "all states at once, with the mean of the rates at start and end", lambda h: 1.0,
 )  # fmt: skip
 RK4 = _method(
-    "rk4", 2, 4, rk4_growth, _runge_kutta, 1, (2.0 * math.sqrt(2.0), RK4_LAG_LIMIT),
-    "all states at once, four stages",
+    "rk4", 2, 4, lambda x: 1.0 + x * (1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0))), _runge_kutta, 1,
+    (2.0 * math.sqrt(2.0), RK4_LAG_LIMIT), "all states at once, four stages",
 )  # fmt: skip

@@ -27,7 +27,7 @@ and VI.3).
 """
 
 import math
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -100,30 +100,15 @@ def _verlet(space: StateSpace, period: float) -> OneStep:
     return OneStep(moved, (np.eye(space.order) + by_state, by_input))
 
 
-def _method(
-    name: str,
-    order: int,
-    inputs: str,
-    lag_limit: float,
-    discretise: Callable[[StateSpace, float], OneStep],
-    update: str,
-) -> Integrator:
-    return Integrator(
-        name=name,
-        order=order,
-        free_order=order,
-        inputs=inputs,
-        update=update,
-        growth=None,
-        oscillator_growth=leapfrog_growth,
-        oscillator_limit=LIMIT,
-        lag_limit=lag_limit,
-        discretise=discretise,
-    )
+_leapfrog = partial(Integrator, growth=None, oscillator_growth=leapfrog_growth, oscillator_limit=LIMIT)
 
-
-SEMI_IMPLICIT = _method(
-    "semi-implicit", 2, "u_{n-1}", 2.0, _semi_implicit, "kick, then drift; begins with half a kick backwards"
+SEMI_IMPLICIT = _leapfrog(
+    "semi-implicit", 2, 2, "u_{n-1}", "kick, then drift; begins with half a kick backwards",
+    lag_limit=2.0, discretise=_semi_implicit,
+)  # fmt: skip
+DRIFT_FIRST = _leapfrog(
+    "semi-implicit-drift-first", 1, 1, "u_{n-1}", "drift, then kick", lag_limit=2.0, discretise=_drift_first
 )
-DRIFT_FIRST = _method("semi-implicit-drift-first", 1, "u_{n-1}", 2.0, _drift_first, "drift, then kick")
-VERLET = _method("verlet", 2, "u_n, u_{n-1}", math.inf, _verlet, "half a kick, half a kick, drift")
+VERLET = _leapfrog(
+    "verlet", 2, 2, "u_n, u_{n-1}", "half a kick, half a kick, drift", lag_limit=math.inf, discretise=_verlet
+)

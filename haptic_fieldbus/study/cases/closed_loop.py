@@ -1,7 +1,6 @@
 """Cases of the loop around a puck and a wall: a virtual mass with a held, free or light puck, and a start in a wall."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -19,17 +18,7 @@ from haptic_fieldbus.study.case import CaseResult, greatest, largest_error, rela
 from haptic_fieldbus.study.cases.drive import PERIOD_NS, Feeder, feed
 from haptic_fieldbus.study.measure.loops import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
-from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import (
-    growth_of,
-    jury_limit,
-    largest,
-    limit_in_contact,
-    moved_by_force,
-    plain_terms,
-    sampled_positions,
-    schur_cohn_limit,
-)
+from haptic_fieldbus.study.oracles import contact, energies, events
 from haptic_fieldbus.study.oracles.textbook import RULES
 
 # Cases of a wall in the sampled loop: at its limit, beyond it, late, slow, and without friction.
@@ -44,8 +33,9 @@ def _limit(device: Plant, period: float = PERIOD, delay: float = 0.0) -> float:
     return stiffness_limit(device, period, delay * period, spring)
 
 
-def _law(stiffness: float) -> Callable[[float], float]:
-    return lambda position: -stiffness * position
+def _grown(device: Plant, stiffness: float, steps: int, period: float = PERIOD, delay: float = 0.0) -> float:
+    """Return ln of the growth of a loop of plain floats; `delay` in periods."""
+    return contact.growth_of(contact.sampled_positions(device, period, lambda x: -stiffness * x, steps, delay=delay))
 
 
 def at_boundary(factor: float, quick: bool) -> CaseResult:
@@ -54,11 +44,11 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
     The logarithm of the growth over N periods is compared with N·ln ρ, where ρ² = e + K·c0 for complex roots.
     """
     steps = 100_000 if quick else 1_000_000
-    limit, exact = _limit(BENCH), jury_limit(BENCH, PERIOD)
-    e, _, c0 = plain_terms(BENCH, PERIOD)
+    limit, exact = _limit(BENCH), contact.jury_limit(BENCH, PERIOD)
+    e, _, c0 = contact.plain_terms(BENCH, PERIOD)
     # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
-    measured = growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), steps))
+    measured = _grown(BENCH, factor * limit, steps)
     return result_of(
         f"limit {exact:.6f} N/m; at {exactly(factor)} of it ln of growth {expected:+.4f} in {exactly(0.9 * steps)} "
         "periods",
@@ -75,22 +65,20 @@ def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
     wall = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=stiffness, unilateral=True,
                  push=push, position=1e-3)  # fmt: skip
     peak = float(batch.run(wall, steps).peaks[-1, 0])
-    positions = sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
+    positions = contact.sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
     return peak - push / stiffness, max(positions[-(steps // 10) :]) - push / stiffness
 
 
 def wall_over(quick: bool) -> CaseResult:
     """Check that a wall with a hand leaning on it keeps chattering at 1.5 times its limit, and rests at half of it."""
     steps, push = (4000 if quick else 50_000), 5.0
-    limit = jury_limit(BENCH, PERIOD)
+    limit = contact.jury_limit(BENCH, PERIOD)
     chatter, brute = _chatter(1.5 * limit, steps, push)
     calm, _ = _chatter(0.5 * limit, steps, push)
-    e, _, c0 = plain_terms(BENCH, PERIOD)
+    e, _, c0 = contact.plain_terms(BENCH, PERIOD)
     expected = math.sqrt(e + 1.5 * limit * c0)
-    both_sides = batch.run(
-        loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3), 1000
-    )
-    grown = float(both_sides.growth[0]) ** (1.0 / 900.0)
+    many = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=1.5 * limit, position=1e-3)
+    grown = float(batch.run(many, 1000).growth[0]) ** (1.0 / 900.0)
     return result_of(
         f"in contact growth {expected:.4f} a period; leaning with 5 N, overshoot {brute * 1e6:.3f} µm for ever",
         f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1e-6), at half the limit "
@@ -106,12 +94,10 @@ def delayed(delay: float, quick: bool) -> CaseResult:
     """Check the limits of many devices with delay against Schur and Cohn, and runs below and above one of them."""
     masses = (1e-5, 0.1, 10.0) if quick else (1e-5, 1e-3, 0.1, 1.0, 10.0)
     devices = [Plant(mass, damping) for mass in masses for damping in (1e-2, 1.0, 1e2)]
-    worst = greatest(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
-    limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
-    below, above = (
-        growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
-        for factor in (0.99, 1.01)
-    )
+    by_hand = [contact.schur_cohn_limit(each, PERIOD, delay) for each in devices]
+    worst = relative_error([_limit(each, delay=delay) for each in devices], by_hand)
+    limit, exact = _limit(BENCH, delay=delay), contact.schur_cohn_limit(BENCH, PERIOD, delay)
+    below, above = (_grown(BENCH, factor * limit, 20_000, delay=delay) for factor in (0.99, 1.01))
     return result_of(
         f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
         f"{limit:.5f} N/m; {len(devices)} other devices off by {rounded(worst, 1)} at most (1e-6 allowed); ln of "
@@ -127,11 +113,11 @@ def slow_loop(quick: bool) -> CaseResult:
     """Check slow loops from 20 Hz to 0.1 Hz: the device stops between samples, and the limit goes to 2b/(T − 2m/b)."""
     device, stiffness = Plant(0.1, 5.0), 600.0
     periods = (0.05, 0.2, 1.0, 10.0)
-    worst = greatest(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
+    worst = greatest(abs(_limit(device, period) / contact.jury_limit(device, period) - 1.0) for period in periods)
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
-    grown = growth_of(sampled_positions(device, periods[0], _law(stiffness), 50))
+    grown = _grown(device, stiffness, 50, periods[0])
     return result_of(
         f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",
         f"limit {slowest:.8f} N/m, off Jury's by {rounded(worst, 1)} (1e-8 allowed); 600 N/m {verdict.value}, ln of "
@@ -150,7 +136,7 @@ def undamped_wall(quick: bool) -> CaseResult:
     limits += [passive_limit(each, PERIOD, 0.0) for each in plants]
     share, steps = (1e-3 if quick else 1e-5), (20_000 if quick else 1_000_000)
     device = Plant(0.1, 0.0)
-    measured = growth_of(sampled_positions(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
+    measured = _grown(device, share * device.mass / PERIOD**2, steps)
     expected = 0.9 * steps * 0.5 * math.log1p(0.5 * share)
     return result_of(
         f"limit exactly 0 N/m; at K = {exactly(share)}·m/T² ln of growth {expected:.4f} in {exactly(0.9 * steps)} "
@@ -168,44 +154,34 @@ def undamped_wall(quick: bool) -> CaseResult:
 ESTIMATOR = "backward-difference"
 AGREEMENT, CUT, EXACT = 1e-6, 5e-4, 1e-12
 """Permitted relative differences of stability limits, of energies (motions are cut into cells), and of forces."""
-FIRST, SECOND = Plant(0.1, 2.0, 0.02, 1e-5, 0.4e-3), Plant(0.05, 0.8, 0.001, 2e-6)
-"""Devices of two axes, with friction and encoder; the motor of the first one lags."""
-DELAYS = (0.3e-3, 1.2e-3)
-"""From sample to force [s]."""
+DEVICES = ((Plant(0.1, 2.0, 0.02, 1e-5, 0.4e-3), 0.3e-3), (Plant(0.05, 0.8, 0.001, 2e-6), 1.2e-3))
+"""Devices of two axes, with friction and encoder, and the time from sample to force [s]; the first motor lags."""
 SHAFTS = ((0.05, -2.5), (0.15, 0.4))
 """Damping B [N·s/m] and ratio n of shafts between the axes."""
 
 
 def _tied(damping: float, ratio: float) -> Group:
-    members = [
-        Member(name, plant, delay, (), None, ESTIMATOR)
-        for name, plant, delay in zip("ab", (FIRST, SECOND), DELAYS, strict=True)
-    ]
-    return Group(tuple(members), (Coupling(("a", "b"), 1.0, damping, ratio),), PERIOD)
+    members = tuple(Member(name, *device, (), None, ESTIMATOR) for name, device in zip("ab", DEVICES, strict=True))
+    return Group(members, (Coupling(("a", "b"), 1.0, damping, ratio),), PERIOD)
 
 
 def _stable_by_hand(damping: float, ratio: float) -> float:
-    bodies = [events.motor(each.mass, each.damping, each.torque_lag) for each in (FIRST, SECOND)]
-    turn, shots = events.every(PERIOD, *DELAYS)
+    bodies = [events.motor(each.mass, each.damping, each.torque_lag) for each, _ in DEVICES]
+    shots = [events.Shot(0.0, tuple(delay for _, delay in DEVICES))]
 
     def is_stable(stiffness: float) -> bool:
         law = events.shaft(stiffness, damping, ratio, PERIOD)
         # The shaft may be turned as a whole, and nothing turns it back: one eigenvalue is 1.
-        return events.growth(events.map_of_turn(bodies, turn, shots, law, memory=1), freely=1) <= 1.0
+        return events.growth(events.map_of_turn(bodies, PERIOD, shots, law, memory=1), freely=1) <= 1.0
 
-    return largest(is_stable, 1.0, 1.4, 1e-8)
+    return contact.largest(is_stable, 1.0, 1.4, 1e-8)
 
 
 def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -> float:
     """Return the share of both dampings that the worst motion of both handles needs."""
     ends = np.outer([1.0, -ratio], [1.0, -ratio])
-    drives = [
-        energies.LateDrive(each.damping, delay, each.torque_lag)
-        for each, delay in zip((FIRST, SECOND), DELAYS, strict=True)
-    ]
-    return energies.worst_share(
-        lambda z: -(stiffness + damping * (1.0 - 1.0 / z) / PERIOD) * ends, drives, PERIOD, cells
-    )
+    drives = [energies.LateDrive(each.damping, delay, each.torque_lag) for each, delay in DEVICES]
+    return energies.worst_share(lambda z: -(stiffness + damping * (1 - 1 / z) / PERIOD) * ends, drives, PERIOD, cells)
 
 
 def _torn(damping: float, ratio: float) -> float:
@@ -216,8 +192,7 @@ def _torn(damping: float, ratio: float) -> float:
     for first, speed, second, turning in places:
         force = -400.0 * (first - ratio * second) - damping * (speed - ratio * turning)
         found = law(first, speed, second, turning) if damping else law(first, second)
-        apart = largest_error(found, (force, -ratio * force))
-        worst = greatest((worst, apart / (40.0 * max(1.0, ratio**2))))
+        worst = greatest((worst, largest_error(found, (force, -ratio * force)) / (40.0 * max(1.0, ratio**2))))
     return worst
 
 
@@ -268,7 +243,7 @@ def compliant_transmission(quick: bool) -> CaseResult:
     found = [_judged(HungBody(LOAD, STIFF, loss)) for loss in LOSSES]
     motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
     loaded = [events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss) for loss in LOSSES]
-    by_hand = [limit_in_contact(body, PERIOD, DELAY) for body in loaded]
+    by_hand = [contact.limit_in_contact(body, PERIOD, DELAY) for body in loaded]
     whole = _judged(plant=Plant(MOTOR.mass + LOAD, MOTOR.damping, torque_lag=MOTOR.torque_lag))
     rigid = _judged(HungBody(LOAD, RIGID, math.sqrt(RIGID * LOAD)))
     apart = relative_error(found, by_hand)
@@ -345,8 +320,7 @@ def light_puck(quick: bool) -> CaseResult:
     euler = _two_masses(1e-6, steps * PERIOD, steps, "forward-euler")
     damping, masses = 0.5, (1e-4, 1e-5, 1e-6, 1e-9)
     *limits, massless = (stiffness_limit(Plant(mass, damping), PERIOD, 0.0, spring) for mass in (*masses, 0.0))
-    exact = [jury_limit(Plant(mass, damping), PERIOD) for mass in masses]
-    worst = relative_error(limits, exact)
+    worst = relative_error(limits, [contact.jury_limit(Plant(mass, damping), PERIOD) for mass in masses])
     return result_of(
         "exact step on the closed form, forward Euler diverges; massless handle: limit "
         f"{exactly(2 * damping / PERIOD)} N/m",
@@ -368,7 +342,7 @@ def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
         force = STIFFNESS * (q - x)
         forces.append(force)
         before = x
-        x, v = moved_by_force(device, x, v, force, PERIOD)
+        x, v = contact.moved_by_force(device, x, v, force, PERIOD)
         q, speed = rule(q, speed, before, x, omega, PERIOD)
     return forces
 
@@ -412,11 +386,9 @@ def start_inside_the_wall(quick: bool) -> CaseResult:
     for number in range(1000 if quick else 1900):
         feed(cycle, t_ns=number * PERIOD_NS)
         forces.append(cycle.value("command"))
-    ramp = [-min(6.0, 1000 * unit * (number + 1) / 500.0) for number in range(len(forces))]
-    worst = largest_error(forces, ramp)
+    worst = largest_error(forces, [-min(6.0, 1000 * unit * (number + 1) / 500.0) for number in range(len(forces))])
     deeper = Feeder(plan("wall", settings={"wall.position": -0.1}))
-    octets = feed(deeper)
-    refused = deeper.tripped is TripKind.START_FORCE and not any(octets)
+    refused = not any(feed(deeper)) and deeper.tripped is TripKind.START_FORCE
     return result_of(
         "10 mm deep: -6 N on the line of the limit, 50.3 N in 0.5 s; 100 mm deep: refused without torque",
         f"off the line by {worst:.4f} N (0.51 of a step of torque, {unit:.4f} N, allowed); "

@@ -46,9 +46,10 @@ def _moves(many: Loops, settle: int) -> list[bool]:
     return [bool(each.any()) for each in steps.T]
 
 
-def _by_hand(stiffness: float, step: float, coulomb: float, period: float) -> Pressed:
-    """Return a handle that is pressed to the edge between counts 1 and 2."""
-    return Pressed(MASS, DAMPING, coulomb, stiffness, step, 1.5 * stiffness * step, period)
+def _rests_by_hand(stiffness: float, step: float, coulomb: float, period: float, settle: int) -> bool:
+    """Return whether a handle that is pressed to the edge between counts 1 and 2 comes to rest, by hand."""
+    handle = Pressed(MASS, DAMPING, coulomb, stiffness, step, 1.5 * stiffness * step, period)
+    return handle.rests(1.5 * step, KNOCK, settle)
 
 
 def _pressed(stiffness: float, step: float | Array, coulomb: float | Array, period: float) -> Loops:
@@ -67,10 +68,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
     for period in (0.25e-3, 0.5e-3, 1e-3):
         moves = _moves(_pressed(stiffness, SHARES * border, coulomb, period), settle)
         found.append(border * _edge([not each for each in moves]))
-        rests = [
-            _by_hand(stiffness, part * border, coulomb, period).rests(1.5 * part * border, KNOCK, 1500)
-            for part in SHARES.tolist()
-        ]
+        rests = [_rests_by_hand(stiffness, part * border, coulomb, period, 1500) for part in SHARES.tolist()]
         agree &= rests == [not each for each in moves] and moves == sorted(moves)
     return result_of(
         f"rest up to D = 2·fc/K = {border * 1e6:.2f} µm, chatter above, at T = 0.25, 0.5 and 1 ms alike (±0.1 %)",
@@ -89,9 +87,7 @@ def coulomb_rescue(quick: bool) -> CaseResult:
     shares = np.append(0.0, SHARES)
     moves = _moves(_pressed(stiffness, STEP, shares * needed, PERIOD), settle)
     found = _edge(moves[1:])
-    rests = [
-        _by_hand(stiffness, STEP, part * needed, PERIOD).rests(1.5 * STEP, KNOCK, 2000) for part in shares.tolist()
-    ]
+    rests = [_rests_by_hand(stiffness, STEP, part * needed, PERIOD, 2000) for part in shares.tolist()]
     return result_of(
         f"chatter without friction, rest from fc = K·D/2 = {needed * 1e3:.3f} mN (±0.1 %)",
         f"{'chatter' if moves[0] else 'rest'} without friction, rest from {found * needed * 1e3:.3f} mN",

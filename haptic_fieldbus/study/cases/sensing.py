@@ -6,21 +6,11 @@ from functools import reduce
 
 import numpy as np
 
-from haptic_fieldbus.margins import (
-    Plant,
-    alone,
-    gaps,
-    passive_limit,
-    passive_limit_of,
-    pattern_bound,
-    pattern_limit,
-    sample,
-    stiffness_limit,
-)
+from haptic_fieldbus import margins
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, system_of
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import (
     CaseResult,
@@ -34,7 +24,7 @@ from haptic_fieldbus.study.case import (
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import limit_in_contact, moved_by_force
+from haptic_fieldbus.study.oracles.contact import bisected, limit_in_contact, moved_by_force
 
 PERIOD, STEP = 1e-3, 1e-5
 """Period [s] and encoder count [m]."""
@@ -99,7 +89,7 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
     refusal = refused(lambda: estimators.bind(f"filtered-derivative:tau={tau!r},mapping=forward", PERIOD))
     answers = _estimated(f"filtered-derivative:tau={0.51 * PERIOD!r},mapping=forward", (0.0, *[1.0] * 50))
     ratio = answers[50] / answers[49]
-    lag = StateSpace(*(np.array([[value]]) for value in (-1.0 / tau, 1.0 / tau, -1.0 / tau, 1.0 / tau)))
+    lag = system_of([[-1.0 / tau]], [[1.0 / tau]], [[-1.0 / tau]], [[1.0 / tau]])
     pole = float(integrators.discrete(lag, PERIOD, "forward-euler").a[0, 0])
     growth, expected = abs(pole) ** steps, (1.0 / 0.49 - 1.0) ** steps
     return result_of(
@@ -187,19 +177,16 @@ def tachometer_alias(quick: bool) -> CaseResult:
 
 def jittered_sampling(quick: bool) -> CaseResult:
     """Check that jitter lowers the limit by its square, and is an error of a difference that assumes the period T."""
-    number, plant = 300 if quick else 3000, Plant(5.0, 0.5)
+    number, plant = 300 if quick else 3000, margins.Plant(5.0, 0.5)
     times = PERIOD * (1.0 + np.random.default_rng(4).uniform(-0.5, 0.5, number))
-    devices = [sample(plant, float(time), 0.0) for time in times]
+    devices = [margins.sample(plant, float(time), 0.0) for time in times]
 
-    def grows(stiffness: float) -> bool:
+    def is_stable(stiffness: float) -> bool:
         maps: list[Matrix] = [loop_matrix(device, spring(stiffness)) for device in devices]
-        return spectral_radius(reduce(lambda before, after: after @ before, maps)) > 1.0
+        return spectral_radius(reduce(lambda before, after: after @ before, maps)) <= 1.0
 
     expected = 2.0 * plant.damping * float(times.sum() / (times**2).sum())
-    low, high = 0.5 * expected, 2.0 * expected
-    for _ in range(12 if quick else 20):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if grows(middle) else (middle, high)
+    low, _ = bisected(is_stable, 0.5 * expected, 2.0 * expected, 5e-4 if quick else 2e-6)
     sides = [_grows_by_hand(plant, part * low, (times / PERIOD).tolist()) for part in (1.0 - 1e-3, 1.0 + 1e-3)]
     timed, instants = estimators.bind("tick-interval", PERIOD), np.cumsum(times).tolist()
     error = float(np.std(_estimated("backward-difference", instants)[1:]))
@@ -219,7 +206,7 @@ def jittered_sampling(quick: bool) -> CaseResult:
     )
 
 
-def _grows_by_hand(plant: Plant, stiffness: float, lengths: Sequence[float]) -> bool:
+def _grows_by_hand(plant: margins.Plant, stiffness: float, lengths: Sequence[float]) -> bool:
     """Return whether (x, v) grows over a pattern of gaps, each force held for its whole gap, in plain floats."""
     columns = []
     for x, v in ((1.0, 0.0), (0.0, 1.0)):
@@ -233,19 +220,18 @@ def _grows_by_hand(plant: Plant, stiffness: float, lengths: Sequence[float]) -> 
 
 def dropped_frames(quick: bool) -> CaseResult:
     """Check that lost frames with a held force lower the limit by the squares of their gaps."""
-    plant = Plant(5.0, 0.5)
+    plant = margins.Plant(5.0, 0.5)
     patterns: dict[str, tuple[int, ...]] = {
         "none": (1,), "every second": (2,), "one of three": (1, 2), "two of five": (1, 1, 3),
         "ten of a hundred": (*[1] * 90, 10),
     }  # fmt: skip
     texts, bounds, close, agree, off = [], [], True, True, 0.0
     for name, lengths in patterns.items():
-        limit = pattern_limit(plant, PERIOD, 0.0, spring, gaps(lengths))
+        limit = margins.pattern_limit(plant, PERIOD, 0.0, spring, margins.gaps(lengths))
         bound = 2.0 * plant.damping * sum(lengths) / (PERIOD * sum(length**2 for length in lengths))
-        sides = [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)]
-        agree &= sides == [False, True]
+        agree &= [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)] == [False, True]
         off = greatest((off, abs(limit / bound - 1.0)))
-        close &= abs(pattern_bound(plant.damping, PERIOD, gaps(lengths)) / bound - 1.0) <= 1e-12
+        close &= abs(margins.pattern_bound(plant.damping, PERIOD, margins.gaps(lengths)) / bound - 1.0) <= 1e-12
         texts.append(f"{name} {limit:.1f}")
         bounds.append(f"{name} {bound:.1f}")
     return result_of(
@@ -289,7 +275,7 @@ def _maxwell(stiffness: float) -> StateSpace:
     """Return a spring in series with the dashpot, by s = (1 − z⁻¹)/T: its pole moves with the stiffness."""
     whole = stiffness * LAGS_PERIOD + DASHPOT
     pole, step = DASHPOT / whole, -stiffness * DASHPOT / whole
-    return StateSpace(*(np.array([[value]]) for value in (pole, 1.0, step * (pole - 1.0), step)))
+    return system_of([[pole]], [[1.0]], [[step * (pole - 1.0)]], [[step]])
 
 
 def _maxwell_by_hand(stiffness: float) -> Force:
@@ -306,12 +292,12 @@ def _passive(lag: float, delay: float, cells: int) -> tuple[list[float], list[fl
     The shares are those of the damping that the worst motion needs at these limits; the last one is the share for
     ASKED, relative to the computed one.
     """
-    plant, drives = Plant(MASS, DAMPING, torque_lag=lag), [energies.LateDrive(DAMPING, delay, lag)]
-    spring_alone = passive_limit(plant, LAGS_PERIOD, delay)
-    wall, body = (passive_limit_of(plant, LAGS_PERIOD, delay, each, math.inf) for each in (_wall, _maxwell))
+    plant, drives = margins.Plant(MASS, DAMPING, torque_lag=lag), [energies.LateDrive(DAMPING, delay, lag)]
+    spring_alone = margins.passive_limit(plant, LAGS_PERIOD, delay)
+    wall, body = (margins.passive_limit_of(plant, LAGS_PERIOD, delay, each, math.inf) for each in (_wall, _maxwell))
     forces = (_wall_by_hand(spring_alone, 0.0), _wall_by_hand(wall), _maxwell_by_hand(body), _wall_by_hand(ASKED))
     *shares, asked = (energies.worst_share(force, drives, LAGS_PERIOD, cells) for force in forces)
-    computed = alone(plant, LAGS_PERIOD, delay).damping_share(_wall(ASKED))
+    computed = margins.alone(plant, LAGS_PERIOD, delay).damping_share(_wall(ASKED))
     return [spring_alone, wall, body], [*shares, asked / computed]
 
 
@@ -321,8 +307,8 @@ def torque_lag(quick: bool) -> CaseResult:
     The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection for a Maxwell
     body, and the damping that a wall requires.
     """
-    plants = [(Plant(MASS, DAMPING, torque_lag=lag), delay) for lag, delay in BENCHES]
-    stable = [stiffness_limit(plant, LAGS_PERIOD, delay, _wall) for plant, delay in plants]
+    plants = [(margins.Plant(MASS, DAMPING, torque_lag=lag), delay) for lag, delay in BENCHES]
+    stable = [margins.stiffness_limit(plant, LAGS_PERIOD, delay, _wall) for plant, delay in plants]
     motors = [(events.motor(MASS, DAMPING, lag), delay) for lag, delay in BENCHES]
     by_hand = [limit_in_contact(motor, LAGS_PERIOD, delay, VIRTUAL) for motor, delay in motors]
     apart = relative_error(stable, by_hand)

@@ -23,17 +23,7 @@ from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.study.case import CaseResult, greatest, relative_error, result_of, signed, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.measure.problems import spring
-from haptic_fieldbus.study.oracles import events
-from haptic_fieldbus.study.oracles.contact import (
-    bisected,
-    growth_in_contact,
-    largest,
-    limit_in_contact,
-    moved_by_force,
-    plain_terms,
-    polynomials,
-    sampled_positions,
-)
+from haptic_fieldbus.study.oracles import contact, events
 
 # Cases of energy in contact: entry and exit of a wall, a contact shorter than a sample, and a hand that lets go.
 
@@ -88,7 +78,7 @@ def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
     """Return the work of the wall by the identity of `bounce_energy` [J], with the motion simulated by hand."""
     start = -SPEED * PERIOD * (1.0 - phase), SPEED
     x = np.array(
-        sampled_positions(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start)
+        contact.sampled_positions(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start)
     )
     inside = x[:-1] > 0.0
     squares = float((np.diff(x)[inside] ** 2).sum())
@@ -130,13 +120,12 @@ def hand_lets_go(quick: bool) -> CaseResult:
     free, in_hand = stiffness_limit(plant, PERIOD, 0.0, spring), limit_with(plant, (HAND,), PERIOD, 0.0, spring)
     bodies = [events.motor(plant.mass, plant.damping)]
     bodies.append(events.motor_with_load(bodies[0], plant.mass, HAND.mass, HAND.stiffness, HAND.damping))
-    by_hand = [limit_in_contact(body, PERIOD, 0.0) for body in bodies]
+    by_hand = [contact.limit_in_contact(body, PERIOD, 0.0) for body in bodies]
     stiffness = 1.5 * by_hand[0]
     devices = sample(plant, PERIOD, 0.0), sample_with(plant, (HAND,), PERIOD, 0.0)
     rates = [math.log(sampled.growth(device, spring(stiffness))) / PERIOD for device in devices]
-    expected = [math.log(growth_in_contact(body, PERIOD, 0.0, stiffness)) / PERIOD for body in bodies]
-    found = [free, in_hand, *rates]
-    apart = relative_error(found, [*by_hand, *expected])
+    expected = [math.log(contact.growth_in_contact(body, PERIOD, 0.0, stiffness)) / PERIOD for body in bodies]
+    apart = relative_error([free, in_hand, *rates], [*by_hand, *expected])
     return result_of(
         f"limits {rounded(by_hand[0], 6)} free and {rounded(by_hand[1], 6)} N/m held; at K = {rounded(stiffness, 4)} "
         f"N/m {signed(expected[1], 6)} held, {signed(expected[0], 6)} 1/s released",
@@ -175,14 +164,14 @@ def filtered_wall(stiffness: float, damping: float, pole: float = 0.0) -> StateS
 
 def oracle_limit(damping: float, delay: float, pole: float) -> float:
     """Return the stiffness at which a root first leaves the unit circle [N/m]; 0 when none is stable."""
-    free, force = (np.array(each, dtype=np.float64) for each in polynomials(DEVICE, PERIOD, delay / PERIOD))
+    free, force = (np.array(each, dtype=np.float64) for each in contact.polynomials(DEVICE, PERIOD, delay / PERIOD))
     damper = damping * (1.0 - pole) / PERIOD * np.array([1.0, -1.0])
 
     def is_stable(stiffness: float) -> bool:
         held = np.polymul(force, stiffness * np.array([1.0, -pole]) + damper)
         return bool(np.abs(np.roots(np.polyadd(np.polymul(free, [1.0, -pole]), held))).max() <= 1.0)
 
-    return largest(is_stable, 1.0, 1.1, 1e-9)
+    return contact.largest(is_stable, 1.0, 1.1, 1e-9)
 
 
 def _package_limit(damping: float, delay: float, pole: float) -> float:
@@ -226,8 +215,7 @@ def z_width_damping(quick: bool) -> CaseResult:
     """Check that without delay, virtual damping first widens the range of stable stiffness and then closes it."""
 
     def holds(limits: list[float]) -> bool:
-        low = limits[0] * PERIOD / (2.0 * DEVICE.damping)
-        return 0 < int(np.argmax(limits)) < 4 and abs(low - 1) < 0.02
+        return 0 < int(np.argmax(limits)) < 4 and abs(limits[0] * PERIOD / (2.0 * DEVICE.damping) - 1.0) < 0.02
 
     points = [(damping, 0.0, 0.0) for damping in (0.0, 10.0, 40.0, 100.0, 160.0)]
     return _judged(points, "K limit for B = 0, 10, 40, 100, 160 N·s/m rises and falls again", holds, quick)
@@ -249,11 +237,11 @@ def z_width_filter(quick: bool) -> CaseResult:
 
 def pure_damper_limit(quick: bool) -> CaseResult:
     """Check that a damper alone is stable up to B = T/(a·d − p·c), near 2·m/T, and passive up to the device's b."""
-    p, c1, c0 = plain_terms(DEVICE, PERIOD)
+    p, c1, c0 = contact.plain_terms(DEVICE, PERIOD)
     expected = min(PERIOD / c0, (1.0 + p) * PERIOD / (c1 - c0))
     device = sample(DEVICE, PERIOD, 0.0)
     most = 4.0 * DEVICE.mass / PERIOD
-    low, _ = bisected(lambda b: sampled.growth(device, filtered_wall(0.0, b)) < 1.0, 0.0, most, 1e-10)
+    low, _ = contact.bisected(lambda b: sampled.growth(device, filtered_wall(0.0, b)) < 1.0, 0.0, most, 1e-10)
     many = loops(
         mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, velocity=0.1,
         virtual_damping=[(1.0 - APART) * expected, (1.0 + APART) * expected],
@@ -324,13 +312,11 @@ def half_sample_wall(quick: bool) -> CaseResult:
     predicted = PredictedWall("handle", STIFFNESS, position=-0.01, lead=0.5 * PERIOD)
     plain = _growth_a_period(mass, lambda x, v: -STIFFNESS * x, steps)
     true = _growth_a_period(mass, lambda x, v: predicted.force(x, v) + STIFFNESS * 0.01, steps)
-    difference = sampled.environment(
-        predicted.linearised(), period=PERIOD, method=None, estimator="backward-difference"
-    )
-    left = math.log(sampled.growth(sample(Plant(mass, 0.0), PERIOD, 0.0), difference))
-    shaken = damping_needed(difference, PERIOD, 0.0)
+    late = sampled.environment(predicted.linearised(), period=PERIOD, method=None, estimator="backward-difference")
+    left = math.log(sampled.growth(sample(Plant(mass, 0.0), PERIOD, 0.0), late))
+    shaken = damping_needed(late, PERIOD, 0.0)
     without = damping_needed(gain([[-STIFFNESS]]), PERIOD, 0.0)
-    one = math.log(growth_in_contact(events.motor(mass, 0.0), PERIOD, 0.0, STIFFNESS, 0.5 * STIFFNESS * PERIOD))
+    one = math.log(contact.growth_in_contact(events.motor(mass, 0.0), PERIOD, 0.0, STIFFNESS, 0.5 * STIFFNESS * PERIOD))
     expected = 0.5 * math.log1p(0.5 * h * h)
     bound = 0.5 * STIFFNESS * PERIOD
     return result_of(
@@ -362,7 +348,7 @@ def _growth_a_period(mass: float, force: Callable[[float, float], float], steps:
     x, v, first, last = 0.001, 0.0, 0.0, 0.0
     window = round(2.0 * math.pi / (PERIOD * math.sqrt(STIFFNESS / mass)))
     for step in range(steps):
-        x, v = moved_by_force(device, x, v, force(x, v), PERIOD)
+        x, v = contact.moved_by_force(device, x, v, force(x, v), PERIOD)
         # Twice the energy, summed over one swing at each end: it varies within a swing, its sum does not.
         size = STIFFNESS * x * x + mass * v * v
         if step < window:

@@ -18,7 +18,7 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, greatest, relative_error, result_of, values_text
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR
 from haptic_fieldbus.study.oracles import energies, events
-from haptic_fieldbus.study.oracles.contact import limit_in_contact
+from haptic_fieldbus.study.oracles.contact import bisected, limit_in_contact
 
 PERIOD = 1e-3
 MASS, DAMPING = 0.1, 2.0
@@ -129,15 +129,12 @@ def _most_wrong(steps: int) -> float:
 def rounding_bridged(quick: bool) -> CaseResult:
     """Check that friction has to bridge the force steps of the counts: half a count of position, one of velocity."""
 
-    def is_passive(coulomb: float) -> bool:
+    def is_active(coulomb: float) -> bool:
         group = _alone(Wall("handle", STIFFNESS, damping=VIRTUAL), Plant(MASS, DAMPING, coulomb, COUNT))
         environment = group.environment()
-        return isinstance(environment, Places) and verdict_at_places(group.loop, environment) is Verdict.PASSIVE
+        return not (isinstance(environment, Places) and verdict_at_places(group.loop, environment) is Verdict.PASSIVE)
 
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if is_passive(middle) else (middle, high)
+    _, high = bisected(is_active, 0.0, 1.0, 1e-10)
     steps = 500 if quick else 2000
     by_hand = _most_wrong(steps) * steps / (steps - 1)
     off = abs(high / by_hand - 1.0)
@@ -230,12 +227,8 @@ def straight_line_step(quick: bool) -> CaseResult:
         found = before[:, 0] * start + after[:, 0] * end
         angle = rate * PERIOD
         # 1 − sin(a)/a and 1 − cos(a) by their series where they would cancel.
-        small = angle < 0.1
-        lag = (
-            angle**2 / 6.0 * (1.0 - angle**2 / 20.0 * (1.0 - angle**2 / 42.0))
-            if small
-            else 1.0 - math.sin(angle) / angle
-        )
+        series = angle**2 / 6.0 * (1.0 - angle**2 / 20.0 * (1.0 - angle**2 / 42.0))
+        lag = series if angle < 0.1 else 1.0 - math.sin(angle) / angle
         expected = (RAMP * PERIOD * lag, RAMP * 2.0 * math.sin(0.5 * angle) ** 2)
         off = greatest((off, relative_error(found.tolist(), expected)))
     return result_of(

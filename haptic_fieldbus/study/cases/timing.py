@@ -72,9 +72,7 @@ LOST = ((1, 2), (1, 1, 3), (5, 1, 1))
 
 def _shots(lengths: Sequence[int]) -> tuple[float, list[events.Shot]]:
     received = [place == 0 for length in lengths for place in range(length)]
-    shots = [
-        events.Shot(number * PERIOD, (number * PERIOD + LATE,), has_come) for number, has_come in enumerate(received)
-    ]
+    shots = [events.Shot(at * PERIOD, (at * PERIOD + LATE,), has_come) for at, has_come in enumerate(received)]
     return len(received) * PERIOD, shots
 
 
@@ -319,8 +317,7 @@ def _given_up(stiffness: float) -> str | None:
     """Return the kind of the trip of a loop with such gaps while the handle rests in the wall; None without a trip."""
     cycle = Feeder(plan_of(Wall("handle", stiffness)))
     for number in range(FADED_IN + 1200):
-        at = max(number - FADED_IN, 0)
-        within = at % EACH
+        within = max(number - FADED_IN, 0) % EACH
         lost = 0 < within < LENGTH
         feed(cycle, WAY, LinkFlag.STALE if lost else 0, (number - (within if lost else 0)) * PERIOD_NS)
         if cycle.tripped is not None:
@@ -338,15 +335,11 @@ def gaps_given_up(quick: bool) -> CaseResult:
         raise ValueError("the bench of the cases is known")
     limit = axis.stability.stiffness_limit.stable or 0.0
     body = events.motor(axis.plant.mass, axis.plant.damping, axis.plant.torque_lag)
-    period = PERIOD_NS * 1e-9
-    shots = [
-        events.Shot(number * period, (number * period + axis.delay.transport,), not 0 < number < LENGTH)
-        for number in range(EACH)
-    ]
+    period, late = PERIOD_NS * 1e-9, axis.delay.transport
+    shots = [events.Shot(at * period, (at * period + late,), not 0 < at < LENGTH) for at in range(EACH)]
     grown = [growth_of_turn(body, EACH * period, shots, limit / span, 0.0, period) for span in SPANS]
     found = [_given_up(limit / span) for span in SPANS]
     stretch = (LENGTH**2 + EACH - LENGTH) / EACH
-    is_right = grown[0] > 1.0 > grown[1] and found[0] is not None and found[1] is None
     return result_of(
         f"{LENGTH - 1} of {EACH} samples lost, stretch {rounded(stretch, 3)}: at 1/{exactly(SPANS[0])} of the limit a "
         f"knock is multiplied by {rounded(grown[0], 4)} from gap to gap, and the loop is given up; at "
@@ -354,7 +347,7 @@ def gaps_given_up(quick: bool) -> CaseResult:
         f"{found[0] or 'no trip'}; {found[1] or 'no trip'}",
         "device and torque loop from event to event, over a gap and the samples up to the next one",
         tolerance="exact",
-        holds=is_right,
+        holds=grown[0] > 1.0 > grown[1] and found[0] is not None and found[1] is None,
     )
 
 
@@ -458,9 +451,8 @@ def _map(plant: Plant, period: float, pattern: Sequence[Instants], environment: 
     """Return the map of one turn on (device, environment, acting force, waiting forces, the oldest first)."""
     a, b = through_torque_loop(*dynamics(plant), plant.torque_lag)
     order, inner = len(a), environment.order
-    waiting = _waiting(period, pattern)
     # Each row is one state now, as it follows from the states at the beginning of the turn.
-    rows = np.eye(order + inner + 1 + waiting)
+    rows = np.eye(order + inner + 1 + _waiting(period, pattern))
     device, memory, (force, *queue) = rows[:order], rows[order : order + inner], rows[order + inner :]
     now, turn = 0.0, len(pattern) * period
     for at, acts in _events(period, pattern):
@@ -476,5 +468,4 @@ def _map(plant: Plant, period: float, pattern: Sequence[Instants], environment: 
 def _moved(a: Matrix, b: Matrix, span: float, device: Matrix, force: Matrix) -> Matrix:
     """Return the rows of the device after `span` [s] under a force."""
     transition, gain = zoh(a, b, span)
-    moved: Matrix = transition @ device + np.outer(gain[:, 0], force)
-    return moved
+    return np.asarray(transition @ device + np.outer(gain[:, 0], force))

@@ -15,10 +15,10 @@ from haptic_fieldbus.numerics import estimators, integrators, sampled
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS, OneStep
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, zoh
+from haptic_fieldbus.numerics.linear import StateSpace, gain, zoh
 from haptic_fieldbus.numerics.sampled import SampledPlant, environment
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand, free, grounded
-from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, KnownMotion, Problem, peak, sine, sprung_mass
+from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, Problem, peak, sine, sprung_mass
 from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn
 from haptic_fieldbus.study.measure.work_precision import TIMED_STEPS, Point, Set, errors, reference, with_order
 
@@ -269,13 +269,12 @@ def contacts() -> dict[str, Contact]:
     """Return all contacts by name."""
     spring, damped = gain([[-CONTACT_STIFFNESS, 0.0]]), gain([[-CONTACT_STIFFNESS, -DAMPING]])
     by_estimator = "wall of 600 N/m and 2 N·s/m, a hand leaning on it; methods are velocity estimators"
-    dragged = "sprung mass, dragged by a hand: device, hand and mass in one loop"
     every = (
         Contact("wall-in-hand", "wall of 600 N/m, a hand leaning on it", spring, ("none",), _wall),
         Contact("damped-wall-in-hand", by_estimator, damped, tuple(ESTIMATORS), _wall),
         Contact(
             "sprung-mass-in-hand",
-            dragged,
+            "sprung mass, dragged by a hand: device, hand and mass in one loop",
             sprung_mass(),
             tuple(METHODS),
             lambda method, period, resolution: integrators.bind(sprung_mass(), period, method),
@@ -299,7 +298,11 @@ def closed(contact: Contact, bench: Bench) -> Problem:
 
 def loop_force(law: PositionLaw, bench: Bench, period: float, steps: int) -> Array:
     """Return the force of the sampled loop at its samples [N], `(steps + 1,)`; fewer values when it diverged."""
-    transition, drive = _moved(bench, HAND_FORCE, period)
+    a, motor, hand = device_in_hand(bench.plant)
+    outer = len(HAND_FORCE.start)
+    # The transition of device, hand and its force over one period, and the effect of a held motor force.
+    system = np.block([[a, hand @ HAND_FORCE.output[:1]], [np.zeros((outer, len(a))), HAND_FORCE.system]])
+    transition, drive = zoh(system, np.vstack([motor, np.zeros((outer, 1))]), period)
     state = np.concatenate([np.zeros(4), HAND_FORCE.start])
     forces = np.empty(steps + 1)
     for sample in range(steps + 1):
@@ -307,17 +310,8 @@ def loop_force(law: PositionLaw, bench: Bench, period: float, steps: int) -> Arr
         if not abs(force) < DIVERGED:  # in this form true for NaN too
             return forces[:sample]
         forces[sample] = force
-        state = transition @ state + drive * force
+        state = transition @ state + drive[:, 0] * force
     return forces
-
-
-def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Array]:
-    """Return the transition of device, hand and its force over one period, and the effect of a held motor force."""
-    a, motor, hand = device_in_hand(bench.plant)
-    outer = len(motion.start)
-    system = np.block([[a, hand @ motion.output[:1]], [np.zeros((outer, len(a))), motion.system]])
-    transition, drive = zoh(system, np.vstack([motor, np.zeros((outer, 1))]), period)
-    return transition, drive[:, 0]
 
 
 def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int], cost: Cost | None = None) -> Set:
@@ -340,9 +334,7 @@ def _point(contact: Contact, method: str, bench: Bench, steps: int, cost: Cost) 
     period = HORIZON / steps
     law = contact.law(method, period, bench.plant.resolution)
     exact = reference(closed(contact, bench), steps)
-    found = loop_force(law, bench, period, steps)
-    figures = errors(found, exact)
-    largest = float(np.abs(exact).max())
+    figures = errors(loop_force(law, bench, period, steps), exact)
     # The eigenvalues of a loop with an encoder and an estimator are not at hand: instability is read off the run.
-    grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * largest
+    grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * float(np.abs(exact).max())
     return Point(contact.name, method, period, *figures, cost.ns, cost.quartiles, order=None, stable=not grew)

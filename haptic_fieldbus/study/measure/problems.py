@@ -12,7 +12,7 @@ import numpy as np
 
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import Integrator
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, system_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.study.oracles.events import states_of
 
@@ -94,8 +94,7 @@ class Problem:
         system[:order, :order] = self.space.a
         system[:order, order:] = self.space.b @ self.motion.output
         system[order:, order:] = self.motion.system
-        start = np.concatenate([np.zeros(order), self.motion.start])
-        states = states_of(system, start, period, steps)
+        states = states_of(system, np.concatenate([np.zeros(order), self.motion.start]), period, steps)
         force: Array = states[:, :order] @ self.space.c[0] + states[:, order:] @ (self.space.d @ self.motion.output)[0]
         return force
 
@@ -129,12 +128,7 @@ def sprung_mass(stiffness: float = STIFFNESS, mass: float = MASS) -> StateSpace:
 def damped_mass() -> StateSpace:
     """Return the held puck with a damper beside the spring, which needs the velocity of the puck too."""
     k, b, m = STIFFNESS, DAMPING, MASS
-    return StateSpace(
-        np.array([[0.0, 1.0], [-k / m, -b / m]]),
-        np.array([[0.0, 0.0], [k / m, b / m]]),
-        np.array([[k, b]]),
-        np.array([[-k, -b]]),
-    )
+    return system_of([[0.0, 1.0], [-k / m, -b / m]], [[0.0, 0.0], [k / m, b / m]], [[k, b]], [[-k, -b]])
 
 
 def free_puck() -> StateSpace:

@@ -92,17 +92,12 @@ def plane(start: float, points: int, periods: int) -> Plane:
     """Measure a grid of points × points up to `LARGEST`; each handle is pressed to the edge between two counts."""
     axis = (np.arange(points) + 0.5) / points * LARGEST
     beta, sigma = (each.ravel() for each in np.meshgrid(axis, axis))
+    # The push is in balance with the wall at 1.5 counts, where a rounded position switches from 1 to 2.
     pressed = loops(
-        mass=HEAVINESS * STIFFNESS * PERIOD**2,
-        damping=beta * STIFFNESS * PERIOD,
-        coulomb=sigma * STIFFNESS * COUNT,
-        period=PERIOD,
-        stiffness=STIFFNESS,
-        resolution=COUNT,
-        # The push is in balance with the wall at 1.5 counts, where a rounded position switches from 1 to 2.
-        push=1.5 * STIFFNESS * COUNT,
+        mass=HEAVINESS * STIFFNESS * PERIOD**2, damping=beta * STIFFNESS * PERIOD, coulomb=sigma * STIFFNESS * COUNT,
+        period=PERIOD, stiffness=STIFFNESS, resolution=COUNT, push=1.5 * STIFFNESS * COUNT,
         position=(1.5 + start) * COUNT,
-    )
+    )  # fmt: skip
     ended = run(pressed, periods, parts=8)
     grown = ended.diverged | (ended.peaks[-1] / COUNT - 1.5 > GROWN * start)
     outcome = np.where(grown, Ending.GROWS, np.where(ended.velocity == 0.0, Ending.RESTS, Ending.CYCLES))

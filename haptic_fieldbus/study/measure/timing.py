@@ -288,8 +288,7 @@ def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Timed]]:
         return Timed(call, lambda: (values,))
 
     yield "record: one row", timed(Record(names, IMAGES).push, [[0.5] * len(names)] * IMAGES)
-    limiter = bind_limiter(wall.axes[0].limits, wall.period, Permission())
-    yield "limits: fade-in, effort, slew", timed(limiter, swing)
+    yield "limits: fade-in, effort, slew", timed(bind_limiter(wall.axes[0].limits, wall.period, Permission()), swing)
     counted = [round((POSITION + SWING * each) / count) * count for each in swing]
     for name in ESTIMATORS:
         yield f"estimator: {name}", timed(estimators.bind(name, period, count), counted)
@@ -333,8 +332,7 @@ def deadlines(tools: Tools, periods: int) -> RateDeadlines:
     """Compute so many periods of the damped wall, each timed by itself, garbage collection included."""
     plan = tools.plan(SCENE)
     playback = Playback(plan)
-    given = [(image,) for image in playback.images(periods)]
-    spent = 1e-9 * ns_of_each(playback.running_cycle(), given)
+    spent = 1e-9 * ns_of_each(playback.running_cycle(), [(image,) for image in playback.images(periods)])
     p50, p999, largest = np.percentile(spent, [50, 99.9, 100]).tolist()
     bus = plan.delay.bus
     late = (RateDeadline(f, float((spent > 1.0 / f).mean()), float((spent + bus > 1.0 / f).mean())) for f in RATES)

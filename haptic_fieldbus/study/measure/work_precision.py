@@ -17,7 +17,7 @@ from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.batch import Array
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.method import follow
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, system_of
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.measure.problems import Problem, peak
 from haptic_fieldbus.study.measure.timing import Cost, Quartiles, Timed, in_turn
@@ -48,9 +48,7 @@ class StepLimit:
 
 def oscillator(square: float, damping: float = 0.0) -> StateSpace:
     """Return the oscillator p̈ = −square·p − damping·ṗ with the output p."""
-    return StateSpace(
-        np.array([[0.0, 1.0], [-square, -damping]]), np.zeros((2, 1)), np.array([[1.0, 0.0]]), np.zeros((1, 1))
-    )
+    return system_of([[0.0, 1.0], [-square, -damping]], [[0.0], [0.0]], [[1.0, 0.0]], [[0.0]])
 
 
 def _largest(radius: Callable[[float], float]) -> float:
@@ -75,7 +73,7 @@ def step_limit(name: str) -> StepLimit:
         return spectral_radius(integrators.discrete(space, 1.0, name).a)
 
     swing = _largest(lambda h: radius(oscillator(h * h)))
-    lag = _largest(lambda h: radius(StateSpace(np.array([[-h]]), np.array([[h]]), np.ones((1, 1)), np.zeros((1, 1)))))
+    lag = _largest(lambda h: radius(system_of([[-h]], [[h]], [[1.0]], [[0.0]])))
     return StepLimit(name, method.oscillator_limit, swing, method.lag_limit, lag, radius(oscillator(0.1 * 0.1)))
 
 
@@ -160,21 +158,17 @@ def errors(
     return figures if all(map(math.isfinite, figures)) else (None, None, None)
 
 
-def measured_order(points: Sequence[Point], peak: float) -> float | None:
-    """Return the slope of log rms error over log period between the two smallest steps with an error above rounding.
+def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
+    """Return the points, the largest step first, with the order of their set.
 
-    None when fewer than two steps have an error above rounding. The largest step comes first in `points`.
+    It is the slope of log rms error over log period between the two smallest steps with an error above rounding, and
+    None when fewer than two steps have an error above rounding.
     """
     told = [(p.period_s, p.error_rms) for p in points if p.error_rms is not None and p.error_rms > ROUNDING * peak]
-    if len(told) < 2:
-        return None
-    (wide, large), (narrow, small) = told[-2:]
-    return math.log(large / small) / math.log(wide / narrow)
-
-
-def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
-    """Return the points with the order of their set."""
-    order = measured_order(points, peak)
+    order = None
+    if len(told) > 1:
+        (wide, large), (narrow, small) = told[-2:]
+        order = math.log(large / small) / math.log(wide / narrow)
     return tuple(replace(point, order=order) for point in points)
 
 
@@ -206,7 +200,6 @@ def _point(problem: Problem, method: str, steps: int, cost: Cost) -> Point:
     inputs = problem.motion.inputs(period, steps)
     # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`step_costs`).
     one = integrators.discretise(problem.space, period, method)
-    run = follow(one, inputs, [0.0] * problem.space.order)
-    figures = errors(run.outputs[:, 0], reference(problem, steps))
+    figures = errors(follow(one, inputs, [0.0] * problem.space.order).outputs[:, 0], reference(problem, steps))
     stable = figures[0] is not None and spectral_radius(one.system.a) <= 1.0 + GROWS
     return Point(problem.name, method, period, *figures, cost.ns, cost.quartiles, None, stable)

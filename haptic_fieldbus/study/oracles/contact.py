@@ -232,8 +232,7 @@ def polynomials(device: Massive, period: float, delay: float) -> tuple[list[Deci
     ax, av = held(late)
     x, v = held(early)
     bx, bv, way = x + tau * (1 - fading) * v, fading * v, tau * (1 - e)
-    free = [Decimal(1), -1 - e, e, *[Decimal(0)] * (whole + 1)]
-    return free, [ax, bx - e * ax + way * av, way * bv - e * bx]
+    return [Decimal(1), -1 - e, e, *[Decimal(0)] * (whole + 1)], [ax, bx - e * ax + way * av, way * bv - e * bx]
 
 
 def _all_inside(polynomial: list[Decimal]) -> bool:

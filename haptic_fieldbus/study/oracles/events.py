@@ -167,17 +167,8 @@ def _events(whole: int, shots: Sequence[Shot]) -> list[_Instant]:
 
 def _waiting(whole: int, shots: Sequence[Shot], device: int) -> int:
     """Return the number of forces with a measurement before 0 that act at 0 or later."""
-    pairs = [
-        (_whole(shot.measured) + turn * whole, _whole(shot.acts[device]) + turn * whole)
-        for turn in TURNS
-        for shot in shots
-    ]
-    return sum(measured < 0 <= acts for measured, acts in pairs)
-
-
-def every(period: float, *delays: float) -> tuple[float, list[Shot]]:
-    """Return a turn of one period [s], with these delays [s] from the sample to the force of each device."""
-    return period, [Shot(0.0, delays)]
+    ways = [(_whole(shot.measured), _whole(shot.acts[device])) for shot in shots]
+    return sum(measured + turn * whole < 0 <= acts + turn * whole for turn in TURNS for measured, acts in ways)
 
 
 def spring_damper_law(stiffness: float, damping: float, period: float) -> Law:

@@ -125,5 +125,4 @@ def puck_moved(method: str, square: float, sample: int) -> float:
 def free_motion(matrix: Sequence[Sequence[Decimal]], start: Sequence[Decimal], steps: int) -> float:
     """Return the position after `steps` of (position, velocity) ← matrix·(position, velocity), in fifty digits."""
     with localcontext(prec=DIGITS):
-        power = np.linalg.matrix_power(np.array(matrix, dtype=object), steps)
-        return float((power @ np.array(start, dtype=object))[0])
+        return float((np.linalg.matrix_power(np.array(matrix, dtype=object), steps) @ np.array(start, dtype=object))[0])

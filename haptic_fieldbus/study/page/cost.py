@@ -11,18 +11,8 @@ from matplotlib.lines import Line2D
 from haptic_fieldbus import HapticFieldbusError, Plan
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.report import drawing
+from haptic_fieldbus.study.measure import timing
 from haptic_fieldbus.study.measure.bench import DEFAULT_ESTIMATOR, FEW_SCENES, Tools, library_scenes
-from haptic_fieldbus.study.measure.timing import (
-    SCENE,
-    Cost,
-    OptionalPart,
-    Playback,
-    RateDeadlines,
-    Timed,
-    deadlines,
-    in_turn,
-    parts,
-)
 from haptic_fieldbus.study.page import html
 
 # What each scene leaves out: a line a scene on the first screen, and all of them with their reasons further down.
@@ -32,7 +22,7 @@ the computing time of a whole period: the median of 25 repeats in which the scen
 of the repeats. The image is the data read and written in a period, for all axes together."""
 
 
-def lines(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+def lines(plans: Mapping[str, Plan], costs: Mapping[str, timing.Cost]) -> str:
     """Return a table with a line for each scene; `costs` are those of a whole period, by scene."""
     rows = [[scene, ", ".join(names(plan)) or "nothing", _micros(costs[scene])] for scene, plan in plans.items()]
     return html.table(("scene", "omitted", "µs per period"), rows, text_columns=2)
@@ -47,15 +37,15 @@ def reasons(plans: Mapping[str, Plan]) -> str:
     """Return a folded table of the parts that each scene leaves out, with reasons, and of its imported modules."""
     rows = [
         [scene, "; ".join(f"{left.what}: {left.why}" for left in plan.left_out) or "nothing",
-         ", ".join(module.removeprefix("haptic_fieldbus.") for module in plan.modules), f"{_octets(plan)}"]
+         ", ".join(module.removeprefix("haptic_fieldbus.") for module in plan.modules),
+         f"{sum(axis.inputs[1] + axis.outputs[1] for axis in plan.image.axes)}"]
         for scene, plan in plans.items()
     ]  # fmt: skip
     headings = ("scene", "leaves out, and why", "imports, of the optional modules", "octets of the image")
-    told = html.table(headings, rows, text_columns=3)
-    return html.folded("Why, scene by scene", told)
+    return html.folded("Why, scene by scene", html.table(headings, rows, text_columns=3))
 
 
-def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, timing.Cost]) -> str:
     """Return a sentence on omitted parts, and the times of the cheapest and the most expensive scene."""
     least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
     return (
@@ -65,12 +55,7 @@ def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     )
 
 
-def _octets(plan: Plan) -> int:
-    """Return the number of octets of the mapped signals of all axes, in and out."""
-    return sum(axis.inputs[1] + axis.outputs[1] for axis in plan.image.axes)
-
-
-def _micros(cost: Cost) -> str:
+def _micros(cost: timing.Cost) -> str:
     """Return the median and the middle half of the passes [µs]."""
     low, _, high = (rounded(1e-3 * ns) for ns in cost.quartiles)
     return f"{rounded(1e-3 * cost.ns)} ({low} to {high})"
@@ -100,8 +85,8 @@ the computer, limits the rate."""
 def cost_section(context: html.Context) -> html.Section:
     """Time all parts and the periods, and return their section."""
     plans = {scene: context.tools.plan(scene) for scene in (FEW_SCENES if context.quick else library_scenes())}
-    found: list[OptionalPart] = []
-    for each in parts(plans, context.bench):
+    found: list[timing.OptionalPart] = []
+    for each in timing.parts(plans, context.bench):
         found.append(each)
         # The number of parts is not known before; about 60 fill most of the bar.
         context.progress(each.part, min(len(found) / 60, 0.9))
@@ -109,7 +94,7 @@ def cost_section(context: html.Context) -> html.Section:
         context.add("optional_parts", row)
     context.costs.extend(each.cost for each in found if each.cost is not None)
     context.progress("deadlines", 0.9)
-    late = deadlines(context.tools, QUICK if context.quick else FULL)
+    late = timing.deadlines(context.tools, QUICK if context.quick else FULL)
     document = drawing.svg(draw(found))
     costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
@@ -117,13 +102,9 @@ def cost_section(context: html.Context) -> html.Section:
               for part in found if part.spread is not None]  # fmt: skip
     body = [
         f"<h3>Omitted parts of each scene</h3>{html.paragraph(LEFT_OUT)}{lines(plans, costs)}{reasons(plans)}",
-        "<h3>Time of each part</h3>",
-        html.paragraph(EXPLAINED),
-        html.picture("cost", document, CAPTION),
+        f"<h3>Time of each part</h3>{html.paragraph(EXPLAINED)}{html.picture('cost', document, CAPTION)}",
         html.table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), single),
-        "<h3>Periods missed</h3>",
-        html.paragraph(LATE),
-        _late_table(late),
+        f"<h3>Periods missed</h3>{html.paragraph(LATE)}{_late_table(late)}",
     ]
     return html.Section(
         "cost",
@@ -136,7 +117,7 @@ def cost_section(context: html.Context) -> html.Section:
     )
 
 
-def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:
+def _finding(found: Sequence[timing.OptionalPart], late: timing.RateDeadlines) -> str:
     whole = found[0]
     return (
         f"A whole period of the wall takes {rounded(1e-3 * whole.ns_per_step)} µs of computing (half of the repeats "
@@ -145,7 +126,7 @@ def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:
     )
 
 
-def draw(parts: Sequence[OptionalPart]) -> Figure:
+def draw(parts: Sequence[timing.OptionalPart]) -> Figure:
     """Return a figure with a bar for each part, on a logarithmic scale."""
     drawn = drawing.figure(1.2 + 0.24 * len(parts))
     panel = drawn.subplots()
@@ -159,8 +140,7 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
                    size=8.5, color="#444444")  # fmt: skip
     panel.set_yticks(range(len(parts)), [part.part for part in parts], fontsize=9)
     panel.invert_yaxis()
-    panel.set_xscale("log")
-    panel.set_xlim(20.0, 2.2 * max(part.ns_per_step for part in parts))
+    panel.set(xscale="log", xlim=(20.0, 2.2 * max(part.ns_per_step for part in parts)))
     panel.margins(y=0.01)
     drawing.dress(panel, "", "time per step [ns]", "")
     panel.grid(visible=False, axis="y")
@@ -168,14 +148,12 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
     return drawn
 
 
-def _late_table(late: RateDeadlines) -> str:
+def _late_table(late: timing.RateDeadlines) -> str:
     """Return the times of a period in words, and a table of missed periods at each rate."""
-    shown = [
-        html.number_text(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)
-    ]
+    shown = [html.number_text(1e6 * each) for each in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
     times = (
-        f"{late.periods} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs (99.9 %), "
-        f"{shown[2]} µs (largest); bus {shown[3]} µs."
+        f"{late.periods} periods of <code>{timing.SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs "
+        f"(99.9 %), {shown[2]} µs (largest); bus {shown[3]} µs."
     )
     rows: list[list[html.Entry]] = [
         [f"{exactly(each.rate)} Hz", _share(each.missed_computing), _share(each.missed)] for each in late.rates
@@ -209,10 +187,8 @@ BUSES_SCENE, HAND, DURATION, FADE_IN = "damped_wall", "tap", 0.9, 0.1
 SETTINGS = {"wall.stiffness": 60.0, "wall.damping": 1.0, "wall.position": 0.005}
 """A wall soft enough for all of the buses [N/m], [N·s/m], [m]."""
 FEW_ESTIMATORS = (DEFAULT_ESTIMATOR,)
-ESTIMATORS = tuple(
-    dict.fromkeys((DEFAULT_ESTIMATOR, "backward-difference", "least-squares", "kalman-velocity", "foaw-best-fit"))
-)
-"""One of each family, and the default."""
+ESTIMATORS = (DEFAULT_ESTIMATOR, "least-squares", "kalman-velocity", "foaw-best-fit")
+"""One of each family; the default is one of the differences."""
 FEW_RATES, RATES = (1, 4), (1, 2, 4)
 """Divisors of the default rate of a bus."""
 REPEATS = 10
@@ -253,18 +229,14 @@ def bus_points(tools: Tools, name: str, *, quick: bool) -> Iterator[BusPoint]:
     for estimator in FEW_ESTIMATORS if quick else ESTIMATORS:
         chosen: dict[str, object] = {"bus": bus, "drive": drive, "estimator": estimator, "settings": SETTINGS}
         fastest = tools.plan(BUSES_SCENE, **chosen)
-        computing = computing_time(fastest)
+        playback = timing.Playback(fastest)
+        timed = timing.in_turn({BUSES_SCENE: timing.Timed(playback.running_cycle(), playback.swing)}, REPEATS)
         for divisor in FEW_RATES if quick else RATES:
             rate = fastest.rate / divisor
             traffic = tools.plan(BUSES_SCENE, rate=rate, **chosen).buses[0].traffic
             way, on_bus = traffic.exchange or "SYNC, TPDO, RPDO", traffic.load / rate
+            computing = 1e-9 * timed[BUSES_SCENE].ns
             yield BusPoint(name, estimator, way, rate, on_bus, computing, *_felt(tools, rate=rate, **chosen))
-
-
-def computing_time(plan: Plan) -> float:
-    """Return the median time of a period's computing on this machine [s]."""
-    playback = Playback(plan)
-    return 1e-9 * in_turn({BUSES_SCENE: Timed(playback.running_cycle(), playback.swing)}, REPEATS)[BUSES_SCENE].ns
 
 
 def _felt(tools: Tools, **chosen: object) -> tuple[float | None, str]:
@@ -302,17 +274,13 @@ def buses_section(context: html.Context) -> html.Section:
     document = drawing.svg(draw_buses(found))
     refused = sum(point.felt_error is None for point in found)
     caption = f"{len(found)} runs, {refused} of them refused. Lines join the rates of one estimator on one bus."
-    body = [
-        html.paragraph(BUSES_EXPLAINED),
-        html.picture("buses", document, caption),
-        buses_table(best_of_each(found)),
-        html.folded("Every run", buses_table(found)),
-    ]
+    best = best_of_each(found)
+    tables = buses_table(best) + html.folded("Every run", buses_table(found))
     return html.Section(
         "buses",
         "One scene over both protocols",
-        "".join(body),
-        tuple(_buses_finding(best_of_each(found))),
+        html.paragraph(BUSES_EXPLAINED) + html.picture("buses", document, caption) + tables,
+        tuple(_buses_finding(best)),
         {"buses": document},
         [asdict(point) for point in found],
     )
@@ -356,8 +324,7 @@ def _curves(panel: Axes, points: Sequence[BusPoint], places: Sequence[float]) ->
     curves: dict[tuple[str, str], list[tuple[float, BusPoint]]] = {}
     for place, point in zip(places, points, strict=True):
         curves.setdefault((point.bus, point.estimator), []).append((place, point))
-    panel.set_xscale("log")
-    panel.set_yscale("log")
+    panel.set(xscale="log", yscale="log")
     for (bus, estimator), runs in curves.items():
         good = [(place, 100.0 * point.felt_error) for place, point in runs if point.felt_error is not None]
         refused = [place for place, point in runs if point.felt_error is None]

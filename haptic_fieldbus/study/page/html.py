@@ -5,6 +5,7 @@ from base64 import b64encode
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from html import escape, unescape
+from pathlib import Path
 from typing import TypeVar
 
 from haptic_fieldbus.numerals import DIGITS, rounded
@@ -52,52 +53,8 @@ class Context:
             yield item
 
 
-STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #222; margin: 0;
-  background: #fff; }
-main { max-width: 1216px; margin: 0 auto; padding: 8px 32px 64px; }
-h1 { font-size: 23px; line-height: 1.2; margin: 0; }
-h2 { font-size: 23px; margin: 56px 0 8px; padding-top: 14px; border-top: 2px solid #0072B2; }
-h3 { font-size: 17.5px; margin: 30px 0 4px; }
-p, ul { max-width: 860px; }
-li { margin: 4px 0; }
-.lead, .assumed { color: #555; margin: 0; font-size: 13.5px; line-height: 1.45; max-width: none; }
-.assumed { font-size: 12.5px; line-height: 1.35; margin-top: 2px; border-top: 1px solid #e4e4e4; padding-top: 2px; }
-.busy { background: #fbeee6; border-left: 5px solid #D55E00; margin: 4px 0 0; padding: 3px 12px; font-size: 12.5px;
-  line-height: 1.35; max-width: none; }
-.first { display: grid; grid-template-columns: 1.2fr 1fr; gap: 2px 28px; margin-top: 3px; }
-.card { min-width: 0; }
-.card:only-child { grid-column: 1 / -1; max-width: 760px; }
-.card h2 { font-size: 16px; line-height: 1.3; margin: 0; padding: 1px 0 0; }
-.card h2 a { text-decoration: none; color: #222; }
-.card p { font-size: 13px; line-height: 1.35; margin: 0 0 2px; min-height: 2.7em; max-width: none; }
-.card code { padding: 0 2px; }
-.card figure, .card table { margin: 0; } .card figcaption { display: none; }
-.card table { width: 100%; font-size: 12px; line-height: 1.3; }
-.card th, .card td, .card td.text + td.text { padding: 3px 5px; white-space: nowrap; }
-.more { font-size: 12px; margin-top: 4px; }
-@media (max-width: 1000px) { .first { grid-template-columns: 1fr; } .card p { min-height: 0; } }
-nav { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 18px 0; }
-a { color: #0060a0; }
-.findings { background: #f1f6fa; border-left: 5px solid #0072B2; padding: 12px 22px; margin: 18px 0; }
-.findings ul { margin: 6px 0; padding-left: 20px; max-width: none; }
-figure { margin: 18px 0 26px; }
-figure img { width: 100%; height: auto; display: block; }
-figcaption { color: #555; font-size: 14.5px; max-width: 940px; margin-top: 6px; }
-table { border-collapse: collapse; margin: 14px 0 20px; font-size: 14px; font-variant-numeric: tabular-nums; }
-th, td { padding: 4px 12px; text-align: right; border-bottom: 1px solid #e4e4e4; vertical-align: top; }
-td { white-space: nowrap; }
-th { background: #f4f4f4; font-weight: 600; vertical-align: bottom; }
-tbody tr:hover { background: #fafafa; }
-td.text, th.text { text-align: left; }
-td.text + td.text { white-space: normal; }
-td.good { color: #00694e; font-weight: 600; }
-td.bad { color: #b04a00; font-weight: 700; }
-code { background: #f4f4f4; padding: 1px 5px; border-radius: 3px; font-size: 0.92em; }
-details { margin: 8px 0 18px; } summary { cursor: pointer; color: #0060a0; }
-@media print { main { max-width: none; padding: 0; } h2 { break-after: avoid; } figure { break-inside: avoid; } }
-"""
+STYLE = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+"""Style sheet, which stands inside the page."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +177,7 @@ def page(title: str, lead: str, sections: Sequence[Section], assumed: str = "", 
     )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style></head>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>\n{STYLE}</style></head>\n'
         f'<body><main><header id="first"><h1>{escape(title)}</h1>\n<p class="lead">{lead}</p>\n'
         f'{_block("busy", warning)}<div class="first">\n{cards}</div>\n{_block("assumed", assumed)}</header>\n'
         f"{found}\n<nav>{links}</nav>\n{bodies}</main></body></html>\n"

@@ -88,22 +88,18 @@ error sum to one; a negative share reduces the error of the others."""
 
 def sources_section(context: html.Context) -> html.Section:
     """Run all scenes of the library, or a few for a quick report, and return their section."""
-    names = FEW_SCENES if context.quick else library_scenes()
-    scenes = context.with_progress(names, lambda scene: f"scene {scene}")
+    scenes = context.with_progress(FEW_SCENES if context.quick else library_scenes(), lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, SECONDS) for scene in scenes]
     led = scene_error(context.tools, LED, SECONDS, LED_HAND)
     known = [each for each in found if each.rms is not None]
     document = drawing.svg(draw(known))
     caption = "Shares of the mean square error by source. A negative share reduces the error of other sources."
-    body = [
-        html.paragraph(EXPLAINED),
-        html.picture("sources", document, caption) if known else "",
-        sources_table(found),
-    ]
     return html.Section(
         "sources",
         "Where the error comes from",
-        "".join(body),
+        html.paragraph(EXPLAINED)
+        + (html.picture("sources", document, caption) if known else "")
+        + sources_table(found),
         (_finding(led),) if led.contact is not None else (),
         {"sources": document} if known else {},
         {"scenes": [asdict(each) for each in found], "led": asdict(led)},
@@ -203,18 +199,12 @@ def integrator_section(context: html.Context) -> html.Section:
         f"The free handle after a flick of 0.1 m/s at {percent(SHARE)} of the limit of <code>exact-foh</code>: same "
         "spring, same mass, different integrators. Curves that leave the frame continue to grow."
     )
-    body = [
-        html.paragraph(QUESTION),
-        html.picture("integrator", rates, caption),
-        limits_table(found),
-        "<h3>The answer</h3>",
-        html.paragraph(answer(found)),
-        html.picture("integrator-flick", swing, swinging),
-    ]
+    limits = html.paragraph(QUESTION) + html.picture("integrator", rates, caption) + limits_table(found)
+    answered = html.paragraph(answer(found)) + html.picture("integrator-flick", swing, swinging)
     return html.Section(
         "integrator",
         "Does the integrator's own stability matter in the loop?",
-        "".join(body),
+        f"{limits}<h3>The answer</h3>{answered}",
         (f"Does preserving stability in the integrator matter in the loop? {short_answer(found)}",),
         {"integrator": rates, "integrator-flick": swing},
         [{"method": each.method, "limit": each.limit, "rate_at_scene": each.at_scene} for each in found],
@@ -249,21 +239,15 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
     """Return a figure of the force on the free handle over time, at a stiffness that only some methods keep stable."""
     drawn = drawing.figure(3.4)
     panel = drawn.subplots()
-    largest = 0.0
     for method in FLICKED:
         times, force = flicked_free(bench, method, INTEGRATOR_SECONDS, stiffness)
-        if method == "exact-foh":
-            largest = float(np.abs(force).max())
         panel.plot(times, force, **drawing.line(method, marked=False))
-    # Growing curves leave the frame; a frame around them would hide the stable ones.
-    panel.set_ylim(-3.0 * largest, 3.0 * largest)
+        if method == "exact-foh":
+            # Growing curves leave the frame; a frame around them would hide the stable ones.
+            panel.set_ylim(-3.0 * float(np.abs(force).max()), 3.0 * float(np.abs(force).max()))
     panel.margins(x=0)
-    drawing.dress(
-        panel,
-        f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free",
-        "time [s]",
-        "force on the handle [N]",
-    )
+    title = f"virtual mass of 0.5 kg, spring of {stiffness:.0f} N/m, handle free"
+    drawing.dress(panel, title, "time [s]", "force on the handle [N]")
     drawing.name_lines(drawn)
     return drawn
 
@@ -395,8 +379,7 @@ def ideal_impedance(plant: Plant, space: StateSpace, frequency: Array) -> Comple
     s = _laplace(frequency)
     systems: Complex = s[:, None, None] * np.eye(space.order) - space.a
     by_input = space.c @ np.linalg.solve(systems, space.b[None] + 0j) + space.d
-    law = by_input[:, 0, 0] + s * by_input[:, 0, 1]
-    return device_impedance(plant, frequency) - law / s
+    return device_impedance(plant, frequency) - (by_input[:, 0, 0] + s * by_input[:, 0, 1]) / s
 
 
 def device_impedance(plant: Plant, frequency: Array) -> Complex:
@@ -412,13 +395,8 @@ def _laplace(frequency: Array) -> Complex:
 def impedance(scene: str, bench: Bench, space: StateSpace, environment: StateSpace, points: int = 400) -> Impedance:
     """Return the impedances of a scene at `points` frequencies, from 0.1 Hz to just below half the sampling rate."""
     frequency = np.geomspace(0.1, 0.499 / bench.period, points)
-    return Impedance(
-        scene,
-        frequency,
-        felt_impedance(bench, environment, frequency),
-        ideal_impedance(bench.plant, space, frequency),
-        device_impedance(bench.plant, frequency),
-    )
+    felt, ideal = felt_impedance(bench, environment, frequency), ideal_impedance(bench.plant, space, frequency)
+    return Impedance(scene, frequency, felt, ideal, device_impedance(bench.plant, frequency))
 
 
 SCENES = ("wall", "damped_wall", "sprung_mass")

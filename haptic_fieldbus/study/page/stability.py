@@ -46,8 +46,7 @@ The label beside each row is its closest case."""
 
 def family_of(case: Case) -> str:
     """Return the row of a case."""
-    function = case.func if isinstance(case, partial) else case
-    module = function.__module__.rpartition(".")[2]
+    module = (case.func if isinstance(case, partial) else case).__module__.rpartition(".")[2]
     return FAMILIES.get(module, module.replace("_", " "))
 
 
@@ -99,8 +98,7 @@ def closest(found: Mapping[str, CaseResult]) -> list[str]:
 
 def _frame(panel: Axes, rows: Sequence[str]) -> None:
     """Scale the axes, shade the range of failures, and separate the exact cases."""
-    panel.set_xscale("log")
-    panel.set_xlim(WORST, 10.0 * EXACT)
+    panel.set(xscale="log", xlim=(WORST, 10.0 * EXACT))
     panel.axvspan(WORST, 1.0, color="#fbeee6", linewidth=0, zorder=0)
     panel.axvline(1.0, color=drawing.VERMILION, linewidth=1.0, zorder=1)
     panel.axvspan(3.0 * FURTHEST, 10.0 * EXACT, color="#eef6f2", linewidth=0, zorder=0)
@@ -172,11 +170,8 @@ def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
         ]
         for name, (result, seconds) in results.items()
     ]
-    return html.table(
-        ("case", "verdict", "expected", "measured", "checked by", "share of tolerance", "time [s]"),
-        rows,
-        text_columns=5,
-    )
+    headings = ("case", "verdict", "expected", "measured", "checked by", "share of tolerance", "time [s]")
+    return html.table(headings, rows, text_columns=5)
 
 
 # Section on the K–B region, measured and predicted.
@@ -221,14 +216,9 @@ def _plane_panel(panel: Axes, plane: Plane) -> None:
     panel.plot(beta, border(plane.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
     panel.axvline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--", label="quadrants")
     panel.axhline(0.5, color=drawing.INK, linewidth=1.0, linestyle="--")
-    panel.set_xlim(0.0, LARGEST)
-    panel.set_ylim(0.0, LARGEST)
-    drawing.dress(
-        panel,
-        f"released {exactly(plane.start)} counts away",
-        "damping over K·T: β = b/(K·T) [1]",
-        "friction over K·D: σ = fc/(K·D) [1]",
-    )
+    panel.set(xlim=(0.0, LARGEST), ylim=(0.0, LARGEST))
+    labels = ("damping over K·T: β = b/(K·T) [1]", "friction over K·D: σ = fc/(K·D) [1]")
+    drawing.dress(panel, f"released {exactly(plane.start)} counts away", *labels)
     panel.grid(visible=False)
 
 
@@ -303,8 +293,7 @@ def _panel(panel: Axes, region: Region) -> None:
     # Empty areas, for the legend: a mesh has no entry of its own there.
     panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
     panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=drawing.VERMILION)
-    panel.set_xlim(0.0, region.damping[-1])
-    panel.set_ylim(0.0, scale * region.stiffness[-1])
+    panel.set(xlim=(0.0, region.damping[-1]), ylim=(0.0, scale * region.stiffness[-1]))
     drawing.dress(panel, region.title, "virtual damping [N·s/m]", "virtual stiffness [N/mm]")
     panel.grid(visible=False)
 
@@ -312,14 +301,12 @@ def _panel(panel: Axes, region: Region) -> None:
 def _region_table(regions: Sequence[Region]) -> str:
     rows: list[list[html.Entry]] = [
         [
-            region.title,
-            *map(
-                float, (region.stable_limit[0], region.stable_limit.max(), region.damping[region.stable_limit.argmax()])
-            ),
-            float(region.passive_limit.max()),
-            percent(region.agreement, 4),
+            each.title,
+            *map(float, (each.stable_limit[0], each.stable_limit.max(), each.damping[each.stable_limit.argmax()])),
+            float(each.passive_limit.max()),
+            percent(each.agreement, 4),
         ]
-        for region in regions
+        for each in regions
     ]
     headings = ("bench", "stable without damping [N/m]", "stable at best [N/m]", "with damping [N·s/m]",
                 "passive at best [N/m]", "measured as predicted")  # fmt: skip
@@ -461,16 +448,11 @@ def passivity_section(context: html.Context) -> html.Section:
     taps = felt(context.tools, TAPPED)
     document = drawing.svg(draw_passivity(found))
     caption = "Growth per swing over stiffness, as a share of the limit. Above the line the motion grows."
-    body = [
-        html.paragraph(PASSIVITY_EXPLAINED),
-        html.picture("passivity", document, caption),
-        _decay_table(found),
-        _felt_table(taps),
-    ]
+    tables = _decay_table(found) + _felt_table(taps)
     return html.Section(
         "passivity",
         "Passivity controller",
-        "".join(body),
+        html.paragraph(PASSIVITY_EXPLAINED) + html.picture("passivity", document, caption) + tables,
         (_passivity_finding(found, taps),),
         {"passivity": document},
         {"decay": [asdict(each) for each in found], "tap": [asdict(each) for each in taps]},
@@ -486,9 +468,8 @@ def draw_passivity(found: Sequence[Decay]) -> Figure:
         shares, growths = [each.share for each in rows], [each.growth for each in rows]
         panel.plot(shares, growths, "o-", color=PASSIVITY_COLOURS[controlled], label=name)
     panel.axhline(1.0, color=drawing.INK, linewidth=0.8, linestyle="--")
-    drawing.dress(
-        panel, "a handle released beside a wall", "stiffness over the stability limit [1]", "growth per swing [1]"
-    )
+    labels = ("stiffness over the stability limit [1]", "growth per swing [1]")
+    drawing.dress(panel, "a handle released beside a wall", *labels)
     drawing.name_lines(drawn)
     return drawn
 

@@ -164,10 +164,9 @@ def work_precision_section(context: html.Context) -> html.Section:
         figures[f"work-precision-{name}"] = document
         body += [f"<h3>{item.title[0].upper()}{item.title[1:]}</h3>", html.picture(name, document, _caption(sets))]
         body.append(html.folded("Figures of each method", sets_table(sets)))
-    if context.names is None:
-        body += ["<h3>Largest stable step</h3>", html.paragraph(LIMITS_EXPLAINED), _limits_table()]
     card = None
     if context.names is None:
+        body += ["<h3>Largest stable step</h3>", html.paragraph(LIMITS_EXPLAINED), _limits_table()]
         figures["all-problems"] = drawing.svg(draw_all(found))
         card = html.Card("What does accuracy cost?", html.picture("all-problems", figures["all-problems"], TOLD))
     title = "Error against the time it costs"
@@ -354,20 +353,18 @@ def growth_section(context: html.Context) -> html.Section:
     """Measure all methods and return their section."""
     total = QUICK if context.quick else FULL
     told = f"{rounded(total)} steps of "
-    found = [
-        loops.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
-    ]
+    methods = context.with_progress(METHODS, lambda method: f"{told}{method}")
+    found = [loops.free_swing(method, total) for method in methods]
     document = drawing.svg(draw_growth(found))
     caption = (
         f"{rounded(total)} steps are {rounded(total * loops.PERIOD)} s of simulated time. Values outside the frame "
         "are drawn at its edge; × marks the first value that is not finite."
     )
-    body = [html.paragraph(GROWTH_EXPLAINED), html.picture("growth", document, caption), growth_table(found)]
     short = drawing.svg(draw_card(found))
     return html.Section(
         "growth",
         "Error along the run",
-        "".join(body),
+        html.paragraph(GROWTH_EXPLAINED) + html.picture("growth", document, caption) + growth_table(found),
         (_finding(found, total),),
         {"growth": document, "growth-force": short},
         [asdict(each) for each in found],
@@ -395,13 +392,11 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
     drawn = drawing.figure(*html.CARD)
     panel = drawn.subplots()
     for swing in swings:
-        panel.loglog(
-            swing.steps, np.clip(swing.error, GROWTH_LOWEST, HIGHEST), **drawing.line(swing.method, marked=False)
-        )
+        error = np.clip(swing.error, GROWTH_LOWEST, HIGHEST)
+        panel.loglog(swing.steps, error, **drawing.line(swing.method, marked=False))
     panel.axhline(drawing.FELT, color=drawing.INK, linewidth=0.9, linestyle=(0, (5, 4)))
     drawing.note(panel, drawing.FELT, "noticeable above", right=False)
-    panel.set_ylim(GROWTH_LOWEST, HIGHEST)
-    panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
+    panel.set(xlim=(swings[0].steps[0], swings[0].steps[-1]), ylim=(GROWTH_LOWEST, HIGHEST))
     drawing.card_panel(panel, "", "steps of the loop [1]", "largest error over amplitude [1]")
     _name_ends(panel, {swing.method: min(max(swing.error[-1], GROWTH_LOWEST), HIGHEST) for swing in swings})
     return drawn
@@ -410,11 +405,9 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
 def _name_ends(panel: Axes, ends: Mapping[str, float]) -> None:
     """Name curves at their ends, from the top down; names that would overlap are moved apart."""
     scale = math.log10(HIGHEST / GROWTH_LOWEST)
-    places = {
-        name: math.log10(end / GROWTH_LOWEST) / scale for name, end in sorted(ends.items(), key=lambda each: -each[1])
-    }
     lowest_free = 1.0 + APART
-    for left, (name, place) in enumerate(places.items(), 1 - len(places)):
+    for left, (name, end) in enumerate(sorted(ends.items(), key=lambda each: -each[1]), 1 - len(ends)):
+        place = math.log10(end / GROWTH_LOWEST) / scale
         lowest_free = max(min(place, lowest_free - APART), -left * APART)
         colour = drawing.look_of(name).colour
         arrow = {"arrowstyle": "-", "relpos": (0.0, 0.5), "color": colour, "linewidth": 0.6}
