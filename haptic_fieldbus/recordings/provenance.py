@@ -11,8 +11,8 @@ import os
 import re
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path, PurePath
@@ -62,6 +62,11 @@ class RunText:
         return cls(name, text, digest(text), str(path), digest(path.read_bytes()))
 
 
+Led = tuple[int, str, float | str | None]
+"""A command to the hand of a simulation: number of the period after which it acts; axis and place that the hand pulls
+to, none where it lets go; or no axis and the name of the hand that takes all handles."""
+
+
 @dataclass(frozen=True)
 class Conditions:
     """How the run was made: arguments of `run`, with their defaults filled in."""
@@ -83,9 +88,8 @@ class Conditions:
     """Times [s from operation enabled] and settings; those that were made, once the run is over."""
     ramp: float | None = None
     """Length of a change [s]."""
-    led: tuple[tuple[int, str, float | str | None], ...] | None = ()
-    """Commands to the hand on the page of the live view: period, axis and place, none to let go; or no axis and the
-    name of a hand that took all handles. None: more than is kept."""
+    led: tuple[Led, ...] | None = ()
+    """Commands to the hand on the page of the live view; None: more than is kept."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +143,7 @@ class Provenance:
         return f"Provenance({self.version}, {self.date}, scene={getattr(self.scene, 'name', None)!r})"
 
     def ended(
-        self,
-        periods: int | None,
-        changes: Sequence[tuple[float, Mapping[str, Any]]],
-        led: Sequence[tuple[int, str, float | str | None]] | None = (),
+        self, periods: int | None, changes: Sequence[tuple[float, Mapping[str, Any]]], led: Sequence[Led] | None = ()
     ) -> "Provenance":
         """Return the provenance of a run that was stopped after so many periods (None: it was not), with its changes.
 
@@ -209,13 +210,18 @@ def write_beside(path: Path, provenance: Provenance, count: int | None = None) -
 
     Raises OSError.
     """
-    target = side_file(path)
-    new = target.with_name(target.name + ".new")
     table = provenance.to_json() | ({"count": count} if path.suffix in COUNTED else {})
-    try:
+    with replacing(side_file(path)) as new:
         new.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """Yield the name of a new file beside the target, which takes its place once the block has written it."""
+    new = target.with_name(f"{target.name}.new")
+    try:
+        yield new
         new.replace(target)
-    except OSError:
-        with suppress(OSError):
+    finally:
+        with suppress(OSError):  # it has another name, or was not begun
             new.unlink()
-        raise
