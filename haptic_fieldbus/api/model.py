@@ -101,17 +101,11 @@ def model_of(task: Task) -> EnvironmentModel:
     """Return the model of the scene's first axis; raises DocumentError or UsageError."""
     period, axis, elements = rendered_axis(task)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
-    continuous = parallel([element.linearised() for element in elements])
-    integrated = [element.dynamics for element in elements if isinstance(element, DynamicElement)]
-    return EnvironmentModel(
-        axis=axis.name,
-        period=period,
-        method=method,
-        estimator=estimator,
-        continuous=LinearModel(continuous, INPUTS),
-        discrete=LinearModel(environment_of(elements, period, method, estimator), INPUTS[:1]),
-        integrated=parallel(integrated) if integrated else StateSpace(*(np.zeros((0, 0)) for _ in range(4))),
-    )
+    continuous = LinearModel(parallel([element.linearised() for element in elements]), INPUTS)
+    sampled = LinearModel(environment_of(elements, period, method, estimator), INPUTS[:1])
+    dynamics = [element.dynamics for element in elements if isinstance(element, DynamicElement)]
+    integrated = parallel(dynamics) if dynamics else StateSpace(*(np.zeros((0, 0)) for _ in range(4)))
+    return EnvironmentModel(axis.name, period, method, estimator, continuous, sampled, integrated)
 
 
 def step_growth(space: StateSpace, period: float, method: str) -> float | None:

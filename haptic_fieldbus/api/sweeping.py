@@ -270,8 +270,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     began = monotonic()
     chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW[asked.engine]))
     names = tuple(points.values)
-    units, shipped = units_of_parameters(names, job), is_shipped_bench(names, job)
-    told = {"units": units, "shipped_bench": shipped}
+    told: Any = {"units": units_of_parameters(names, job), "shipped_bench": is_shipped_bench(names, job)}
     folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, told)
     job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
@@ -293,8 +292,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
                 done += len(rows["outcome"])
                 tell(done, points.count)
         ending.resume()
-    took = monotonic() - began
-    return Sweep(path, asked.engine, points.count, names, True, took, left, steps, units, shipped)
+    return Sweep(path, asked.engine, points.count, names, True, monotonic() - began, left, steps, **told)
 
 
 def _executor(asked: SweepRequest, count: int, ending: EndSignals) -> AbstractContextManager[Executor]:

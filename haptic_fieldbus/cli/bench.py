@@ -25,7 +25,7 @@ from haptic_fieldbus.cli.options import (
     options_of,
     refuse_beside_rig,
 )
-from haptic_fieldbus.cli.screen import console, json_text, plain, print_json, show, show_table
+from haptic_fieldbus.cli.screen import console, json_text, print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE, HIGHEST_NUMBER
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, in_unit, lines_of, object_of, rounded
@@ -88,7 +88,7 @@ def scan(options: ScanOptions) -> None:
     found = list(scans(options.bench(), options.nodes()))
     if options.as_json:
         nodes = [{**object_of(node.rows(), KEYS), "bus": each.bus} for each in found for node in each.nodes]
-        print_json({"nodes": plain(nodes), "buses": plain([object_of(each.rows()) for each in found])})
+        print_json({"nodes": nodes, "buses": [object_of(each.rows()) for each in found]})
         return
     for each in found:
         show(lines_of(each.rows()))
@@ -134,7 +134,7 @@ def doctor(options: DoctorOptions) -> None:
     checks = examined(options.bench())
     rows = [check.row for check in checks]
     if options.as_json:
-        print_json({"checks": plain([row.value for row in rows])})
+        print_json({"checks": [row.value for row in rows]})
     else:
         show(lines_of(rows))
     if any(check.ok is False and check.name in FAILED for check in checks):
@@ -196,13 +196,11 @@ def _live(stream: TextIO) -> Iterator[Shown]:
     from rich.live import Live
     from rich.text import Text
 
+    def named(views: Mapping[str, "View"]) -> Text:
+        return Text("\n".join(f"{name:{KEY_WIDTH}}{line}" for name, view in views.items() for line in view_lines(view)))
+
     with Live(console=console(stream), auto_refresh=False) as screen:
-        yield lambda views: screen.update(Text("\n".join(_named_lines(views))), refresh=True)
-
-
-def _named_lines(views: Mapping[str, "View"]) -> Iterator[str]:
-    for name, view in views.items():
-        yield from (f"{name:{KEY_WIDTH}}{line}" for line in view_lines(view))
+        yield lambda views: screen.update(named(views), refresh=True)
 
 
 def _print_json_line(views: Mapping[str, "View"]) -> None:

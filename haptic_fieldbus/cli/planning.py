@@ -1,7 +1,7 @@
 """Commands that need no drive: `plan`, `stability`, `response`, `estimate`."""
 
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,12 +16,13 @@ from haptic_fieldbus.cli.options import (
     SceneOptions,
     check_plot,
     draw,
+    given_by,
     note_assumed_bitrate,
     number,
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.cli.screen import print_json, show
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, exactly, rounded
@@ -68,7 +69,7 @@ def stability(options: StabilityOptions) -> None:
         draw(options.plot, draw_region(judgement), picture_mark(task))
     show(notes(judgement), sys.stderr)
     if options.as_json:
-        print_json({key: plain(value) for key, value in stability_json(judgement).items()})
+        print_json(stability_json(judgement))
         return
     show(stability_lines(judgement))
     if options.plot is not None:
@@ -124,8 +125,7 @@ def response(options: ResponseOptions) -> None:
         text = f"{options.input} is not below half the rate: its samples show {rounded(found.alias)} Hz"
         show([("warning", text)], sys.stderr)
     if options.as_json:
-        told = found.to_json() if model is None else {**found.to_json(), "model": model.to_json()}
-        print_json({key: plain(value) for key, value in told.items()})
+        print_json(found.to_json() if model is None else {**found.to_json(), "model": model.to_json()})
         return
     show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
     if model is not None:
@@ -179,15 +179,14 @@ def estimate(options: EstimateOptions) -> None:
     from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.report.analysis_texts import estimate_lines
 
-    names = (field.name for field in fields(SignalRequest))
     mark = "" if options.plot is None else picture_mark(files=[options.file])
-    found = estimate_from(SignalRequest(**{name: getattr(options, name) for name in names}))
+    found = estimate_from(given_by(options, SignalRequest))
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_estimate
 
         draw(options.plot, draw_estimate(found, options.file.name), mark)
     if options.as_json:
-        print_json({key: plain(value) for key, value in found.to_json().items()})
+        print_json(found.to_json())
         return
     show(estimate_lines(found, options.file.name))
     if options.plot is not None:

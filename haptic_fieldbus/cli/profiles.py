@@ -51,16 +51,12 @@ def check_against(name: str, eds: Path, profiles: str | None, as_json: bool) -> 
 
     found = proof_of(canopen_profile(load_profile(name, profiles)), load_eds(eds))
     if as_json:
-        print_json(
-            {
-                "errors": plain(faults_to_json((str(eds), fault) for fault in found.faults)),
-                "known": [
-                    {"key": each.fault.key, "line": each.fault.line, "message": each.fault.message,
-                     "reason": each.reason} for each in found.known
-                ],
-                "agreed": [{"key": each.key, "line": each.line, "shows": each.shows} for each in found.agreed],
-            }
-        )  # fmt: skip
+        known = [vars(each.fault) | {"reason": each.reason} for each in found.known]
+        print_json({
+            "errors": faults_to_json((str(eds), fault) for fault in found.faults),
+            "known": [{key: each[key] for key in ("key", "line", "message", "reason")} for each in known],
+            "agreed": [{"key": each.key, "line": each.line, "shows": each.shows} for each in found.agreed],
+        })  # fmt: skip
     else:
         _show(name, eds, found)
     if found.faults:
@@ -105,7 +101,7 @@ def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool)
     if as_json:
         assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
         usable = profile.drive.usable
-        print_json({"file": str(path), "name": path.stem, "usable": usable, "assumed": plain(assumed)})
+        print_json({"file": str(path), "name": path.stem, "usable": usable, "assumed": assumed})
     else:
         _tell(path, eds, draft)
     if not profile.drive.usable:
@@ -159,7 +155,7 @@ def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) 
     summaries = [each for each in found.values() if isinstance(each, dict)]
     faults = [told for name, each in found.items() if not isinstance(each, dict) for told in faults_told(name, each)]
     if as_json:
-        print_json({"profiles": plain(summaries), "errors": plain(faults_to_json(faults))})
+        print_json({"profiles": summaries, "errors": faults_to_json(faults)})
         return
     headings = ("name", "drive", "protocol", "usable", "evidence", "from")
     show_table(headings, map(_row, summaries))

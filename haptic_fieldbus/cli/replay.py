@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.options import OUTPUT, JsonOption, PlotOption, check_plot, draw, option
-from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.cli.screen import print_json, show
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -77,14 +77,13 @@ def replay(
         draw(plot, draw_run(shown(found)), origin.mark if origin else picture_mark(files=[file]))
     duration = float(found.time[-1]) if len(found) else 0.0
     if as_json:
-        told = {
+        print_json({
             "recording": str(file), "kind": kind, "count": len(found), "duration_s": duration,
             "complete": found.complete, "columns": {name: found.units.get(name) for name in found.columns},
             "scene": origin.scene_name if origin else None, "date": origin.date if origin else None,
             "version": origin.version if origin else None, "written": [str(target) for target in targets],
             "first_difference": asdict(difference) if difference else None,
-        }  # fmt: skip
-        print_json({key: plain(value) for key, value in told.items()})
+        })  # fmt: skip
     else:
         lines = [("recording", f"{len(found)} {kind}, {exactly(round(duration, 6))} s")]
         lines += [] if found.complete else [("", "cut off: read up to the last whole part")]

@@ -86,15 +86,15 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     show([(None, line) for line in lines])
 
 
-def print_json(value: "Mapping[str, Json]") -> None:
+def print_json(value: Mapping[str, object]) -> None:
     """Print one JSON object to standard output; raises ValueError for NaN and infinities, which JSON does not have."""
-    print(json_text(value, indent=2))
+    print(json_text({key: plain(member) for key, member in value.items()}, indent=2))
 
 
 def show_result(rows: Iterable[OutputRow], told: Mapping[str, object], *, as_json: bool) -> None:
     """Print a result: its rows, or one JSON object."""
     if as_json:
-        print_json({key: plain(value) for key, value in told.items()})
+        print_json(told)
     else:
         show(lines_of(rows))
     sys.stdout.flush()
@@ -184,9 +184,15 @@ def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bo
 
     Raises `typer.Exit` with status 2 when any file has a fault.
     """
-    found = {name: list(_faults(name, load)) for name in names}
+    found: dict[str, list[Told]] = {}
+    for name in names:
+        try:
+            load(name)
+            found[name] = []
+        except (DocumentError, UsageError) as error:
+            found[name] = [*faults_told(name, error)]
     if as_json:
-        print_json({"errors": plain(faults_to_json(told for faults in found.values() for told in faults))})
+        print_json({"errors": faults_to_json(told for faults in found.values() for told in faults)})
     else:
         for name, faults in found.items():
             show((None, f"{source}: {fault}") for source, fault in faults)
@@ -194,14 +200,6 @@ def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bo
                 show([(None, f"{name}: no fault")])
     if any(found.values()):
         raise typer.Exit(FAULTY)
-
-
-def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
-    """Yield each fault of a file with its path, or with `name` if no file was found."""
-    try:
-        load(name)
-    except (DocumentError, UsageError) as error:
-        yield from faults_told(name, error)
 
 
 def faults_told(name: str, error: DocumentError | UsageError) -> Iterator[Told]:

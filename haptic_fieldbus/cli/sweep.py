@@ -17,7 +17,7 @@ from haptic_fieldbus.cli.options import (
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
+from haptic_fieldbus.cli.screen import moving_bar, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import raise_all
 from haptic_fieldbus.numerals import percent, rounded
@@ -85,8 +85,7 @@ def sweep(options: SweepOptions) -> None:
     if options.plot is not None:
         draw(options.plot, found.plot(), picture_mark(task))
     if options.as_json:
-        told: dict[str, Any] = {name: getattr(found, name) for name in TOLD} | {"out": str(found.path)}
-        print_json({key: plain(value) for key, value in told.items()})
+        print_json({name: getattr(found, name) for name in TOLD} | {"out": found.path})
         return
     there = found.points - found.computed
     before = f", {there} of them before" if there else ""
@@ -140,12 +139,8 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
 
     from haptic_fieldbus.api.sweep_folder import LONGEST_LIST
 
-    if (
-        how not in ([], ["log"])
-        or not all(map(isfinite, ends))
-        or not 0 < count <= LONGEST_LIST
-        or (how and not drawn and not all(each > 0.0 for each in ends))
-    ):
+    known = how in ([], ["log"]) and all(map(isfinite, ends)) and 0 < count <= LONGEST_LIST
+    if not known or (how and not drawn and min(ends) <= 0.0):
         raise ValueError
     if drawn:
         return [_plain_value(low), _plain_value(high), *how]

@@ -216,9 +216,9 @@ def write_beside(path: Path, provenance: Provenance, count: int | None = None) -
 
 
 @contextmanager
-def replacing(target: Path) -> Iterator[Path]:
+def replacing(target: Path, suffix: str = ".new") -> Iterator[Path]:
     """Yield the name of a new file beside the target, which takes its place once the block has written it."""
-    new = target.with_name(f"{target.name}.new")
+    new = target.with_name(f"{target.name}{suffix}")
     try:
         yield new
         new.replace(target)
