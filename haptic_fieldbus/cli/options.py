@@ -98,13 +98,9 @@ PARSERS = {"HZ": frequency, "S": seconds}
 
 
 def option(
-    metavar: str | None,
-    text: str,
-    panel: str | None = None,
-    *names: str,
-    default: object = None,
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: object = None,
     parser: Callable[[str], object] | None = None,
-) -> object:
+) -> object:  # fmt: skip
     """Return an option whose help text ends with the default; without `names` it has the name of its field.
 
     A `metavar` of None is that of a switch, which takes no value.
@@ -127,15 +123,9 @@ def option_field(
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
 VerboseOption = Annotated[bool, option(None, "Print all details.", None, "--verbose", "-v")]
+OWN_PROFILES = "the folder in the environment variable HAPTIC_FIELDBUS_PROFILES"
 ProfilesOption = Annotated[
-    str | None,
-    option(
-        "DIR",
-        "Folder of your own drive profiles.",
-        BENCH,
-        "--profiles",
-        default="the folder in the environment variable HAPTIC_FIELDBUS_PROFILES",
-    ),
+    str | None, option("DIR", "Folder of your own drive profiles.", BENCH, "--profiles", default=OWN_PROFILES)
 ]
 PlotOption = Annotated[Path | None, option("PATH", "File of the picture: .png, .svg or .pdf.", OUTPUT)]
 

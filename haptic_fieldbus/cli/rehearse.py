@@ -1,7 +1,7 @@
 """Command `rehearse`: the first start of a drive, on a drive simulated inside this program, in real time."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -75,7 +75,7 @@ def rehearse(options: RehearseOptions) -> None:
         path = options.write_rig or Path(folder) / KEPT
         write(path, bench, HEADING)
         rig = replace(bench, source=str(path))
-        show(_beginning(options), talk)
+        show([("rehearsal", SIMULATED), *([("hand", MOVED)] if options.hand != "none" else [])], talk)
         show([("step", f"haptic-fieldbus watch --rig {path.name} --duration {WATCHED:g}")], talk)
         look(BenchRequest(rig=rig), WATCHED, talk)
         chosen = "".join(f" --set {each}" for each in options.settings or [])
@@ -87,17 +87,12 @@ def rehearse(options: RehearseOptions) -> None:
         show([("rig", str(options.write_rig))], talk)
 
 
-def _beginning(options: RehearseOptions) -> Iterator[tuple[str, str]]:
-    yield (
-        "rehearsal",
-        "drive, motor, handle and hand are simulated by this program; time, questions and watchdog tests are real",
-    )
-    if options.hand != "none":
-        yield (
-            "hand",
-            "moves the handle 60 mm to the positive side and back while the drive is off; it answers for you when you "
-            "are asked to move the handle",
-        )
+SIMULATED = "drive, motor, handle and hand are simulated by this program; time, questions and watchdog tests are real"
+MOVED = (
+    "moves the handle 60 mm to the positive side and back while the drive is off; it answers for you when you are "
+    "asked to move the handle"
+)
+"""Sentences at the beginning: about the rehearsal, and about the hand where there is one."""
 
 
 def _once() -> Callable[[str], None]:

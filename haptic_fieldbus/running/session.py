@@ -256,11 +256,13 @@ class Session:
 
         Raises UsageError, BusError or DriveFaultError.
         """
-        bus.inspect(self.plan, bytearray(self.plan.image.input_size))
-        if not self.plan.simulated:
-            for axis in self.plan.axes:
-                check_measured_drive(axis.name, axis.bench, self.identities[axis.name])
-        due = self._due()
+        plan = self.plan
+        bus.inspect(plan, bytearray(plan.image.input_size))
+        for axis in () if plan.simulated else plan.axes:
+            check_measured_drive(axis.name, axis.bench, self.identities[axis.name])
+        # With --prove the plan knows of no proof, so each guard has a reason.
+        recorded = {axis.name: axis.rig.proved for axis in plan.axes}
+        due = {} if plan.simulated and not self.prove else to_prove(plan.guards, recorded, self.identities)
         self._ask(bus, due)
         return due
 
@@ -289,15 +291,6 @@ class Session:
         """The drives of the axes, after they were inspected; without numbers for a drive that told none."""
         facts = {} if self._bus is None else self._bus.facts
         return {axis.name: facts[axis.name].identity if axis.name in facts else Identity() for axis in self.plan.axes}
-
-    def _due(self) -> dict[str, str]:
-        """Return the axes of an inspected bus whose watchdogs must be tested, with the reason of each."""
-        plan = self.plan
-        if plan.simulated and not self.prove:
-            return {}
-        # With --prove the plan knows of no proof, so each guard has a reason.
-        recorded = {axis.name: axis.rig.proved for axis in plan.axes}
-        return to_prove(plan.guards, recorded, self.identities)
 
     def _ask(self, bus: Bus, due: Mapping[str, str]) -> None:
         """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""

@@ -549,9 +549,8 @@ def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: 
     ))  # fmt: skip
 
     async def follow() -> None:
-        ready(
-            f"http://{shown}:{number}/?token={quote(token, safe='')}"
-        )  # who comes before the first answer waits at the socket
+        # Who comes before the first answer waits at the socket.
+        ready(f"http://{shown}:{number}/?token={quote(token, safe='')}")
         hub.follow()
         await hub.over.wait()
         await asyncio.sleep(FAREWELL)
