@@ -56,12 +56,9 @@ class LinearModel:
     def to_json(self) -> dict[str, object]:
         """Return matrices, poles as [real, imaginary], and transfer functions, the highest power first."""
         matrices = {name: getattr(self.space, name).tolist() for name in ("a", "b", "c", "d")}
-        poles = [[pole.real, pole.imag] for pole in self.poles.tolist()]
-        functions = [
-            {"input": name, "num": list(each.num), "den": list(each.den)}
-            for name, each in self.transfer_functions.items()
-        ]
-        return {**matrices, "poles": poles, "transfer": functions}
+        poles, functions = [[pole.real, pole.imag] for pole in self.poles.tolist()], self.transfer_functions.items()
+        transfer = [{"input": name, "num": list(each.num), "den": list(each.den)} for name, each in functions]
+        return {**matrices, "poles": poles, "transfer": transfer}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +83,10 @@ class EnvironmentModel:
     def to_json(self) -> Mapping[str, object]:
         """Return the object `model` of `response --model --json`."""
         return {
-            "axis": self.axis,
-            "period_s": self.period,
-            "method": self.method,
-            "estimator": self.estimator,
-            "continuous": self.continuous.to_json(),
-            "discrete": self.discrete.to_json(),
+            "axis": self.axis, "period_s": self.period, "method": self.method, "estimator": self.estimator,
+            "continuous": self.continuous.to_json(), "discrete": self.discrete.to_json(),
             "growth": self.growth if self.integrated.order else {},
-        }
+        }  # fmt: skip
 
 
 @own_faults()

@@ -67,16 +67,11 @@ def provenance_of(
     """
     profiles = texts_of_profiles(plan.rig, task)
     provenance = Provenance(
-        **_here(anonymous=anonymous),
-        scene=text_of_scene(plan.scene),
-        rig=text_of_rig(plan.rig, profiles),
+        **_here(anonymous=anonymous), scene=text_of_scene(plan.scene), rig=text_of_rig(plan.rig, profiles),
         profiles=tuple({text.name: text for text in profiles.values()}.values()),
-        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None,
-        settings=dict(parsed(task.settings)),
-        conditions=conditions,
-        bus=hidden(bus),
-        simulated=plan.simulated,
-    )
+        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None, settings=dict(parsed(task.settings)),
+        conditions=conditions, bus=hidden(bus), simulated=plan.simulated,
+    )  # fmt: skip
     if repeats is not None:
         scene, rig = cast(RunText, repeats.scene), repeats.rig
         provenance = replace(

@@ -5,7 +5,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -75,16 +74,24 @@ def simulate(
     show(note_assumed_bitrate(bus), sys.stderr)
     if write_rig is not None:
         check_free(write_rig)
-    teller = _Teller(as_json)
+    hosted_on = ""
 
     def opened(joined: "BusName") -> None:
-        teller.bus = joined.text
+        nonlocal hosted_on
+        hosted_on = joined.text
         if write_rig is not None:
             write(write_rig, rig_of(joined, slots), HEADING)
 
+    def ready(slot: "DriveOnBus") -> None:
+        if as_json:
+            print(json_text({"drive": slot.axis.profile, "node": slot.node, "bus": hosted_on}))
+        else:
+            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {hosted_on}")])
+        sys.stdout.flush()  # a program that started this one waits for the line
+
     # A loop beside us may take a processor for itself, so the drives stay free to move to another.
     with _until_asked_to_stop() as stopped, real_time(pinned=False):
-        lost = host_on(name)(name, slots, seed, teller.tell, stopped, _note, opened)
+        lost = host_on(name)(name, slots, seed, ready, stopped, _note, opened)
     if lost:
         _note(f"{lost} frames could not be sent: the transmit queue was full")
 
@@ -129,18 +136,3 @@ def _until_asked_to_stop() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@dataclass
-class _Teller:
-    """Prints one line for a drive that is ready on the bus."""
-
-    as_json: bool
-    bus: str = ""
-
-    def tell(self, slot: "DriveOnBus") -> None:
-        if self.as_json:
-            print(json_text({"drive": slot.axis.profile, "node": slot.node, "bus": self.bus}))
-        else:
-            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {self.bus}")])
-        sys.stdout.flush()  # a program that started this one waits for the line

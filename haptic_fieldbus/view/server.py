@@ -55,18 +55,7 @@ FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
 
-class Source:
-    """Description of the run from which pages are made, once it is known, and their controls."""
-
-    def __init__(self) -> None:
-        self.hello: dict[str, Any] = {}
-        self.first: dict[str, float] = {}
-        """Values of the parameters in the file of the scene."""
-        self.controls: dict[str, Controls] = {}
-        self.known = asyncio.Event()
-
-
-def build(hub: Source) -> None:
+def build(hub: "Hub") -> None:
     """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 
@@ -373,12 +362,18 @@ class Page:
         return self.credit >= 1.0
 
 
-class Hub(Source):
+class Hub:
     """Connection between the run and its pages."""
 
     def __init__(self, path: Path) -> None:
         """Connect to a run; raises OSError."""
-        super().__init__()
+        self.hello: dict[str, Any] = {}
+        """Description of the run from which pages are made, once it is known."""
+        self.first: dict[str, float] = {}
+        """Values of the parameters in the file of the scene."""
+        self.controls: dict[str, Controls] = {}
+        """Controls of the pages by their clients."""
+        self.known = asyncio.Event()
         self.run = LiveReader(path)
         self.over = asyncio.Event()
         self._ring: RingReader
