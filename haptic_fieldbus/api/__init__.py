@@ -254,8 +254,7 @@ def prepare_run(
         confirm=trial.confirm, instruct=trial.instruct, progress=_shown(trial.progress, plan),
         provenance=provenance, drawing=DRAWING, live=trial.live, led=_led(plan, trial, held, repeats),
     )  # fmt: skip
-    time = None if trial.live is None else trial.live.time
-    return session, site_of(plan, recording, hand, trial.seed, faults, time)
+    return session, site_of(plan, recording, hand, trial.seed, faults, None if trial.live is None else trial.live.time)
 
 
 def _led(

@@ -75,8 +75,7 @@ def _clock(plan: Plan, seed: int, faults: Sequence[Fault], time: VirtualClock) -
     if most_ns:
         draw = Random(f"{seed}/host")
         return HostClock(time, iter(lambda: draw.randrange(most_ns + 1), None))
-    faulty = any(isinstance(fault, HostFault) for fault in faults)
-    return HostClock(time) if faulty else time
+    return HostClock(time) if any(isinstance(fault, HostFault) for fault in faults) else time
 
 
 def ask_rated_torques(rig: Rig) -> Rig:
@@ -152,13 +151,12 @@ def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
     # Drives draw their numbers by seed and node-ID: twins would draw the same numbers.
     before = plan.buses[: plan.buses.index(bus)]
     taken = {axis.node for other in before for axis in plan.on(other).axes}
-    twins = any(axis.node in taken for axis in plan.on(bus).axes)
-    return f"{seed}/{bus.name}" if twins else seed
+    return f"{seed}/{bus.name}" if any(axis.node in taken for axis in plan.on(bus).axes) else seed
 
 
 def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
     kinds = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
-    known = {None: frozenset[str]().union(*kinds.values()), **kinds}
+    known: dict[str | None, frozenset[str]] = {None: frozenset[str]().union(*kinds.values()), **kinds}
     wrong = [
         f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(kinds)}'
         for fault in faults

@@ -187,8 +187,7 @@ def task_at(job: SweepJob, point: Point) -> Task:
 def evaluate(job: SweepJob, columns: Columns) -> Rows:
     """Return the rows of some points."""
     engine, figures = ENGINES[job.engine]
-    points = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-    rows = engine(job, points)
+    rows = engine(job, [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)])
     names = dict.fromkeys(["outcome", "message", *figures, *(name for row in rows for name in row)])
     return {name: [row.get(name) for row in rows] for name in names}
 
@@ -235,8 +234,7 @@ def _judged(task: Task) -> Row:
 def _lone_wall(job: SweepJob) -> Wall | None:
     """Return the wall of a scene that has no other element; None for any other scene."""
     elements = cast(Any, job.task.scene).elements
-    settings = job.task.settings or {}
-    return elements[0] if len(elements) == 1 and type(elements[0]) is Wall and not settings else None
+    return elements[0] if len(elements) == 1 and type(elements[0]) is Wall and not job.task.settings else None
 
 
 @dataclass(frozen=True, eq=False)

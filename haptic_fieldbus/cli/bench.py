@@ -215,18 +215,16 @@ def _print_lines(views: Mapping[str, "View"], stream: TextIO) -> None:
 
 def view_lines(view: "View") -> Iterator[str]:
     """Yield the lines of one axis: its values, and a note if there is one."""
-    parts = [f"node {view.node}", view.state or "state unknown"]
-    if view.statusword is not None:
-        parts[1] += f" ({view.statusword:04X}h)"
-    if view.error_code is not None:
-        parts.append(f"error code {view.error_code:04X}h")
-    parts += [*_motion(view), *_ages(view)]
-    yield " · ".join(parts)
+    yield " · ".join(_values(view))
     if view.note is not None:
         yield view.note
 
 
-def _motion(view: "View") -> Iterator[str]:
+def _values(view: "View") -> Iterator[str]:
+    yield f"node {view.node}"
+    yield (view.state or "state unknown") + ("" if view.statusword is None else f" ({view.statusword:04X}h)")
+    if view.error_code is not None:
+        yield f"error code {view.error_code:04X}h"
     if view.position_counts is not None:
         counts = f"{view.position_counts} counts"
         yield counts if view.position is None else f"{in_unit(view.position, view.unit or '')} ({counts})"
@@ -236,9 +234,6 @@ def _motion(view: "View") -> Iterator[str]:
         yield in_unit(view.torque_actual, "N·m")
     elif view.torque_actual_raw is not None:
         yield f"torque {view.torque_actual_raw} (steps of the drive)"
-
-
-def _ages(view: "View") -> Iterator[str]:
     if view.age_s is not None:
         yield f"{rounded(1e3 * view.age_s)} ms old"
     if view.nmt_state is not None and view.life_age_s is not None:

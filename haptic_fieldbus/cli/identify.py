@@ -197,11 +197,10 @@ def certify(options: CertifyOptions) -> None:
     if not sys.stdin.isatty():
         never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig] if options.rig else [])
-    above = tell_question if options.above else None if options.yes or not sys.stdin.isatty() else ask
     found = raise_stiffness(
         CertifyTask(options.task(), options.by_hand, options.share, options.seed),
         confirm=tell_question if options.yes else ask,
-        above=above,
+        above=tell_question if options.above else None if options.yes or not sys.stdin.isatty() else ask,
         instruct=None if options.yes or not sys.stderr.isatty() else instruct,
         announce=lambda told: _announce(told, options),
         progress=lambda stiffness, unit: (

@@ -100,8 +100,7 @@ def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool)
     _write(path, draft.text)
     if as_json:
         assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
-        usable = profile.drive.usable
-        print_json({"file": str(path), "name": path.stem, "usable": usable, "assumed": assumed})
+        print_json({"file": path, "name": path.stem, "usable": profile.drive.usable, "assumed": assumed})
     else:
         _tell(path, eds, draft)
     if not profile.drive.usable:
@@ -157,8 +156,7 @@ def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) 
     if as_json:
         print_json({"profiles": summaries, "errors": faults_to_json(faults)})
         return
-    headings = ("name", "drive", "protocol", "usable", "evidence", "from")
-    show_table(headings, map(_row, summaries))
+    show_table(("name", "drive", "protocol", "usable", "evidence", "from"), map(_row, summaries))
     show([("fault", f"{source}: {fault}") for source, fault in faults], sys.stderr)
 
 
@@ -230,8 +228,7 @@ def check_profiles(
             raise UsageError("--eds FILE compares one profile: give its name or path first")
         check_against(names[0], eds, profiles, as_json)
         return
-    known = known_names(profiles)
-    check_files(names or known, partial(_check_profile, profiles), as_json)
+    check_files(names or known_names(profiles), partial(_check_profile, profiles), as_json)
 
 
 def _check_profile(profiles: str | None, name: str) -> None:

@@ -10,7 +10,16 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.bench import look
-from haptic_fieldbus.cli.options import BENCH, OUTPUT, RENDERING, SceneOptions, check_plot, option_field, options_of
+from haptic_fieldbus.cli.options import (
+    BENCH,
+    OUTPUT,
+    RENDERING,
+    SCENES,
+    SceneOptions,
+    check_plot,
+    option_field,
+    options_of,
+)
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
@@ -37,12 +46,7 @@ class RehearseOptions(SceneOptions):
     """Options of `rehearse`."""
 
     scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE",
-            help=rf"A scene of the library by name, or the path of a scene file. \[default: {SCENE}]",
-            show_default=False,
-        ),
+        str, typer.Argument(metavar="SCENE", help=rf"{SCENES} \[default: {SCENE}]", show_default=False)
     ] = SCENE
     drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DEFAULT_DRIVE)
     rate: float | None = option_field("HZ", "Loop rate in Hz.", RENDERING, told=exactly(DEFAULT_RATE))

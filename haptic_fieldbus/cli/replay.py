@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import asdict
-from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -17,27 +16,21 @@ DIFFERENT = 1
 """Exit status when a set-point of today differs from the recorded one."""
 
 
-class RowFormat(Enum):
-    """Formats of rows, by the suffixes of their files."""
-
-    CSV = "csv"
-    MCAP = "mcap"
-    PARQUET = "parquet"
+FORMATS = ("csv", "mcap", "parquet")
+"""Formats of rows, by the suffixes of their files."""
 
 
-def row_format(text: str) -> RowFormat:
+def row_format(text: str) -> str:
     """Return the format of an option; raises BadParameter, which names all formats."""
-    try:
-        return RowFormat(text)
-    except ValueError:
-        raise typer.BadParameter(f'"{text}"; expected {", ".join(each.value for each in RowFormat)}') from None
+    if text not in FORMATS:
+        raise typer.BadParameter(f'"{text}"; expected {", ".join(FORMATS)}')
+    return text
 
 
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Rows (.csv, .mcap, .parquet) or frames (.log, .blf).")],
     to: Annotated[
-        RowFormat | None,
-        option("FORMAT", "Write rows as csv, mcap or parquet beside FILE.", OUTPUT, parser=row_format),
+        str | None, option("FORMAT", "Write rows as csv, mcap or parquet beside FILE.", OUTPUT, parser=row_format)
     ] = None,
     compare: Annotated[
         bool, option(None, "Compute the set-points anew from the recorded feedback.", None, "--compare")
@@ -58,7 +51,7 @@ def replay(
     if repair and file.suffix != ".mcap":
         raise UsageError("--repair: only an MCAP file has an index")
     found = read_recording(file)
-    targets = [file.with_suffix(f".{to.value}")] if to else []
+    targets = [file.with_suffix(f".{to}")] if to else []
     targets += [file.with_name(f"{file.stem}.repaired.mcap")] if repair else []
     if taken := [str(target) for target in targets if target.exists()]:
         raise UsageError(f"{', '.join(taken)}: exists; move it away")

@@ -51,8 +51,7 @@ def run(options: RunOptions) -> None:
         return
     task, trial = options.task(), options.given(api.Trial)
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    told = None if options.yes or not sys.stderr.isatty() else instruct
-    run_and_tell(options, task, replace(trial, instruct=told))
+    run_and_tell(options, task, replace(trial, instruct=None if options.yes or not sys.stderr.isatty() else instruct))
 
 
 def _repeat(options: RunOptions) -> None:

@@ -119,8 +119,7 @@ class Session:
         cycle, report = Cycle(plan), LoopReport()
         # The record has room for the periods until the drives are enabled.
         enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
-        kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-        room = min(cycles, kept) + enabling + 1
+        room = min(cycles, ROWS_NEEDED if plan.simulated else LONGEST_RECORD) + enabling + 1
         record = self.kept = Record(columns(plan), room)
         if self.live is not None:
             self.live.follow(plan, record)

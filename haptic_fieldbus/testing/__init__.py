@@ -61,8 +61,7 @@ def check_element(element: AnyElement, reach: Reach = REACH) -> None:
     wanted = ("name", "needs", "linearised")
     if isinstance(element, type) or not all(hasattr(element, each) for each in wanted):
         raise wrong_kind("element", f"an object with {', '.join(wanted)} and a law", element)
-    checks = (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number)
-    _judge(element, checks, reach)
+    _judge(element, (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number), reach)
 
 
 def check_estimator(estimator: Estimator) -> None:

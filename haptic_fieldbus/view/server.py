@@ -63,8 +63,7 @@ def build(hub: "Hub") -> None:
     async def page() -> None:
         await asyncio.wait_for(hub.known.wait(), STARTING - 1.0)
         client = ui.context.client
-        controls = Controls(hub.hello, hub.first)
-        hub.controls[client.id] = controls
+        hub.controls[client.id] = Controls(hub.hello, hub.first)
         client.on_delete(lambda: hub.controls.pop(client.id, None))
         ui.add_head_html('<link rel="stylesheet" href="/assets/page.css">')
         ui.add_body_html(
