@@ -59,7 +59,6 @@ SHOWN = (
 
 HANDS = "Motion of the simulated hand: push, tap, sine, guide, shake, release or none."
 """Names of the simulated hands, for the help."""
-SCENES = "A scene of the library by name, or the path of a scene file."
 OPTION = "option"
 """Key of the metadata of a field, whose value is the option."""
 
@@ -145,7 +144,9 @@ def given_by(options: object, kind: type[Asked]) -> Asked:
 class SceneOptions:
     """Options of the commands that take a scene: those of `run`; other commands leave out some of them."""
 
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help=SCENES)]
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
+    ]
     rate: float | None = option_field("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING)
     settings: list[str] | None = option_field(
         "ELEMENT.PARAMETER=VALUE", "Set a parameter of the scene; may be repeated.", RENDERING, "--set"

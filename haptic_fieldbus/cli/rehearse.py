@@ -10,16 +10,7 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.bench import look
-from haptic_fieldbus.cli.options import (
-    BENCH,
-    OUTPUT,
-    RENDERING,
-    SCENES,
-    SceneOptions,
-    check_plot,
-    option_field,
-    options_of,
-)
+from haptic_fieldbus.cli.options import BENCH, OUTPUT, RENDERING, SceneOptions, check_plot, option_field, options_of
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.run import instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
@@ -33,6 +24,8 @@ WATCHED = 8.0
 OF_A_RIG = ("bus", "node", "rig", "axes", "zero", "faults", "prove", "force")
 """Options of `run` that a rehearsal leaves out: it has a bench of its own."""
 SCENE = "wall"
+TOLD = rf"A scene of the library by name, or the path of a scene file. \[default: {SCENE}]"
+"""Help for the scene."""
 SOFTER = "wall.stiffness=max/2"
 """Default setting of the wall: inside the limit of a rig with a stated damping."""
 KEPT = "rig.toml"
@@ -45,9 +38,7 @@ motor, mechanism and limits. Omit `proved` and `seen`: they belong to the simula
 class RehearseOptions(SceneOptions):
     """Options of `rehearse`."""
 
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help=rf"{SCENES} \[default: {SCENE}]", show_default=False)
-    ] = SCENE
+    scene: Annotated[str, typer.Argument(metavar="SCENE", help=TOLD, show_default=False)] = SCENE
     drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DEFAULT_DRIVE)
     rate: float | None = option_field("HZ", "Loop rate in Hz.", RENDERING, told=exactly(DEFAULT_RATE))
     yes: bool = option_field(None, "Answer the questions with yes.", None, "--yes")
