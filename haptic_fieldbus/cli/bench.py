@@ -25,7 +25,7 @@ from haptic_fieldbus.cli.options import (
     options_of,
     refuse_beside_rig,
 )
-from haptic_fieldbus.cli.screen import console, json_text, print_json, show, show_table
+from haptic_fieldbus.cli.screen import console, json_text, print_json, show, show_result, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE, HIGHEST_NUMBER
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, in_unit, lines_of, object_of, rounded
@@ -133,10 +133,7 @@ def doctor(options: DoctorOptions) -> None:
     show(note_assumed_bitrate(options.bus), sys.stderr)
     checks = examined(options.bench())
     rows = [check.row for check in checks]
-    if options.as_json:
-        print_json({"checks": [row.value for row in rows]})
-    else:
-        show(lines_of(rows))
+    show_result(lines_of(rows), lambda: {"checks": [row.value for row in rows]}, as_json=options.as_json)
     if any(check.ok is False and check.name in FAILED for check in checks):
         raise typer.Exit(1)
 

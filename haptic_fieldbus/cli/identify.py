@@ -94,7 +94,7 @@ def identify(options: IdentifyOptions) -> None:
     task = given_by(options, BenchTask)
     if options.dry_run:
         lines = list(bounds_of(task).lines())
-        show_result([OutputRow("move", lines)], {"move": lines}, as_json=options.as_json)
+        show_result(lines_of([OutputRow("move", lines)]), lambda: {"move": lines}, as_json=options.as_json)
         return
     if not sys.stdin.isatty():
         never_wait()
@@ -106,7 +106,7 @@ def identify(options: IdentifyOptions) -> None:
         announce=lambda told: _announce(told.lines(), options),
         progress=lambda stage: show([("stage", stage)], sys.stderr) if sys.stderr.isatty() else None,
     )
-    show_result(_rows(found), found.to_json(), as_json=options.as_json)
+    show_result(lines_of(_rows(found)), found.to_json, as_json=options.as_json)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_identified
 
@@ -209,7 +209,7 @@ def certify(options: CertifyOptions) -> None:
     )
     rows = list(found.rows())
     certificate = object_of(rows, CERTIFIED)
-    show_result(rows, certificate, as_json=options.as_json)
+    show_result(lines_of(rows), lambda: certificate, as_json=options.as_json)
     if options.plot is not None and values is not None:
         from haptic_fieldbus.report.plot import draw_certificate
 

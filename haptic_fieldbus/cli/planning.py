@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +23,7 @@ from haptic_fieldbus.cli.options import (
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.screen import print_json, show
+from haptic_fieldbus.cli.screen import print_json, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, exactly, rounded
@@ -68,12 +69,8 @@ def stability(options: StabilityOptions) -> None:
 
         draw(options.plot, draw_region(judgement), picture_mark(task))
     show(notes(judgement), sys.stderr)
-    if options.as_json:
-        print_json(stability_json(judgement))
-        return
-    show(stability_lines(judgement))
-    if options.plot is not None:
-        show([("plot", str(options.plot))])
+    told = partial(stability_json, judgement)
+    show_result(stability_lines(judgement), told, as_json=options.as_json, plot=options.plot)
 
 
 # Command `response`: the force of a scene for a prescribed motion, without a drive.
@@ -107,7 +104,7 @@ def response(options: ResponseOptions) -> None:
     check_plot(options.plot)
     from haptic_fieldbus.api.open_loop import OpenLoop, open_loop
     from haptic_fieldbus.api.provenance import picture_mark
-    from haptic_fieldbus.report.analysis_texts import response_lines
+    from haptic_fieldbus.report.analysis_texts import model_lines, response_lines
 
     task = options.task()
     found = open_loop(task, options.given(OpenLoop))
@@ -124,16 +121,9 @@ def response(options: ResponseOptions) -> None:
     if found.alias is not None:
         text = f"{options.input} is not below half the rate: its samples show {rounded(found.alias)} Hz"
         show([("warning", text)], sys.stderr)
-    if options.as_json:
-        print_json(found.to_json() if model is None else {**found.to_json(), "model": model.to_json()})
-        return
-    show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
-    if model is not None:
-        from haptic_fieldbus.report.analysis_texts import model_lines
-
-        show(model_lines(model))
-    if options.plot is not None:
-        show([("plot", str(options.plot))])
+    lines = response_lines(found, f"{title} of {exactly(options.amplitude)}") + (model_lines(model) if model else [])
+    beside = {"model": model.to_json()} if model else {}
+    show_result(lines, lambda: {**found.to_json(), **beside}, as_json=options.as_json, plot=options.plot)
 
 
 def _figure(found: "Response", model: "EnvironmentModel | None", title: str) -> "Figure":
@@ -185,12 +175,8 @@ def estimate(options: EstimateOptions) -> None:
         from haptic_fieldbus.report.analysis_plots import draw_estimate
 
         draw(options.plot, draw_estimate(found, options.file.name), mark)
-    if options.as_json:
-        print_json(found.to_json())
-        return
-    show(estimate_lines(found, options.file.name))
-    if options.plot is not None:
-        show([("plot", str(options.plot))])
+    lines = estimate_lines(found, options.file.name)
+    show_result(lines, found.to_json, as_json=options.as_json, plot=options.plot)
 
 
 # Command `plan`: compile a scene for a bench and explain the plan; no bus is opened.

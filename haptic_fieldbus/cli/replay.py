@@ -1,6 +1,5 @@
 """Command `replay`: summarise, draw, convert, compare and repair a recording."""
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +7,7 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.options import OUTPUT, JsonOption, PlotOption, check_plot, draw, option
-from haptic_fieldbus.cli.screen import print_json, show
+from haptic_fieldbus.cli.screen import show_result
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -69,22 +68,19 @@ def replay(
 
         draw(plot, draw_run(shown(found)), origin.mark if origin else picture_mark(files=[file]))
     duration = float(found.time[-1]) if len(found) else 0.0
-    if as_json:
-        print_json({
-            "recording": str(file), "kind": kind, "count": len(found), "duration_s": duration,
-            "complete": found.complete, "columns": {name: found.units.get(name) for name in found.columns},
-            "scene": origin.scene_name if origin else None, "date": origin.date if origin else None,
-            "version": origin.version if origin else None, "written": [str(target) for target in targets],
-            "first_difference": asdict(difference) if difference else None,
-        })  # fmt: skip
-    else:
-        lines = [("recording", f"{len(found)} {kind}, {exactly(round(duration, 6))} s")]
-        lines += [] if found.complete else [("", "cut off: read up to the last whole part")]
-        lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}")] if origin else []
-        lines += [("written", str(target)) for target in targets]
-        lines += [] if plot is None else [("plot", str(plot))]
-        lines += [("compare", str(difference or "all set-points are the same"))] if compare else []
-        show(lines)
-    sys.stdout.flush()
+    told = {
+        "recording": file, "kind": kind, "count": len(found), "duration_s": duration, "complete": found.complete,
+        "columns": {name: found.units.get(name) for name in found.columns},
+        "scene": origin.scene_name if origin else None, "date": origin.date if origin else None,
+        "version": origin.version if origin else None, "written": targets,
+        "first_difference": asdict(difference) if difference else None,
+    }  # fmt: skip
+    lines = [("recording", f"{len(found)} {kind}, {exactly(round(duration, 6))} s")]
+    lines += [] if found.complete else [("", "cut off: read up to the last whole part")]
+    lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}")] if origin else []
+    lines += [("written", str(target)) for target in targets]
+    lines += [] if plot is None else [("plot", str(plot))]
+    lines += [("compare", str(difference or "all set-points are the same"))] if compare else []
+    show_result(lines, lambda: told, as_json=as_json)
     if difference is not None:
         raise typer.Exit(DIFFERENT)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
@@ -17,7 +18,7 @@ import typer
 
 from haptic_fieldbus.cli.output import behind
 from haptic_fieldbus.errors import DocumentError, Fault, UsageError
-from haptic_fieldbus.numerals import KEY_WIDTH, OutputRow, lines_of
+from haptic_fieldbus.numerals import KEY_WIDTH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -91,12 +92,15 @@ def print_json(value: Mapping[str, object]) -> None:
     print(json_text({key: plain(member) for key, member in value.items()}, indent=2))
 
 
-def show_result(rows: Iterable[OutputRow], told: Mapping[str, object], *, as_json: bool) -> None:
-    """Print a result: its rows, or one JSON object."""
+def show_result(
+    lines: Iterable[tuple[str | None, str]], told: Callable[[], Mapping[str, object]], *, as_json: bool,
+    plot: Path | None = None,
+) -> None:  # fmt: skip
+    """Print a result: its lines and the path of its picture, or the one JSON object that `told` returns."""
     if as_json:
-        print_json(told)
+        print_json(told())
     else:
-        show(lines_of(rows))
+        show([*lines, *([] if plot is None else [("plot", str(plot))])])
     sys.stdout.flush()
 
 
