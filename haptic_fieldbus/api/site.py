@@ -155,10 +155,10 @@ def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
 
 
 def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
-    kinds = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
-    known: dict[str | None, frozenset[str]] = {None: frozenset[str]().union(*kinds.values()), **kinds}
+    kinds: dict[str | None, frozenset[str]] = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
+    known = {None: frozenset[str]().union(*kinds.values()), **kinds}
     wrong = [
-        f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(kinds)}'
+        f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(map(str, kinds))}'
         for fault in faults
         if fault.bus not in known
     ]

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
     from haptic_fieldbus.protocols.canopen.eds_check import Comparison
-    from haptic_fieldbus.protocols.canopen.from_eds import Draft
 
 
 # The parts of `profiles check` and `profiles new` that read a vendor's EDS.
@@ -80,34 +79,6 @@ def _count(count: int, noun: str) -> str:
     return f"{count or 'no'} {noun}{'' if count == 1 else 's'}"
 
 
-def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool) -> None:
-    """Write the profile that a vendor's file describes, and print the values that no such file contains.
-
-    Raises UsageError for an invalid name, and if the file exists already or cannot be written, and `typer.Exit` with
-    status 4 for a drive that cannot be used for force.
-    """
-    from haptic_fieldbus.documents import is_path
-    from haptic_fieldbus.eds import load_eds
-    from haptic_fieldbus.protocols.canopen.from_eds import draft_of, profile_from_eds
-
-    profile = profile_from_eds(load_eds(eds))
-    if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):
-        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, equal to that of --output')
-    path = output or Path(f"{name or _name(profile.title)}.toml")
-    if path.suffix != ".toml":
-        raise UsageError(f"--output {path}: expected the path of a .toml file")
-    draft = draft_of(profile, eds.name)
-    _write(path, draft.text)
-    if as_json:
-        assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
-        print_json({"file": path, "name": path.stem, "usable": profile.drive.usable, "assumed": assumed})
-    else:
-        _tell(path, eds, draft)
-    if not profile.drive.usable:
-        show([("fault", f"not usable for force: {profile.sources['drive.usable']}")], sys.stderr)
-        raise typer.Exit(UNUSABLE)
-
-
 def _name(title: str) -> str:
     """Return a name for a profile: the letters and digits of vendor and model."""
     return re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_") or "drive"
@@ -121,13 +92,6 @@ def _write(path: Path, text: str) -> None:
         raise UsageError(f"{path} exists; name another file") from error
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
-
-
-def _tell(path: Path, eds: Path, draft: "Draft") -> None:
-    """Print the written file, the assumed values, and the next step."""
-    show([(None, f"{path}: {draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed")])
-    show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
-    show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
 
 
 app = typer.Typer(help="List, show, check and draft drive profiles: what a drive model offers.", no_args_is_help=True)
@@ -260,7 +224,29 @@ def new_profile(
 
     The exit status is 4 if the drive cannot be used for force; the command prints the reason and writes the draft.
     """
-    write_draft(eds, name, output, as_json)
+    from haptic_fieldbus.documents import is_path
+    from haptic_fieldbus.eds import load_eds
+    from haptic_fieldbus.protocols.canopen.from_eds import draft_of, profile_from_eds
+
+    profile = profile_from_eds(load_eds(eds))
+    if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):
+        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, equal to that of --output')
+    path = output or Path(f"{name or _name(profile.title)}.toml")
+    if path.suffix != ".toml":
+        raise UsageError(f"--output {path}: expected the path of a .toml file")
+    draft = draft_of(profile, eds.name)
+    _write(path, draft.text)
+    if as_json:
+        assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
+        print_json({"file": path, "name": path.stem, "usable": profile.drive.usable, "assumed": assumed})
+    else:
+        known = f"{draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed"
+        show([(None, f"{path}: {known}")])
+        show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
+        show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
+    if not profile.drive.usable:
+        show([("fault", f"not usable for force: {profile.sources['drive.usable']}")], sys.stderr)
+        raise typer.Exit(UNUSABLE)
 
 
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
