@@ -8,6 +8,7 @@ the estimator.
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,7 +113,5 @@ def step_growth(space: StateSpace, period: float, method: str) -> float | None:
 def poles_along(space: StateSpace, periods: Matrix, method: str) -> Iterator[Poles]:
     """Yield the poles (n,) of a step of a method for each of the periods [s]; without those that have no solution."""
     for period in periods.tolist():
-        try:
+        with suppress(UsageError):
             yield poles_of(discrete(space, period, method).a)
-        except UsageError:
-            continue

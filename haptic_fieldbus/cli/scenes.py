@@ -48,8 +48,10 @@ def show_scene(
 
     scene = load_scene(name)
     if as_json:
+        from haptic_fieldbus.api import plan
         from haptic_fieldbus.scenes.registry import kind_of
 
+        limit = plan(scene).stability  # on the default bench
         elements: Any = scene.elements
         print_json({
             "name": scene.name, "description": scene.description,
@@ -57,7 +59,7 @@ def show_scene(
             # The kind of an element that no scene file can name is None.
             "elements": [{"kind": kind_of(type(element)), **asdict(element)} for element in elements],
             "source": scene.source, "made_for": None if scene.made_for is None else asdict(scene.made_for),
-            "limit": _default_limit(scene),
+            "limit": None if limit is None else limit.to_json()["limit"],
         })  # fmt: skip
         return
     show([(None, f"{scene.name}: {scene.description}"), (None, scene.source), (None, "")])
@@ -80,14 +82,6 @@ def check_scenes(
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
     check_files(names or scene_names(), load_scene, as_json)
-
-
-def _default_limit(scene: "Scene") -> Any:
-    """Return the limit on the default bench for JSON; None without a limit."""
-    from haptic_fieldbus.api import plan
-
-    found = plan(scene).stability
-    return None if found is None else found.to_json()["limit"]
 
 
 def _limits(scene: "Scene") -> Iterator[tuple[str, str]]:

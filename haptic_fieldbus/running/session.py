@@ -139,9 +139,7 @@ class Session:
             with self._accounted(report, cycle, caller), place as site, _rights(plan) as self._host:
                 faults = site.faults
                 self._bus = bus = next(iter(site.buses.values())) if len(site.buses) == 1 else BusGroup(site.buses)
-                run = Run(
-                    plan, self.bus_name, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand
-                )  # fmt: skip
+                run = Run(plan, self.bus_name, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand)
                 assessment = Assessment(run)
                 with _freed(bus, ending):
                     leading = self._leading = None if self.led is None else self.led(site.worlds)
