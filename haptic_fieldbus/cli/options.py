@@ -113,11 +113,10 @@ def option(
 
 
 def option_field(
-    metavar: str | None, text: str, panel: str | None = None, *names: str, default: Any = None, told: object = None,
-    parser: Callable[[str], float] | None = None,
-) -> Any:  # fmt: skip
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: Any = None, told: object = None
+) -> Any:
     """Return an option as a field of a dataclass for `options_of`; `told` says in words what a default of None is."""
-    made = option(metavar, text, panel, *names, default=told if default is None else default, parser=parser)
+    made = option(metavar, text, panel, *names, default=told if default is None else default)
     return field(default=False if metavar is None else default, metadata={OPTION: made})
 
 
@@ -267,6 +266,9 @@ def options_of(
 
     def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
         known = {each.name: each.metadata[OPTION] for each in fields(cast(Any, make)) if OPTION in each.metadata}
+        for each in fields(cast(Any, make)):
+            if each.name in known and each.type in (float, float | None):
+                known[each.name].parser = known[each.name].parser or number
         options = [
             each.replace(annotation=Annotated[each.annotation, known[each.name]]) if each.name in known else each
             for each in inspect.signature(make).parameters.values()

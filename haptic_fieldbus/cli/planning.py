@@ -19,7 +19,6 @@ from haptic_fieldbus.cli.options import (
     draw,
     given_by,
     note_assumed_bitrate,
-    number,
     option_field,
     options_of,
 )
@@ -44,10 +43,10 @@ DEVICE_PANEL = "Device instead of a bench (SI, in the workspace of the scene; om
 class StabilityOptions(SceneOptions):
     """Further options of `stability`."""
 
-    mass: float | None = option_field("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)
-    damping: float | None = option_field("N·S/M", "Viscous damping.", DEVICE_PANEL, parser=number)
-    coulomb: float | None = option_field("N", "Coulomb friction.", DEVICE_PANEL, parser=number)
-    resolution: float | None = option_field("M", "One encoder count.", DEVICE_PANEL, parser=number)
+    mass: float | None = option_field("KG", "Mass or inertia.", DEVICE_PANEL)
+    damping: float | None = option_field("N·S/M", "Viscous damping.", DEVICE_PANEL)
+    coulomb: float | None = option_field("N", "Coulomb friction.", DEVICE_PANEL)
+    resolution: float | None = option_field("M", "One encoder count.", DEVICE_PANEL)
     delay: float | None = option_field(
         "S", "Delay from sampling until the torque acts, without the hold.", DEVICE_PANEL
     )
@@ -89,7 +88,6 @@ class ResponseOptions(SceneOptions):
         "M",
         "Amplitude of the motion: end value of a ramp after one second, factor for a file.",
         default=DEFAULT_AMPLITUDE,
-        parser=number,
     )
     rate: float | None = option_field("HZ", "Rate of the samples.", RENDERING, told=exactly(DEFAULT_RATE))
     duration: float | None = option_field("S", "Duration of the motion.", RENDERING, told=MOTION_DURATION)
@@ -155,7 +153,7 @@ class EstimateOptions:
         "\\[default: backward-difference for positions, trapezoidal for velocities]",
     )
     resolution: float | None = option_field(
-        "STEP", "One step of the signal. \\[default: the smallest difference of two values]", parser=number
+        "STEP", "One step of the signal. \\[default: the smallest difference of two values]"
     )
     plot: PlotOption = None
     as_json: JsonOption = False

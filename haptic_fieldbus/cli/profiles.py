@@ -13,21 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
-from haptic_fieldbus.cli.screen import (
-    FAULTY,
-    check_files,
-    faults_to_json,
-    faults_told,
-    plain,
-    print_json,
-    show,
-    show_table,
-)
+from haptic_fieldbus.cli.screen import FAULTY, check_files, faults_to_json, faults_told, print_json, show, show_table
 from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
     from haptic_fieldbus.protocols.canopen.eds_check import Comparison
 
@@ -96,6 +86,8 @@ def _write(path: Path, text: str) -> None:
 
 app = typer.Typer(help="List, show, check and draft drive profiles: what a drive model offers.", no_args_is_help=True)
 
+OF_EDS = ("eds", "lacks")
+"""Fields of a profile that an object of JSON leaves out."""
 # Order of the sections in `profiles show`.
 SECTIONS = (
     "line", "identity", "serial", "power", "torque", "position", "velocity", "mode", "pdo", "setup", "sync",
@@ -156,7 +148,8 @@ def show_profile(
     if eds is not None:
         _write_eds(profile, eds)
     if as_json:
-        print_json(_json(profile))
+        # Without the vendor's EDS from which the profile may have been made.
+        print_json({each.name: getattr(profile, each.name) for each in fields(profile) if each.name not in OF_EDS})
         return
     if eds is not None:
         show([(None, f"{eds}: the EDS of the simulated {profile.title}")])
@@ -237,8 +230,7 @@ def new_profile(
     draft = draft_of(profile, eds.name)
     _write(path, draft.text)
     if as_json:
-        assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
-        print_json({"file": path, "name": path.stem, "usable": profile.drive.usable, "assumed": assumed})
+        print_json({"file": path, "name": path.stem, "usable": profile.drive.usable, "assumed": draft.assumed})
     else:
         known = f"{draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed"
         show([(None, f"{path}: {known}")])
@@ -261,21 +253,6 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
         "CreationDate": f"{now:%m-%d-%Y}", "CreatedBy": "haptic-fieldbus",
     }  # fmt: skip
     _write(path, eds_text(replace(sheet(profile), file_info=made)))
-
-
-def _json(profile: "DriveProfile") -> "dict[str, Json]":
-    """Return the profile as a JSON object, without the vendor's EDS from which it may have been made."""
-    named = [field.name for field in fields(profile) if field.name not in ("eds", "lacks")]
-    return {name: _plain(getattr(profile, name)) for name in named}
-
-
-def _plain(value: object) -> "Json":
-    """Return a value of a profile for JSON; its sections and their rows are objects."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, tuple) else plain(value)
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:

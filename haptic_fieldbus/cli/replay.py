@@ -1,6 +1,5 @@
 """Command `replay`: summarise, draw, convert, compare and repair a recording."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -73,7 +72,7 @@ def replay(
         "columns": {name: found.units.get(name) for name in found.columns},
         "scene": origin.scene_name if origin else None, "date": origin.date if origin else None,
         "version": origin.version if origin else None, "written": targets,
-        "first_difference": asdict(difference) if difference else None,
+        "first_difference": difference,
     }  # fmt: skip
     lines = [("recording", f"{len(found)} {kind}, {exactly(round(duration, 6))} s")]
     lines += [] if found.complete else [("", "cut off: read up to the last whole part")]

@@ -26,7 +26,7 @@ def list_scenes(as_json: JsonOption = False) -> None:
 
     summaries, own = scene_summaries(), own_elements()
     if as_json:
-        print_json({"scenes": summaries, "own_elements": [asdict(each) for each in own]})
+        print_json({"scenes": summaries, "own_elements": own})
         return
     show_table(
         ("name", "axes", "description"),
@@ -58,7 +58,7 @@ def show_scene(
             "axes": [{"name": axis.name, "workspace": axis.workspace} for axis in scene.axes],
             # The kind of an element that no scene file can name is None.
             "elements": [{"kind": kind_of(type(element)), **asdict(element)} for element in elements],
-            "source": scene.source, "made_for": None if scene.made_for is None else asdict(scene.made_for),
+            "source": scene.source, "made_for": scene.made_for,
             "limit": None if limit is None else limit.to_json()["limit"],
         })  # fmt: skip
         return

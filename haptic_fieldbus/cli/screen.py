@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -165,9 +166,11 @@ def moving_bar(*columns: str) -> Iterator[Callable[..., None]]:
 
 
 def plain(value: object) -> "Json":
-    """Return a value for JSON: enums by value, tuples as lists, mappings as objects, all else as text."""
+    """Return a value for JSON: enums by value, tuples as lists, mappings and dataclasses as objects, else as text."""
     if isinstance(value, Enum):
         return plain(value.value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(member) for key, member in value.items()}
     if isinstance(value, list | tuple):
