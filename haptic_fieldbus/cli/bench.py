@@ -19,7 +19,7 @@ from haptic_fieldbus.cli.options import (
     JsonOption,
     ProfilesOption,
     given_by,
-    note_assumed_bitrate,
+    note_bitrate,
     option,
     option_field,
     options_of,
@@ -84,7 +84,7 @@ def scan(options: ScanOptions) -> None:
     """List the nodes of a bus with their profiles, by reading alone. For live values use `watch`."""
     from haptic_fieldbus.api.bench import scans
 
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     found = list(scans(options.bench(), options.nodes()))
     if options.as_json:
         nodes = [{**object_of(node.rows(), KEYS), "bus": each.bus} for each in found for node in each.nodes]
@@ -130,7 +130,7 @@ def doctor(options: DoctorOptions) -> None:
     """Check adapter, bus and computer, with a remedy for each fault. To find the drives use `scan`."""
     from haptic_fieldbus.api.bench import examined
 
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     checks = examined(options.bench())
     rows = [check.row for check in checks]
     show_result(lines_of(rows), lambda: {"checks": [row.value for row in rows]}, as_json=options.as_json)
@@ -164,7 +164,7 @@ def watch(options: WatchOptions) -> None:
     duration = math.inf if options.duration is None else options.duration
     if not duration > 0.0:
         raise UsageError(f"--duration {options.duration}: expected a number of seconds above 0")
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     look(options.bench(), duration, sys.stdout, as_json=options.as_json)
 
 

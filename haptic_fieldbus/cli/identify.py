@@ -26,7 +26,7 @@ from haptic_fieldbus.cli.options import (
     check_plot,
     draw,
     given_by,
-    note_assumed_bitrate,
+    note_bitrate,
     option,
     option_field,
     options_of,
@@ -84,7 +84,7 @@ def identify(options: IdentifyOptions) -> None:
     check_plot(options.plot)
     if options.plot is not None and "dynamics" in (options.skip or ()):
         raise UsageError("--skip dynamics: expected without --plot, which draws them")
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     task = given_by(options, BenchTask)
     if options.dry_run:
         lines = list(bounds_of(task).lines())
@@ -185,7 +185,7 @@ def certify(options: CertifyOptions) -> None:
     if values is not None and values.exists():
         raise UsageError(f"{values}: exists; move it away")
     raise_all(file_faults("out", values, (".json",)))
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     if not sys.stdin.isatty():
         never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig] if options.rig else [])

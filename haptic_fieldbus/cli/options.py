@@ -5,6 +5,7 @@ fields as parameters; `task` and `given` turn their values into the dataclasses 
 """
 
 import inspect
+import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, cast
 
 import typer
 
+from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.defaults import (
     DEFAULT_BUS,
     DEFAULT_DRIVE,
@@ -287,15 +289,15 @@ def options_of(
     return decorated
 
 
-def note_assumed_bitrate(bus: str | None) -> list[tuple[str, str]]:
-    """Return a note about an assumed bit rate of the bus; no line when the bit rate is given or known.
+def note_bitrate(bus: str | None) -> None:
+    """Print a note about an assumed bit rate of the bus; none when the bit rate is given or known.
 
     Raises UsageError for an unknown bus.
     """
     from haptic_fieldbus.protocols.registry import parse_bus
 
-    assumed = "" if bus is None else parse_bus(bus).assumed
-    return [("note", assumed)] if assumed else []
+    if bus is not None and (assumed := parse_bus(bus).assumed):
+        show([("note", assumed)], sys.stderr)
 
 
 # Option `--plot`: checked before a command does anything, drawn when it is done.

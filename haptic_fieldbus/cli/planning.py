@@ -18,7 +18,7 @@ from haptic_fieldbus.cli.options import (
     check_plot,
     draw,
     given_by,
-    note_assumed_bitrate,
+    note_bitrate,
     option_field,
     options_of,
 )
@@ -61,7 +61,7 @@ def stability(options: StabilityOptions) -> None:
 
     task, device = options.task(), options.given(Device)
     check_plot(options.plot)
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     judgement = judge_scene(task, device)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_region
@@ -196,7 +196,7 @@ def plan(options: PlanOptions) -> None:
     from haptic_fieldbus.planning.selection import plan_task
 
     task = options.task()
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     compiled = plan_task(task)
     if options.as_json:
         print_json(plan_json(compiled))

@@ -13,7 +13,7 @@ from haptic_fieldbus.cli.options import (
     SceneOptions,
     check_plot,
     draw,
-    note_assumed_bitrate,
+    note_bitrate,
     option_field,
     options_of,
 )
@@ -50,7 +50,7 @@ def run(options: RunOptions) -> None:
         _repeat(options)
         return
     task, trial = options.task(), options.given(api.Trial)
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     run_and_tell(options, task, replace(trial, instruct=None if options.yes or not sys.stderr.isatty() else instruct))
 
 

@@ -8,16 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import (
-    BENCH,
-    DRIVE,
-    HANDS,
-    OUTPUT,
-    SIMULATION,
-    ProfilesOption,
-    note_assumed_bitrate,
-    option,
-)
+from haptic_fieldbus.cli.options import BENCH, DRIVE, HANDS, OUTPUT, SIMULATION, ProfilesOption, note_bitrate, option
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.screen import json_text, show
 from haptic_fieldbus.defaults import DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
@@ -71,7 +62,7 @@ def simulate(
     axes = tuple(load_rig(rig, profiles).axis.values()) if rig is not None else ()
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles, axes))
-    show(note_assumed_bitrate(bus), sys.stderr)
+    note_bitrate(bus)
     if write_rig is not None:
         check_free(write_rig)
     hosted_on = ""
