@@ -66,10 +66,10 @@ class IdentifyOptions:
     skip: list[str] | None = option_field(
         "NAME", "Leave out rest, friction (slow pushes) or dynamics (all that follows); may be repeated.", RENDERING
     )
-    dry_run: bool = option_field(None, "Only say what would move.", RENDERING, "--dry-run")
+    dry_run: bool = option_field(None, "Only say what would move.", RENDERING)
     seed: int = option_field("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)
     plot: PlotOption = None
-    yes: bool = option_field(None, "Enable a real drive without asking.", None, "--yes")
+    yes: bool = option_field(None, "Enable a real drive without asking.")
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 
@@ -161,11 +161,9 @@ KEPT = ("seed", "yes")
 class CertifyOptions(SceneOptions):
     """Options of `certify`."""
 
-    by_hand: bool = option_field(
-        None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING, "--by-hand"
-    )
+    by_hand: bool = option_field(None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING)
     share: float = option_field("SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8)
-    above: bool = option_field(None, "With --yes, go above the limit without asking; nobody holds.", None, "--above")
+    above: bool = option_field(None, "With --yes, go above the limit without asking; nobody holds.")
     plot: Path | None = option_field(
         "PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"
     )

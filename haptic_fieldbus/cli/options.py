@@ -117,7 +117,10 @@ def option(
 def option_field(
     metavar: str | None, text: str, panel: str | None = None, *names: str, default: Any = None, told: object = None
 ) -> Any:
-    """Return an option as a field of a dataclass for `options_of`; `told` says in words what a default of None is."""
+    """Return an option as a field of a dataclass for `options_of`, which adds what follows from the kind of the field.
+
+    `told` says in words what a default of None is.
+    """
     made = option(metavar, text, panel, *names, default=told if default is None else default)
     return field(default=False if metavar is None else default, metadata={OPTION: made})
 
@@ -172,9 +175,7 @@ class SceneOptions:
     change: list[str] | None = option_field(
         "S:ELEMENT.PARAMETER=VALUE", "Change the scene S seconds after enabling; may be repeated.", RENDERING
     )
-    force: bool = option_field(
-        None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING, "--force"
-    )
+    force: bool = option_field(None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING)
     fade_in: float = option_field(
         "S", "Time from enabling until the full force limit.", RENDERING, default=DEFAULT_FADE_IN
     )
@@ -183,19 +184,17 @@ class SceneOptions:
     faults: str | None = option_field(
         "FILE", "File of faults of drive, bus, host and hand; random@SEED draws random ones.", SIMULATION
     )
-    prove: bool = option_field(None, "Test the drive watchdogs at zero torque first.", BENCH, "--prove")
+    prove: bool = option_field(None, "Test the drive watchdogs at zero torque first.", BENCH)
     record: Path | None = option_field(
         "PATH", "Record frames as .log (candump) or .blf, or rows as .csv or .mcap.", OUTPUT
     )
     plot: PlotOption = None
-    view: bool = option_field(
-        None, "Show the run on a page in the browser; simulations run in real time.", VIEW, "--view"
-    )
+    view: bool = option_field(None, "Show the run on a page in the browser; simulations run in real time.", VIEW)
     view_host: str | None = option_field("HOST", "Serve the page to other computers.", VIEW)
     view_port: int | None = option_field("PORT", "Port of the page.", VIEW, told="8765, or a free one")
-    view_required: bool = option_field(None, "End the run when no page shows it any more.", VIEW, "--view-required")
-    yes: bool = option_field(None, "Enable a real drive without asking.", None, "--yes")
-    anonymous: bool = option_field(None, "Leave host, user and paths out of what is recorded.", OUTPUT, "--anonymous")
+    view_required: bool = option_field(None, "End the run when no page shows it any more.", VIEW)
+    yes: bool = option_field(None, "Enable a real drive without asking.")
+    anonymous: bool = option_field(None, "Leave host, user and paths out of what is recorded.", OUTPUT)
     verbose: VerboseOption = False
 
     def task(self) -> "Task":
@@ -268,9 +267,12 @@ def options_of(
 
     def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
         known = {each.name: each.metadata[OPTION] for each in fields(cast(Any, make)) if OPTION in each.metadata}
-        for each in fields(cast(Any, make)):
-            if each.name in known and each.type in (float, float | None):
+        # What follows from the kind of a field: a number is refused in our words, and a switch has no opposite.
+        for each in (each for each in fields(cast(Any, make)) if each.name in known):
+            if each.type in (float, float | None):
                 known[each.name].parser = known[each.name].parser or number
+            elif each.type is bool:
+                known[each.name].param_decls = known[each.name].param_decls or (f"--{each.name.replace('_', '-')}",)
         options = [
             each.replace(annotation=Annotated[each.annotation, known[each.name]]) if each.name in known else each
             for each in inspect.signature(make).parameters.values()

@@ -91,9 +91,7 @@ class ResponseOptions(SceneOptions):
     )
     rate: float | None = option_field("HZ", "Rate of the samples.", RENDERING, told=exactly(DEFAULT_RATE))
     duration: float | None = option_field("S", "Duration of the motion.", RENDERING, told=MOTION_DURATION)
-    model: bool = option_field(
-        None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"
-    )
+    model: bool = option_field(None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.")
 
 
 @options_of(ResponseOptions, without=(*OF_A_BENCH, "verbose", *set(OF_A_RUN).difference(["duration"])))

@@ -41,7 +41,7 @@ class RehearseOptions(SceneOptions):
     scene: Annotated[str, typer.Argument(metavar="SCENE", help=TOLD, show_default=False)] = SCENE
     drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DEFAULT_DRIVE)
     rate: float | None = option_field("HZ", "Loop rate in Hz.", RENDERING, told=exactly(DEFAULT_RATE))
-    yes: bool = option_field(None, "Answer the questions with yes.", None, "--yes")
+    yes: bool = option_field(None, "Answer the questions with yes.")
     write_rig: Path | None = option_field(
         "FILE", "Save the rig file with the watchdog proof and the confirmed directions.", OUTPUT
     )

@@ -237,7 +237,7 @@ class DemoOptions:
     """Options of `demo`."""
 
     port: int | None = option_field("PORT", "Port of the page.", told="8765, or a free one")
-    no_browser: bool = option_field(None, "Only print the address of the page.", None, "--no-browser")
+    no_browser: bool = option_field(None, "Only print the address of the page.")
 
 
 @options_of(DemoOptions)

@@ -57,7 +57,7 @@ class SweepOptions(SceneOptions):
         "ADDRESS", "Dask scheduler whose workers do the work, such as tcp://host:8786.", POINTS
     )
     workers: int | None = option_field("N", "Number of processes.", POINTS, told="one a processor")
-    force: bool = option_field(None, "Run points above the limit too (engine full).", RENDERING, "--force")
+    force: bool = option_field(None, "Run points above the limit too (engine full).", RENDERING)
 
 
 LEFT_OUT = ("change", "faults", "prove", "record", "yes", "anonymous", "verbose", *OF_A_VIEW)
