@@ -7,7 +7,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import typer
 
@@ -20,7 +20,6 @@ from haptic_fieldbus.cli.options import (
     ProfilesOption,
     given_by,
     note_bitrate,
-    option,
     option_field,
     options_of,
     refuse_beside_rig,
@@ -153,9 +152,7 @@ class WatchOptions(DriveOptions):
 
     rig: Path | None = option_field("FILE", "Rig file whose drives are shown.", BENCH)
     duration: float | None = option_field("S", "Duration of watching; default: until Ctrl-C.", RENDERING)
-    as_json: Annotated[
-        bool, option(None, "Print one JSON object per second, each on its own line.", None, "--json")
-    ] = False
+    as_json: bool = option_field(None, "Print one JSON object per second, each on its own line.", None, "--json")
 
 
 @options_of(WatchOptions)
