@@ -39,13 +39,9 @@ BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulati
 
 @contextmanager
 def site_of(
-    plan: Plan,
-    record: Path | None = None,
-    hand: Hand | None = None,
-    seed: int = DEFAULT_SEED,
-    faults: tuple[Fault, ...] = (),
-    time: VirtualClock | None = None,
-) -> Iterator[Site]:
+    plan: Plan, record: Path | None = None, hand: Hand | None = None, seed: int = DEFAULT_SEED,
+    faults: tuple[Fault, ...] = (), time: VirtualClock | None = None,
+) -> Iterator[Site]:  # fmt: skip
     """Open all buses of a plan, or none, and yield them as a site; frames are recorded if `record` is a file for them.
 
     `hand`, `seed` (of all random numbers), `faults` and `time` are the conditions on a simulated bench. Raises
@@ -137,14 +133,9 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
 
 
 def simulated_bus(
-    plan: Plan,
-    bus: BusPlan,
-    clock: Clock,
-    log: object = None,
-    hand: Hand | None = None,
-    seed: int = DEFAULT_SEED,
+    plan: Plan, bus: BusPlan, clock: Clock, log: object = None, hand: Hand | None = None, seed: int = DEFAULT_SEED,
     faults: Sequence[Fault] = (),
-) -> tuple[StepwiseBus, Truth | None]:
+) -> tuple[StepwiseBus, Truth | None]:  # fmt: skip
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     slots, simulation = [], _simulation(bus.protocol)
     here = tuple(fault for fault in faults_on(faults, bus.name) if fault.kind in simulation.kinds)
