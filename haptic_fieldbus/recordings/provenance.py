@@ -62,11 +62,6 @@ class RunText:
         return cls(name, text, digest(text), str(path), digest(path.read_bytes()))
 
 
-Led = tuple[int, str, float | str | None]
-"""A command to the hand of a simulation: number of the period after which it acts; axis and place that the hand pulls
-to, none where it lets go; or no axis and the name of the hand that takes all handles."""
-
-
 @dataclass(frozen=True)
 class Conditions:
     """How the run was made: arguments of `run`, with their defaults filled in."""
@@ -88,8 +83,9 @@ class Conditions:
     """Times [s from operation enabled] and settings; those that were made, once the run is over."""
     ramp: float | None = None
     """Length of a change [s]."""
-    led: tuple[Led, ...] | None = ()
-    """Commands to the hand on the page of the live view; None: more than is kept."""
+    led: tuple[tuple[int, str, float | str | None], ...] | None = ()
+    """Commands to the hand on the page of the live view: period, axis and place, none to let go; or no axis and the
+    name of a hand that took all handles. None: more than is kept."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +139,10 @@ class Provenance:
         return f"Provenance({self.version}, {self.date}, scene={getattr(self.scene, 'name', None)!r})"
 
     def ended(
-        self, periods: int | None, changes: Sequence[tuple[float, Mapping[str, Any]]], led: Sequence[Led] | None = ()
+        self,
+        periods: int | None,
+        changes: Sequence[tuple[float, Mapping[str, Any]]],
+        led: Sequence[tuple[int, str, float | str | None]] | None = (),
     ) -> "Provenance":
         """Return the provenance of a run that was stopped after so many periods (None: it was not), with its changes.
 

@@ -9,7 +9,6 @@ from typing import Any, Protocol
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.axis import AxisCycle
-from haptic_fieldbus.recordings.provenance import Led
 
 SLACK_NS = 2_000_000
 """By how much simulated time may be ahead of real time, so that not every period sleeps."""
@@ -22,6 +21,9 @@ POLL = 0.25
 MOST_LED = 100_000
 """Largest number of recorded commands of a hand, some minutes of dragging without a rest."""
 FORGOTTEN: Any = object()
+Led = tuple[int, str, float | str | None]
+"""A command to the hand of a simulation: number of the period after which it acts; axis and place that the hand pulls
+to, none where it lets go; or no axis and the name of the hand that takes all handles."""
 
 
 class SimulatedTime(VirtualClock):

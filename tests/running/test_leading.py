@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.recordings.provenance import Led
 from haptic_fieldbus.running import leading
-from haptic_fieldbus.running.leading import Leading, SimulatedTime
+from haptic_fieldbus.running.leading import Leading, Led, SimulatedTime
 
 PERIOD = 1e-3
 
