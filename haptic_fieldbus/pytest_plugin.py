@@ -61,10 +61,10 @@ def virtual_can_bus(request: pytest.FixtureRequest, fault_plan: Any) -> "Iterato
     """
     from haptic_fieldbus.testing import DriveRequest, VirtualCanBus
 
-    mark = request.node.get_closest_marker("virtual_can_bus")
     with _refusing():
         drives, plan = _drives(request), _planner(request)(fault_plan)
-        bus = VirtualCanBus(drives or [DriveRequest()], plan, **_by_name(mark, "time", "bitrate", "seed"))
+        named = _by_name(request, "virtual_can_bus", "time", "bitrate", "seed")
+        bus = VirtualCanBus(drives or [DriveRequest()], plan, **named)
     # pytest shows it with the report of a test that fails.
     request.node.add_report_section("setup", "simulated bench", str(bus))
     with bus:
@@ -79,9 +79,9 @@ def virtual_modbus_line(request: pytest.FixtureRequest, fault_plan: Any) -> "Ite
     """
     from haptic_fieldbus.testing.modbus import VirtualModbusLine
 
-    mark = request.node.get_closest_marker(_MODBUS)
     with _refusing():
-        line = VirtualModbusLine(_drives(request), _planner(request)(fault_plan), **_by_name(mark, "bus", "seed"))
+        named = _by_name(request, _MODBUS, "bus", "seed")
+        line = VirtualModbusLine(_drives(request), _planner(request)(fault_plan), **named)
     request.node.add_report_section("setup", "simulated bench", str(line))
     with line:
         yield line
@@ -108,10 +108,9 @@ def _is_on_modbus(request: pytest.FixtureRequest) -> bool:
     return _MODBUS in request.fixturenames or request.node.get_closest_marker(_MODBUS) is not None
 
 
-def _by_name(mark: pytest.Mark | None, *names: str) -> dict[str, Any]:
+def _by_name(request: pytest.FixtureRequest, kind: str, *names: str) -> dict[str, Any]:
     """Return the arguments of a mark by their names; raises TypeError for too many, or for one that is given twice."""
-    if mark is None:
-        return {}
+    mark = request.node.get_closest_marker(kind) or getattr(pytest.mark, kind).mark
     if len(mark.args) > len(names):
         raise TypeError(f"{mark.name} has {len(mark.args)} arguments; expected {', '.join(names)}")
     return dict(**dict(zip(names, mark.args, strict=False)), **mark.kwargs)

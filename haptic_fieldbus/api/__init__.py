@@ -254,8 +254,7 @@ def prepare_run(
         confirm=trial.confirm, instruct=trial.instruct, progress=_shown(trial.progress, plan),
         provenance=provenance, drawing=DRAWING, live=trial.live, led=_led(plan, trial, held, repeats),
     )  # fmt: skip
-    time = None if trial.live is None else trial.live.time
-    return session, site_of(plan, recording, hand, trial.seed, faults, time)
+    return session, site_of(plan, recording, hand, trial.seed, faults, None if trial.live is None else trial.live.time)
 
 
 def _led(
@@ -334,11 +333,9 @@ def repeat(
     """
     from haptic_fieldbus.recordings.reading import check_apart, read_provenance
 
+    found = source if isinstance(source, Provenance) else read_provenance(source)
     if not isinstance(source, Provenance):
-        found = read_provenance(source)
         check_apart(source, record)
-    else:
-        found = source
     given = {"hand": hand, "method": method, "estimator": estimator}
     parts = {name: name_of(part) for name, part in given.items() if part is not None}
     return repeat_run(replace(found, conditions=replace(found.conditions, **parts)), Trial(record=record))
@@ -376,9 +373,8 @@ def _selected(task: Task, trial: Trial) -> Selection:
     A real drive with a profile of no particular drive is asked for what it has.
     """
     found = load(task) if trial.force else select(task)
-    rig = (
-        found.rig.unproved() if trial.prove else found.rig
-    )  # then no earlier outcome counts, for a guard or against it
+    # With `prove` no earlier outcome counts, for a guard or against it.
+    rig = found.rig.unproved() if trial.prove else found.rig
     profiles = found.profiles
     if not found.bus.simulated:
         from haptic_fieldbus.api.site import ask_rated_torques, fit_profiles
@@ -391,8 +387,7 @@ def _checked(plan: Plan, trial: Trial, *, beyond: bool) -> "Changes | None":
     """Refuse an unstable loop unless it may be `beyond`; return the checked changes, None when there are none."""
     if not (trial.force or beyond):
         check_stable(plan)
-    nothing = trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes)
-    if nothing and trial.live is None:
+    if not trial.changes and trial.live is None:
         # Nothing more is imported for a run in which nothing changes.
         return None
     from haptic_fieldbus.running.changes import Changes

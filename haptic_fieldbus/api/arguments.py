@@ -57,13 +57,9 @@ def _is_rig(value: object) -> bool:
     """Return whether a value is a path, or a Rig with at least one axis; `catalogue.check_rig` looks into it."""
     if not isinstance(value, Rig):
         return isinstance(value, PATH)
-    return (
-        _is_settings(value.bus)
-        and _is_settings(value.axis)
-        and len(value.axis) > 0
-        and all(isinstance(each, BusSection) for each in value.bus.values())
-        and all(isinstance(each, RigAxis) for each in value.axis.values())
-    )
+    tables: Any = ((value.bus, BusSection), (value.axis, RigAxis))
+    known = (_is_settings(table) and all(isinstance(each, kind) for each in table.values()) for table, kind in tables)
+    return all(known) and len(value.axis) > 0
 
 
 def _is_times(value: object) -> bool:

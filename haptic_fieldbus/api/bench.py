@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from haptic_fieldbus.api.site import access_of
@@ -72,12 +73,8 @@ def scans(bench: BenchRequest, nodes: Sequence[int] = ()) -> Iterator[Scan]:
 def examined(bench: BenchRequest) -> list[Check]:
     """Return the checks of buses and computer; raises DocumentError or UsageError."""
     buses = placed_on(bench).buses.values()
-    return examine(
-        lambda: (
-            check for section, axes in buses for check in access_of(section.protocol).checks(section, axes, bench.rate)
-        ),
-        bench.rate,
-    )
+    checks = (access_of(section.protocol).checks(section, axes, bench.rate) for section, axes in buses)
+    return examine(lambda: chain.from_iterable(checks), bench.rate)
 
 
 @contextmanager

@@ -155,10 +155,8 @@ def _resolution(values: Array, given: float | None) -> float:
 def _last_decimal(values: Array) -> float:
     """Return the power of ten of which all values are multiples, `FINEST` at least."""
     error = 1e-12 * np.abs(values).max()
-    for places in range(12):
-        if np.abs(values - np.round(values, places)).max() <= error:
-            return float(10.0**-places)
-    return FINEST
+    fitting = (places for places in range(12) if np.abs(values - np.round(values, places)).max() <= error)
+    return next((10.0**-places for places in fitting), FINEST)
 
 
 def _integrated(signal: Samples, period: float, resolution: float) -> Estimated:

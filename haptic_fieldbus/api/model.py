@@ -8,6 +8,7 @@ the estimator.
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,12 +57,9 @@ class LinearModel:
     def to_json(self) -> dict[str, object]:
         """Return matrices, poles as [real, imaginary], and transfer functions, the highest power first."""
         matrices = {name: getattr(self.space, name).tolist() for name in ("a", "b", "c", "d")}
-        poles = [[pole.real, pole.imag] for pole in self.poles.tolist()]
-        functions = [
-            {"input": name, "num": list(each.num), "den": list(each.den)}
-            for name, each in self.transfer_functions.items()
-        ]
-        return {**matrices, "poles": poles, "transfer": functions}
+        poles, functions = [[pole.real, pole.imag] for pole in self.poles.tolist()], self.transfer_functions.items()
+        transfer = [{"input": name, "num": list(each.num), "den": list(each.den)} for name, each in functions]
+        return {**matrices, "poles": poles, "transfer": transfer}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +84,10 @@ class EnvironmentModel:
     def to_json(self) -> Mapping[str, object]:
         """Return the object `model` of `response --model --json`."""
         return {
-            "axis": self.axis,
-            "period_s": self.period,
-            "method": self.method,
-            "estimator": self.estimator,
-            "continuous": self.continuous.to_json(),
-            "discrete": self.discrete.to_json(),
+            "axis": self.axis, "period_s": self.period, "method": self.method, "estimator": self.estimator,
+            "continuous": self.continuous.to_json(), "discrete": self.discrete.to_json(),
             "growth": self.growth if self.integrated.order else {},
-        }
+        }  # fmt: skip
 
 
 @own_faults()
@@ -101,17 +95,11 @@ def model_of(task: Task) -> EnvironmentModel:
     """Return the model of the scene's first axis; raises DocumentError or UsageError."""
     period, axis, elements = rendered_axis(task)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
-    continuous = parallel([element.linearised() for element in elements])
-    integrated = [element.dynamics for element in elements if isinstance(element, DynamicElement)]
-    return EnvironmentModel(
-        axis=axis.name,
-        period=period,
-        method=method,
-        estimator=estimator,
-        continuous=LinearModel(continuous, INPUTS),
-        discrete=LinearModel(environment_of(elements, period, method, estimator), INPUTS[:1]),
-        integrated=parallel(integrated) if integrated else StateSpace(*(np.zeros((0, 0)) for _ in range(4))),
-    )
+    continuous = LinearModel(parallel([element.linearised() for element in elements]), INPUTS)
+    sampled = LinearModel(environment_of(elements, period, method, estimator), INPUTS[:1])
+    dynamics = [element.dynamics for element in elements if isinstance(element, DynamicElement)]
+    integrated = parallel(dynamics) if dynamics else StateSpace(*(np.zeros((0, 0)) for _ in range(4)))
+    return EnvironmentModel(axis.name, period, method, estimator, continuous, sampled, integrated)
 
 
 def step_growth(space: StateSpace, period: float, method: str) -> float | None:
@@ -125,7 +113,5 @@ def step_growth(space: StateSpace, period: float, method: str) -> float | None:
 def poles_along(space: StateSpace, periods: Matrix, method: str) -> Iterator[Poles]:
     """Yield the poles (n,) of a step of a method for each of the periods [s]; without those that have no solution."""
     for period in periods.tolist():
-        try:
+        with suppress(UsageError):
             yield poles_of(discrete(space, period, method).a)
-        except UsageError:
-            continue

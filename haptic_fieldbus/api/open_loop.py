@@ -6,6 +6,7 @@ finds the masses at rest at the old position. Nothing is fed back, so a growth c
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from haptic_fieldbus.defaults import (
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import check_rendering, parsed, with_settings
 from haptic_fieldbus.scenes.catalogue import Setting
@@ -149,13 +151,10 @@ class Response:
     def to_json(self) -> dict[str, object]:
         """Return the object that `response --json` prints."""
         return {
-            "time": self.time.tolist(),
-            "position": self.position.tolist(),
-            "force": self.force.tolist(),
+            "time": self.time.tolist(), "position": self.position.tolist(), "force": self.force.tolist(),
             "states": {name: values.tolist() for name, values in self.states.items()},
-            "spectral_radius": self.spectral_radius,
-            "diverged": self.diverged,
-        }
+            "spectral_radius": self.spectral_radius, "diverged": self.diverged,
+        }  # fmt: skip
 
 
 @dataclass
@@ -190,8 +189,7 @@ def response(
 @own_faults()
 def open_loop(task: Task, asked: OpenLoop) -> Response:
     """Return the response of the scene of a task, as `response` does."""
-    duration = asked.duration
-    motion = motion_of(asked.input, asked.amplitude)
+    duration, motion = asked.duration, motion_of(asked.input, asked.amplitude)
     check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
     period, axis, elements = rendered_axis(task)
     # Both ends are sampled.
@@ -267,16 +265,11 @@ class _Answers:
         finite = np.isfinite(force)
         rows = rows if finite.all() else int(np.argmin(finite))
         radii = [answer.spectral_radius for answer in answers if answer.spectral_radius is not None]
+        states = {name: values[:rows] for name, values in self._states(answers)}
         return Response(
-            time=time[:rows],
-            position=position[:rows],
-            force=force[:rows],
-            states={name: values[:rows] for name, values in self._states(answers)},
-            spectral_radius=max(radii, default=None),
-            diverged=rows < len(time),
-            workspace=workspace,
-            method=self._method if radii else None,
-        )
+            time[:rows], position[:rows], force[:rows], states, max(radii, default=None), rows < len(time), workspace,
+            self._method if radii else None,
+        )  # fmt: skip
 
     def _states(self, answers: list[_Answer]) -> Iterator[tuple[str, Array]]:
         named = [(element, answer) for element, answer in zip(self._elements, answers, strict=True) if answer.states]
@@ -292,9 +285,8 @@ class _Answers:
 
         # The sample at rest goes first, so that the estimate at t = 0 already contains the step.
         estimate, period_ns = bind(self._estimator, self._period), round(1e9 * self._period)
-        if not chosen(self._estimator).estimator.timed:
-            return np.array([estimate(x) for x in [rest, *position.tolist()]])[1:]
-        return np.array([estimate(x, k * period_ns) for k, x in enumerate([rest, *position.tolist()])])[1:]
+        timed, places = chosen(self._estimator).estimator.timed, [rest, *position.tolist()]
+        return np.array([estimate(x, k * period_ns) if timed else estimate(x) for k, x in enumerate(places)])[1:]
 
     def _answer(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
         if isinstance(element, DynamicElement):
@@ -320,21 +312,16 @@ class _Answers:
             found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
         first = getattr(element, "state_names", STATE_NAMES)
         names = [*first, *(f"state {number}" for number in range(len(first) + 1, space.order + 1))][: space.order]
-        radius = float(np.abs(np.linalg.eigvals(one.system.a)).max(initial=0.0))
         states = {name: found.states[:, place] for place, name in enumerate(names)}
-        return _Answer(found.outputs[:, 0], states, radius)
+        return _Answer(found.outputs[:, 0], states, spectral_radius(one.system.a))
 
 
 def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
     """Return the forces of a law along its inputs, up to the first that is not finite."""
     forces: list[float] = []
-    for row in zip(*(values.tolist() for values in inputs), strict=True):
-        try:
-            forces.append(law(*row))
-        except OverflowError:
-            # math raises where numpy would give infinity.
-            break
-        if not math.isfinite(forces[-1]):
-            forces.pop()
-            break
+    with suppress(OverflowError):  # math raises it where numpy would give infinity
+        for row in zip(*(values.tolist() for values in inputs), strict=True):
+            if not math.isfinite(force := law(*row)):
+                break
+            forces.append(force)
     return np.array(forces)

@@ -58,31 +58,20 @@ def versions() -> dict[str, str]:
 
 
 def provenance_of(
-    plan: Plan,
-    task: Task,
-    conditions: Conditions,
-    faults: tuple[Fault, ...],
-    bus: str,
-    *,
-    anonymous: bool,
+    plan: Plan, task: Task, conditions: Conditions, faults: tuple[Fault, ...], bus: str, *, anonymous: bool,
     repeats: Provenance | None = None,
-) -> Provenance:
+) -> Provenance:  # fmt: skip
     """Return the provenance of a run that is about to begin; `conditions` and `faults` are those that act.
 
     The files of one that repeats another are those of that one, since its own last only as long as the run.
     """
     profiles = texts_of_profiles(plan.rig, task)
     provenance = Provenance(
-        **_here(anonymous=anonymous),
-        scene=text_of_scene(plan.scene),
-        rig=text_of_rig(plan.rig, profiles),
+        **_here(anonymous=anonymous), scene=text_of_scene(plan.scene), rig=text_of_rig(plan.rig, profiles),
         profiles=tuple({text.name: text for text in profiles.values()}.values()),
-        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None,
-        settings=dict(parsed(task.settings)),
-        conditions=conditions,
-        bus=hidden(bus),
-        simulated=plan.simulated,
-    )
+        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None, settings=dict(parsed(task.settings)),
+        conditions=conditions, bus=hidden(bus), simulated=plan.simulated,
+    )  # fmt: skip
     if repeats is not None:
         scene, rig = cast(RunText, repeats.scene), repeats.rig
         provenance = replace(
@@ -190,26 +179,23 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
     made = provenance.conditions
     _check_parts(made)
     with TemporaryDirectory(prefix="haptic-fieldbus-") as folder:
-        scene, bench = Path(folder, "scene", provenance.scene.name), Path(folder, "bench", provenance.rig.name)
-        profiles = [bench.with_name(text.name) for text in provenance.profiles]
-        texts = (provenance.scene, provenance.rig, *provenance.profiles)
-        for file, text in zip((scene, bench, *profiles), texts, strict=True):
+
+        def written(text: RunText, room: str) -> Path:
+            file = Path(folder, room, text.name)
             file.parent.mkdir(exist_ok=True)
             file.write_text(text.text, encoding="utf-8", errors="surrogateescape")
+            return file
+
+        bench, *_ = [written(text, "bench") for text in (provenance.rig, *provenance.profiles)]
         faults = None
         if provenance.faults is not None:
-            path = Path(folder, provenance.faults.name)
-            path.write_text(provenance.faults.text, encoding="utf-8")
-            faults = load_faults(path) if provenance.faults.text.strip() else ()
+            faults = load_faults(written(provenance.faults, "faults")) if provenance.faults.text.strip() else ()
         rig = load_rig(bench)
         _check_led(provenance, rig)
         if provenance.rig.source_sha256 is None:  # no file then: it is judged as that bench was, with exact values
             rig = replace(rig, source="")
-        task = Task(
-            scene, rig, rate=made.rate,
-            method=made.method, estimator=made.estimator,
-            bus=SIMULATION if simulated and not provenance.simulated else None,
-        )  # fmt: skip
+        bus, scene = SIMULATION if simulated and not provenance.simulated else None, written(provenance.scene, "scene")
+        task = Task(scene, rig, rate=made.rate, method=made.method, estimator=made.estimator, bus=bus)
         changes: Any = None
         if made.changes:
             from haptic_fieldbus.running.changes import Changes

@@ -109,14 +109,14 @@ def shown(found: RecordedRun) -> Result:
         raise UsageError(f"{found.path}: there is nothing to draw")
     traces = []
     for name in names:
-        if f"{name}.position" not in found.columns:
-            raise UsageError(f"{found.path}: no column {name}.position, so there is nothing to draw")
-        for column in (f"{name}.position", f"{name}.command"):
+        place, force = f"{name}.position", f"{name}.command"
+        if place not in found.columns:
+            raise UsageError(f"{found.path}: no column {place}, so there is nothing to draw")
+        for column in (place, force):
             check_rows(found.path, column, found[column], np.isfinite(found[column]), "a finite number")
-        position = found[f"{name}.position"]
-        workspace = WORKSPACES.get(found.units.get(f"{name}.position", ""))
+        workspace = WORKSPACES.get(found.units.get(place, ""))
         traces.append(
-            Trace(name, workspace, times, position, found[f"{name}.command"], sample_times=times, samples=position)
+            Trace(name, workspace, times, found[place], found[force], sample_times=times, samples=found[place])
         )
     rate = provenance.conditions.rate if provenance else (len(table) - 1) / max(float(times[-1]), 1e-9)
     scene = provenance.scene_name if provenance else found.path.name

@@ -233,19 +233,15 @@ class LiveSession:
         self._steps = self._run.steps(place, self._caller)
         if self._run.plan.simulated:
             self._advance()
-        else:
-            self._advance_beside_a_judge()
-        return self
-
-    def _advance_beside_a_judge(self) -> None:
-        """Begin the thread that judges, go on to the first pause, and give it rights below those of the loop."""
+            return self
+        # The thread that judges begins before the loop takes one processor, and has rights below those of the loop.
         from haptic_fieldbus.running.rights import WorkAside, make_as_urgent
 
-        self._aside = WorkAside()
-        self._judging = ThreadPoolExecutor(1, "haptic-fieldbus-judging")
-        thread = self._judging.submit(current_thread).result()  # it exists before the loop takes one processor
+        self._aside, self._judging = WorkAside(), ThreadPoolExecutor(1, "haptic-fieldbus-judging")
+        thread = self._judging.submit(current_thread).result()
         self._advance()
         make_as_urgent([thread])
+        return self
 
     def __iter__(self) -> Self:
         return self

@@ -39,13 +39,9 @@ BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulati
 
 @contextmanager
 def site_of(
-    plan: Plan,
-    record: Path | None = None,
-    hand: Hand | None = None,
-    seed: int = DEFAULT_SEED,
-    faults: tuple[Fault, ...] = (),
-    time: VirtualClock | None = None,
-) -> Iterator[Site]:
+    plan: Plan, record: Path | None = None, hand: Hand | None = None, seed: int = DEFAULT_SEED,
+    faults: tuple[Fault, ...] = (), time: VirtualClock | None = None,
+) -> Iterator[Site]:  # fmt: skip
     """Open all buses of a plan, or none, and yield them as a site; frames are recorded if `record` is a file for them.
 
     `hand`, `seed` (of all random numbers), `faults` and `time` are the conditions on a simulated bench. Raises
@@ -79,8 +75,7 @@ def _clock(plan: Plan, seed: int, faults: Sequence[Fault], time: VirtualClock) -
     if most_ns:
         draw = Random(f"{seed}/host")
         return HostClock(time, iter(lambda: draw.randrange(most_ns + 1), None))
-    faulty = any(isinstance(fault, HostFault) for fault in faults)
-    return HostClock(time) if faulty else time
+    return HostClock(time) if any(isinstance(fault, HostFault) for fault in faults) else time
 
 
 def ask_rated_torques(rig: Rig) -> Rig:
@@ -138,14 +133,9 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
 
 
 def simulated_bus(
-    plan: Plan,
-    bus: BusPlan,
-    clock: Clock,
-    log: object = None,
-    hand: Hand | None = None,
-    seed: int = DEFAULT_SEED,
+    plan: Plan, bus: BusPlan, clock: Clock, log: object = None, hand: Hand | None = None, seed: int = DEFAULT_SEED,
     faults: Sequence[Fault] = (),
-) -> tuple[StepwiseBus, Truth | None]:
+) -> tuple[StepwiseBus, Truth | None]:  # fmt: skip
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     slots, simulation = [], _simulation(bus.protocol)
     here = tuple(fault for fault in faults_on(faults, bus.name) if fault.kind in simulation.kinds)
@@ -161,23 +151,22 @@ def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
     # Drives draw their numbers by seed and node-ID: twins would draw the same numbers.
     before = plan.buses[: plan.buses.index(bus)]
     taken = {axis.node for other in before for axis in plan.on(other).axes}
-    twins = any(axis.node in taken for axis in plan.on(bus).axes)
-    return f"{seed}/{bus.name}" if twins else seed
+    return f"{seed}/{bus.name}" if any(axis.node in taken for axis in plan.on(bus).axes) else seed
 
 
 def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
-    kinds = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
+    kinds: dict[str | None, frozenset[str]] = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
+    known = {None: frozenset[str]().union(*kinds.values()), **kinds}
     wrong = [
-        f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(kinds)}'
+        f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(map(str, kinds))}'
         for fault in faults
-        if fault.bus is not None and fault.bus not in kinds
+        if fault.bus not in known
     ]
     protocols = ", ".join(dict.fromkeys(bus.protocol for bus in plan.buses))
     wrong += [
         f'no bus of this run supports the fault "{fault.kind}" ({protocols}); remove it'
         for fault in faults
-        if fault.bus in (None, *kinds)
-        and not any(fault.kind in kinds[name] for name in kinds if fault.bus in (None, name))
+        if fault.bus in known and fault.kind not in known[fault.bus]
     ]
     raise_all(wrong)
 

@@ -108,12 +108,9 @@ def _weakest(judgements: Iterable[Judgement]) -> Judgement:
     """Return the judgement with the smallest margin; a judgement without a margin comes last."""
     found = list(judgements)
     # The margin of a single one is not asked for: it takes longer than all other values.
-    return found[0] if len(found) == 1 else min(found, key=_margin)
-
-
-def _margin(judgement: Judgement) -> float:
-    margin = judgement.stability.margin
-    return math.inf if margin is None else margin
+    if len(found) == 1:
+        return found[0]
+    return min(found, key=lambda each: math.inf if (margin := each.stability.margin) is None else margin)
 
 
 def _on_device(task: Task, *, delay: float, **values: float) -> Judgement:

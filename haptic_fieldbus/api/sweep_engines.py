@@ -86,29 +86,71 @@ class SweepJob:
     """Periods of a simulated loop."""
     measure: Measure | None = None
 
+    # A point: the task with its values.
 
-# A point: the task with its values.
+    @property
+    def scene(self) -> Scene:
+        return cast(Scene, self.task.scene)
 
+    @property
+    def rig(self) -> Rig:
+        return cast(Rig, self.task.rig)
 
-def check_names(names: Sequence[str], job: SweepJob) -> None:
-    """Raise one UsageError for all parameters that neither scene, rig nor engine has."""
-    scene, rig = cast(Any, job.task.scene), cast(Rig, job.task.rig)
-    kinds, faults = {element.name: type(element) for element in scene.elements}, []
-    known = OF_TASK + OF_TRIAL if job.engine == "full" else OF_TASK
-    for name in names:
-        try:
+    def check_names(self, names: Iterable[str]) -> None:
+        """Raise one UsageError for all parameters that neither scene, rig nor engine has."""
+        kinds, faults = {element.name: type(element) for element in self.scene.elements}, []
+        known = OF_TASK + OF_TRIAL if self.engine == "full" else OF_TASK
+        for name in names:
+            try:
+                if name.startswith(RIG):
+                    with_rig_value(self.rig, name, None)
+                elif "." in name:
+                    named(name, kinds, self.scene.name)
+                elif name not in known:
+                    raise UsageError(
+                        f"{name}: the engine {self.engine} has no such parameter; expected {', '.join(known)}, "
+                        "element.parameter or rig.axis.key"
+                    )
+            except UsageError as error:
+                faults.append(str(error).removeprefix("--set "))
+        raise_all(faults)
+
+    def whole_parameters(self, names: Iterable[str]) -> frozenset[str]:
+        """Return the parameters that are whole numbers."""
+        elements = {element.name: element for element in self.scene.elements}
+
+        def is_whole(name: str) -> bool:
+            first, *path = name.removeprefix(RIG).split(".")
+            owner: Any = (self.rig.axis if name.startswith(RIG) else elements).get(first)
+            for part in path[:-1]:
+                owner = getattr(owner, part, None)
+            return bool(path) and get_type_hints(type(owner)).get(path[-1]) in (int, int | None)
+
+        return frozenset(name for name in names if name == "seed" or is_whole(name))
+
+    def units_of_parameters(self, names: Iterable[str]) -> dict[str, str]:
+        """Return the SI unit of each parameter that has one; parameters of the rig are at the motor shaft."""
+        found = {"rate": "Hz", "duration": "s", "fade_in": "s"}
+        spaces = {axis.name: axis.workspace for axis in self.scene.axes}
+        for element in self.scene.elements:
+            known = quantities(type(element)).items()
+            found |= {f"{element.name}.{name}": each.unit(spaces[axes_of(element)[0]]) for name, each in known}
+        return {name: found[name] for name in names if found.get(name)} | units_of_figures(spaces.values())
+
+    def is_shipped_bench(self, names: Iterable[str]) -> bool:
+        """Return whether all points are on the shipped bench, whose values are exact."""
+        varied = any(name.startswith(RIG) for name in names)
+        return not varied and all(has_shipped_values(self.rig, axis.name) for axis in self.scene.axes)
+
+    def task_at(self, point: Point) -> Task:
+        """Return the task of a point."""
+        rig = self.rig
+        for name in point:
             if name.startswith(RIG):
-                with_rig_value(rig, name, None)
-            elif "." in name:
-                named(name, kinds, scene.name)
-            elif name not in known:
-                raise UsageError(
-                    f"{name}: the engine {job.engine} has no such parameter; expected {', '.join(known)}, "
-                    "element.parameter or rig.axis.key"
-                )
-        except UsageError as error:
-            faults.append(str(error).removeprefix("--set "))
-    raise_all(faults)
+                rig = with_rig_value(rig, name, point[name])
+        settings = {name: value for name, value in point.items() if "." in name and not name.startswith(RIG)}
+        asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TASK}
+        return replace(self.task, rig=rig, settings={**(self.task.settings or {}), **settings}, **asked)
 
 
 def with_rig_value(rig: Rig, name: str, value: Any) -> Rig:
@@ -134,31 +176,6 @@ def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
     return part if value is None else replace(part, **{key: value})  # type: ignore[type-var]
 
 
-def whole_parameters(names: Iterable[str], job: SweepJob) -> frozenset[str]:
-    """Return the parameters that are whole numbers."""
-    scene, rig = cast(Scene, job.task.scene), cast(Rig, job.task.rig)
-    elements = {element.name: element for element in scene.elements}
-
-    def is_whole(name: str) -> bool:
-        first, *path = name.removeprefix(RIG).split(".")
-        owner: Any = (rig.axis if name.startswith(RIG) else elements).get(first)
-        for part in path[:-1]:
-            owner = getattr(owner, part, None)
-        return bool(path) and get_type_hints(type(owner)).get(path[-1]) in (int, int | None)
-
-    return frozenset(name for name in names if name == "seed" or is_whole(name))
-
-
-def units_of_parameters(names: Sequence[str], job: SweepJob) -> dict[str, str]:
-    """Return the SI unit of each parameter that has one; parameters of the rig are at the motor shaft."""
-    scene, found = cast(Scene, job.task.scene), {"rate": "Hz", "duration": "s", "fade_in": "s"}
-    spaces = {axis.name: axis.workspace for axis in scene.axes}
-    for element in scene.elements:
-        known = quantities(type(element)).items()
-        found |= {f"{element.name}.{name}": each.unit(spaces[axes_of(element)[0]]) for name, each in known}
-    return {name: found[name] for name in names if found.get(name)} | units_of_figures(spaces.values())
-
-
 def units_of_figures(workspaces: Iterable[Workspace]) -> dict[str, str]:
     """Return the units of the figures of `full`; the error has none where axes differ in theirs."""
     efforts = {each.effort_unit for each in workspaces}
@@ -166,29 +183,10 @@ def units_of_figures(workspaces: Iterable[Workspace]) -> dict[str, str]:
     return errors | {"energy_generated_j": "J", "trip_time_s": "s"}
 
 
-def is_shipped_bench(names: Sequence[str], job: SweepJob) -> bool:
-    """Return whether all points are on the shipped bench, whose values are exact."""
-    scene, rig = cast(Scene, job.task.scene), cast(Rig, job.task.rig)
-    varied = any(name.startswith(RIG) for name in names)
-    return not varied and all(has_shipped_values(rig, axis.name) for axis in scene.axes)
-
-
-def task_at(job: SweepJob, point: Point) -> Task:
-    """Return the task of a point."""
-    rig = cast(Rig, job.task.rig)
-    for name in point:
-        if name.startswith(RIG):
-            rig = with_rig_value(rig, name, point[name])
-    settings = {name: value for name, value in point.items() if "." in name and not name.startswith(RIG)}
-    asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TASK}
-    return replace(job.task, rig=rig, settings={**(job.task.settings or {}), **settings}, **asked)
-
-
 def evaluate(job: SweepJob, columns: Columns) -> Rows:
     """Return the rows of some points."""
     engine, figures = ENGINES[job.engine]
-    points = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-    rows = engine(job, points)
+    rows = engine(job, [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)])
     names = dict.fromkeys(["outcome", "message", *figures, *(name for row in rows for name in row)])
     return {name: [row.get(name) for row in rows] for name in names}
 
@@ -213,7 +211,7 @@ def verdict_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
         grown, share = loop.growth(stiffness, damping), loop.damping_share(stiffness, damping)
         verdicts = loop.verdicts(stiffness, damping, grown, share)
         rows |= _done(places, verdict=verdicts, growth=grown, damping_share=share)
-    rows |= {at: _judged(task_at(job, points[at])) for at in alone}
+    rows |= {at: _judged(job.task_at(points[at])) for at in alone}
     return [rows[at] for at in range(len(points))]
 
 
@@ -234,9 +232,8 @@ def _judged(task: Task) -> Row:
 
 def _lone_wall(job: SweepJob) -> Wall | None:
     """Return the wall of a scene that has no other element; None for any other scene."""
-    elements = cast(Any, job.task.scene).elements
-    settings = job.task.settings or {}
-    return elements[0] if len(elements) == 1 and type(elements[0]) is Wall and not settings else None
+    elements = job.scene.elements
+    return elements[0] if len(elements) == 1 and type(elements[0]) is Wall and not job.task.settings else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +339,7 @@ def _wall_loop(bench: _WallBench) -> WallLoop | None:
     """Return what the walls on this bench have in common; None where a point needs a plan of its own."""
     name = cast(Wall, _lone_wall(bench.job)).name
     usual = {f"{name}.stiffness": 1.0, f"{name}.damping": 1.0 if bench.damped else 0.0}
-    task = task_at(bench.job, {**usual, **bench.point})
+    task = bench.job.task_at({**usual, **bench.point})
     check_request(rate=task.rate)
     plan = select(task).plan
     group = _rigid(plan)
@@ -393,7 +390,7 @@ def loop_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
     ]
     for at in alone:
         try:
-            loops.append(_single_loop(task_at(job, points[at]), at))
+            loops.append(_single_loop(job.task_at(points[at]), at))
         except (HapticFieldbusError, TypeError) as error:
             rows[at] = _refused(error)
     alike: dict[tuple[int, bool], list[SimulatedLoop]] = {}
@@ -446,16 +443,12 @@ def _simulated(loops: Sequence[SimulatedLoop], steps: int) -> dict[int, Row]:
     plants = [each.member.plant for each in loops]
     spaces = [Workspace.ROTARY if each.member.unit.startswith("N·m") else Workspace.LINEAR for each in loops]
     many = batch.loops(
-        mass=[plant.mass for plant in plants],
-        damping=[plant.damping for plant in plants],
-        period=[each.period for each in loops],
-        delay=[each.member.delay for each in loops],
-        lag=[plant.torque_lag for plant in plants],
+        mass=[plant.mass for plant in plants], damping=[plant.damping for plant in plants],
+        period=[each.period for each in loops], delay=[each.member.delay for each in loops],
+        lag=[plant.torque_lag for plant in plants], resolution=[plant.resolution for plant in plants],
         coulomb=[0.0 if plant.torque_lag else plant.coulomb for plant in plants],
-        resolution=[plant.resolution for plant in plants],
-        velocity=[FLICK[space] for space in spaces],
-        environments=[each.environment for each in loops],
-    )
+        velocity=[FLICK[space] for space in spaces], environments=[each.environment for each in loops],
+    )  # fmt: skip
     ended = batch.run(many, steps, parts=4)
     _, second, _, last = ended.peaks
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -477,7 +470,7 @@ def full_rows(job: SweepJob, points: Sequence[Point]) -> list[Row]:
 def _ran(job: SweepJob, point: Point) -> Row:
     asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TRIAL}
     try:
-        result = run_task(task_at(job, point), replace(job.trial, **asked))
+        result = run_task(job.task_at(point), replace(job.trial, **asked))
     except (SafetyTripError, DriveFaultError) as error:
         known = error.result if isinstance(error.result, Result) else None
         return {"outcome": TRIPPED, "message": str(error), **({} if known is None else _figures(job, known, point))}

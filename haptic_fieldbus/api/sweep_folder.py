@@ -10,6 +10,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -21,7 +22,7 @@ import numpy as np
 from haptic_fieldbus.api.arguments import KINDS
 from haptic_fieldbus.documents.edits import sync_folder
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
-from haptic_fieldbus.recordings.provenance import digest
+from haptic_fieldbus.recordings.provenance import digest, replacing
 
 if TYPE_CHECKING:
     import pandas
@@ -204,36 +205,25 @@ def _is_alive(process: str) -> bool:
     return True
 
 
-def _is_linked(new: Path, path: Path) -> bool:
-    """Give a file a second name; False on a file system without such names. Raises FileExistsError."""
-    try:
-        os.link(new, path)
-    except FileExistsError:
-        raise
-    except OSError:
-        return False
-    return True
-
-
 def _write_whole(path: Path, write: Callable[[Path], object], *, only_new: bool = False) -> None:
     """Write a file under another name, flush it to the disk and rename it.
 
     Makes its folder if there is none. Raises UsageError where nothing can be written, such as on a full disk, and
     FileExistsError for a file that is there but must be `only_new`.
     """
-    new = path.with_name(f"{path.name}.{os.getpid()}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(new)
-        with new.open("rb") as written:
-            os.fsync(written.fileno())
-        if only_new and _is_linked(new, path):
-            new.unlink()
-        else:
-            new.replace(path)
+        with replacing(path, f".{os.getpid()}.new") as new:
+            write(new)
+            with new.open("rb") as written:
+                os.fsync(written.fileno())
+            if only_new:
+                with suppress(OSError):  # it is there, or the file system knows no second names
+                    os.link(new, path)
+                if path.exists() and not path.samefile(new):
+                    raise FileExistsError
         sync_folder(path.parent)
     except FileExistsError:
-        new.unlink(missing_ok=True)
         raise
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
@@ -257,14 +247,13 @@ class SweepFolder:
         `told` are the keys of the manifest for pictures: `units` and `shipped_bench`.
         """
         text = json.dumps(inputs, sort_keys=True)
-        found = cls(path, points, chunk, digest(text))
+        found, now = cls(path, points, chunk, digest(text)), json.loads(text)
         manifest = path / MANIFEST
         if manifest.exists():
             known = _manifest(path)
             if known["digest"] != found.digest:
-                names = (*inputs, *known["inputs"])
-                now = json.loads(text)
-                other = [name for name in dict.fromkeys(names) if known["inputs"].get(name) != now.get(name)]
+                names = {**inputs, **known["inputs"]}
+                other = [name for name in names if known["inputs"].get(name) != now.get(name)]
                 raise UsageError(
                     f"{path}: holds a sweep with other inputs ({', '.join(other)}); expected another folder"
                 )
@@ -273,7 +262,7 @@ class SweepFolder:
         else:
             content = {
                 "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
-                "names": list(points.values), **told, "inputs": json.loads(text),
+                "names": list(points.values), **told, "inputs": now,
             }  # fmt: skip
             octets = json.dumps(content, indent=1).encode() + b"\n"
             try:
@@ -370,18 +359,10 @@ class Sweep:
     def read(cls, path: str | Path) -> "Sweep":
         """Return the sweep of a folder, complete or not; raises UsageError when it is none, and without pyarrow."""
         require("pyarrow", "data")
-        found, folder = _manifest(Path(path)), SweepFolder.known(Path(path))
-        whole = all(map(folder.is_whole, folder.chunks))
-        names, units = tuple(found["names"]), found["units"]
-        return cls(
-            Path(path),
-            found["inputs"]["engine"],
-            found["points"],
-            names,
-            whole,
-            units=units,
-            shipped_bench=found["shipped_bench"],
-        )
+        path = Path(path)
+        found, folder = _manifest(path), SweepFolder.known(path)
+        whole, told = all(map(folder.is_whole, folder.chunks)), {key: found[key] for key in ("units", "shipped_bench")}
+        return cls(path, found["inputs"]["engine"], found["points"], tuple(found["names"]), whole, **told)
 
     def tables(self, columns: Sequence[str] | None = None) -> "Iterator[pyarrow.Table]":
         """Yield the rows of each chunk in their order, so that no more than one is held."""

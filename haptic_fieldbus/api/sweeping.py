@@ -24,16 +24,7 @@ from weakref import finalize
 from haptic_fieldbus.api import Trial, progress_line
 from haptic_fieldbus.api.arguments import asked_of
 from haptic_fieldbus.api.provenance import text_of_rig, text_of_scene, texts_of_profiles, versions
-from haptic_fieldbus.api.sweep_engines import (
-    ENGINES,
-    Measure,
-    SweepJob,
-    check_names,
-    evaluate,
-    is_shipped_bench,
-    units_of_parameters,
-    whole_parameters,
-)
+from haptic_fieldbus.api.sweep_engines import ENGINES, Measure, SweepJob, evaluate
 from haptic_fieldbus.api.sweep_folder import Given, Rows, Sweep, SweepFolder, SweepPoints
 from haptic_fieldbus.defaults import (
     DEFAULT_DURATION,
@@ -252,7 +243,7 @@ def sweep(
 def sweep_task(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest) -> Sweep:
     """Sweep the points of a task, as `sweep` does."""
     job, inputs = _prepared(task, trial, points, asked)
-    points = replace(points, whole=whole_parameters(points.values, job))
+    points = replace(points, whole=job.whole_parameters(points.values))
     if asked.out is not None:
         return _swept(Path(asked.out), job, inputs, points, asked)
     path = Path(mkdtemp(prefix="haptic-fieldbus-"))
@@ -270,8 +261,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     began = monotonic()
     chunk = asked.chunk or min(LARGEST_CHUNK[asked.engine], -(-points.count // MOST_CHUNKS_OF_FEW[asked.engine]))
     names = tuple(points.values)
-    units, shipped = units_of_parameters(names, job), is_shipped_bench(names, job)
-    told = {"units": units, "shipped_bench": shipped}
+    told: Any = {"units": job.units_of_parameters(names), "shipped_bench": job.is_shipped_bench(names)}
     folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, told)
     job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
@@ -293,8 +283,7 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
                 done += len(rows["outcome"])
                 tell(done, points.count)
         ending.resume()
-    took = monotonic() - began
-    return Sweep(path, asked.engine, points.count, names, True, took, left, steps, units, shipped)
+    return Sweep(path, asked.engine, points.count, names, True, monotonic() - began, left, steps, **told)
 
 
 def _executor(asked: SweepRequest, count: int, ending: EndSignals) -> AbstractContextManager[Executor]:
@@ -356,7 +345,7 @@ def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest
         task, scene=found.scene, rig=found.rig, settings=part, drive=None, bus=None, node=DEFAULT_NODE, zero=None
     )
     job = SweepJob(asked.engine, own, trial, "", asked.steps, asked.measure)
-    check_names(list(points.values), job)
+    job.check_names(points.values)
     files = texts_of_profiles(found.rig, task)
     scene = text_of_scene(found.scene)
     inputs = {

@@ -18,50 +18,44 @@ START, BENCH_PANEL, STUDY, FILES = (
 # `--help` lists the panels and their commands in this order.
 COMMANDS: dict[str, dict[str, str]] = {
     START: {
-        "haptic_fieldbus.cli.run:run": "Render SCENE on a drive, simulated or real, and print the result. `plan` only"
-        " shows what would run.",
-        "haptic_fieldbus.cli.run:demo": "Touch a wall on a simulated drive with the mouse, on a page in the browser."
-        " To practise a start: `rehearse`.",
-        "haptic_fieldbus.cli.view:view": "Show a run that was begun with --view as a page in the browser. To watch"
-        " drives without torque: `watch`.",
-        "haptic_fieldbus.cli.rehearse:rehearse": "Practise the first start of a real drive on a simulated one in real"
-        " time. With your drive: `run --rig`.",
-        "haptic_fieldbus.cli.planning:plan": "Print what `run SCENE` would do in each period, with delay, limits and"
-        " deadlines. Nothing moves.",
+        "run:run": "Render SCENE on a drive, simulated or real, and print the result. `plan` only shows what would"
+        " run.",
+        "run:demo": "Touch a wall on a simulated drive with the mouse, on a page in the browser. To practise a start:"
+        " `rehearse`.",
+        "view:view": "Show a run that was begun with --view as a page in the browser. To watch drives without torque:"
+        " `watch`.",
+        "rehearse:rehearse": "Practise the first start of a real drive on a simulated one in real time. With your"
+        " drive: `run --rig`.",
+        "planning:plan": "Print what `run SCENE` would do in each period, with delay, limits and deadlines. Nothing"
+        " moves.",
     },
     BENCH_PANEL: {
-        "haptic_fieldbus.cli.bench:doctor": "Check adapter, bus and computer, with a remedy for each fault. To find"
-        " the drives use `scan`.",
-        "haptic_fieldbus.cli.bench:scan": "List the nodes of a bus with their profiles, by reading alone. For live"
-        " values use `watch`.",
-        "haptic_fieldbus.cli.bench:watch": "Show position, speed and state of drives without torque, until Ctrl-C. To"
-        " render use `run`.",
-        "haptic_fieldbus.cli.identify:identify": "Measure inertia, friction, damping and delay of a bench with its own"
-        " drive, and write them into the rig file.",
-        "haptic_fieldbus.cli.identify:certify": "Raise the stiffness of SCENE in steps and tap it: the largest one that"
-        " is well damped, and the onset. Measure first: `identify`.",
-        "haptic_fieldbus.cli.twin:twin": "Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say"
-        " what changed on it.",
-        "haptic_fieldbus.cli.simulate:simulate": "Host simulated drives for other programs, in real time, until"
-        " Ctrl-C. `run --bus sim` needs none.",
-        "haptic_fieldbus.cli.vcan:vcan": "Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on"
-        " them.",
+        "bench:doctor": "Check adapter, bus and computer, with a remedy for each fault. To find the drives use `scan`.",
+        "bench:scan": "List the nodes of a bus with their profiles, by reading alone. For live values use `watch`.",
+        "bench:watch": "Show position, speed and state of drives without torque, until Ctrl-C. To render use `run`.",
+        "identify:identify": "Measure inertia, friction, damping and delay of a bench with its own drive, and write"
+        " them into the rig file.",
+        "identify:certify": "Raise the stiffness of SCENE in steps and tap it: the largest one that is well damped,"
+        " and the onset. Measure first: `identify`.",
+        "twin:twin": "Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say what changed on it.",
+        "simulate:simulate": "Host simulated drives for other programs, in real time, until Ctrl-C. `run --bus sim`"
+        " needs none.",
+        "vcan:vcan": "Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on them.",
     },
     STUDY: {
-        "haptic_fieldbus.cli.planning:stability": "Compute the stability limits of SCENE. Nothing moves. `report`"
-        " tests the methods behind it.",
-        "haptic_fieldbus.cli.sweep:sweep": "Judge or run SCENE at many points and keep a row for each. For one point"
-        " use `stability` or `run`.",
-        "haptic_fieldbus.cli.planning:response": "Compute the force of SCENE for a given motion, without a drive. For"
-        " the closed loop use `run`.",
-        "haptic_fieldbus.cli.planning:estimate": "Apply a velocity estimator to a signal in FILE. To use one in a"
-        " loop: `run --estimator`.",
-        "haptic_fieldbus.cli.replay:replay": "Summarise a recording; draw, convert, compare or repair it. To simulate"
-        " its run again: `run --from`.",
-        "haptic_fieldbus.cli.report:report": "Measure error, stability and computing time of all methods. For the"
-        " limits of one scene use `stability`.",
-        "haptic_fieldbus.cli.report:bench": "Measure how fast this computer runs the loop and its parts, each beside a"
-        " reference of the same run.",
+        "planning:stability": "Compute the stability limits of SCENE. Nothing moves. `report` tests the methods behind"
+        " it.",
+        "sweep:sweep": "Judge or run SCENE at many points and keep a row for each. For one point use `stability` or"
+        " `run`.",
+        "planning:response": "Compute the force of SCENE for a given motion, without a drive. For the closed loop use"
+        " `run`.",
+        "planning:estimate": "Apply a velocity estimator to a signal in FILE. To use one in a loop: `run --estimator`.",
+        "replay:replay": "Summarise a recording; draw, convert, compare or repair it. To simulate its run again: `run"
+        " --from`.",
+        "report:report": "Measure error, stability and computing time of all methods. For the limits of one scene use"
+        " `stability`.",
+        "report:bench": "Measure how fast this computer runs the loop and its parts, each beside a reference of the"
+        " same run.",
     },
 }
 GROUPS: dict[str, str] = {
@@ -89,7 +83,8 @@ def application(words: Collection[str] = NAMES) -> typer.Typer:
             module, _, name = home.partition(":")
             if name in words:
                 settings = {"allow_interspersed_args": False} if name == "vcan" else None
-                app.command(context_settings=settings, rich_help_panel=panel)(getattr(import_module(module), name))
+                command = getattr(import_module(f"haptic_fieldbus.cli.{module}"), name)
+                app.command(context_settings=settings, rich_help_panel=panel)(command)
             else:
                 app.command(name, help=line, rich_help_panel=panel)(_not_invoked)
     for name, line in GROUPS.items():

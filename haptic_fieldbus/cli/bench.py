@@ -7,7 +7,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import typer
 
@@ -19,13 +19,12 @@ from haptic_fieldbus.cli.options import (
     JsonOption,
     ProfilesOption,
     given_by,
-    note_assumed_bitrate,
-    option,
+    note_bitrate,
     option_field,
     options_of,
     refuse_beside_rig,
 )
-from haptic_fieldbus.cli.screen import console, json_text, plain, print_json, show, show_table
+from haptic_fieldbus.cli.screen import console, json_text, print_json, show, show_result, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE, HIGHEST_NUMBER
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, in_unit, lines_of, object_of, rounded
@@ -84,11 +83,11 @@ def scan(options: ScanOptions) -> None:
     """List the nodes of a bus with their profiles, by reading alone. For live values use `watch`."""
     from haptic_fieldbus.api.bench import scans
 
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     found = list(scans(options.bench(), options.nodes()))
     if options.as_json:
         nodes = [{**object_of(node.rows(), KEYS), "bus": each.bus} for each in found for node in each.nodes]
-        print_json({"nodes": plain(nodes), "buses": plain([object_of(each.rows()) for each in found])})
+        print_json({"nodes": nodes, "buses": [object_of(each.rows()) for each in found]})
         return
     for each in found:
         show(lines_of(each.rows()))
@@ -130,13 +129,10 @@ def doctor(options: DoctorOptions) -> None:
     """Check adapter, bus and computer, with a remedy for each fault. To find the drives use `scan`."""
     from haptic_fieldbus.api.bench import examined
 
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     checks = examined(options.bench())
     rows = [check.row for check in checks]
-    if options.as_json:
-        print_json({"checks": plain([row.value for row in rows])})
-    else:
-        show(lines_of(rows))
+    show_result(lines_of(rows), lambda: {"checks": [row.value for row in rows]}, as_json=options.as_json)
     if any(check.ok is False and check.name in FAILED for check in checks):
         raise typer.Exit(1)
 
@@ -156,9 +152,7 @@ class WatchOptions(DriveOptions):
 
     rig: Path | None = option_field("FILE", "Rig file whose drives are shown.", BENCH)
     duration: float | None = option_field("S", "Duration of watching; default: until Ctrl-C.", RENDERING)
-    as_json: Annotated[
-        bool, option(None, "Print one JSON object per second, each on its own line.", None, "--json")
-    ] = False
+    as_json: bool = option_field(None, "Print one JSON object per second, each on its own line.", None, "--json")
 
 
 @options_of(WatchOptions)
@@ -167,7 +161,7 @@ def watch(options: WatchOptions) -> None:
     duration = math.inf if options.duration is None else options.duration
     if not duration > 0.0:
         raise UsageError(f"--duration {options.duration}: expected a number of seconds above 0")
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     look(options.bench(), duration, sys.stdout, as_json=options.as_json)
 
 
@@ -196,13 +190,11 @@ def _live(stream: TextIO) -> Iterator[Shown]:
     from rich.live import Live
     from rich.text import Text
 
+    def named(views: Mapping[str, "View"]) -> Text:
+        return Text("\n".join(f"{name:{KEY_WIDTH}}{line}" for name, view in views.items() for line in view_lines(view)))
+
     with Live(console=console(stream), auto_refresh=False) as screen:
-        yield lambda views: screen.update(Text("\n".join(_named_lines(views))), refresh=True)
-
-
-def _named_lines(views: Mapping[str, "View"]) -> Iterator[str]:
-    for name, view in views.items():
-        yield from (f"{name:{KEY_WIDTH}}{line}" for line in view_lines(view))
+        yield lambda views: screen.update(named(views), refresh=True)
 
 
 def _print_json_line(views: Mapping[str, "View"]) -> None:
@@ -217,18 +209,16 @@ def _print_lines(views: Mapping[str, "View"], stream: TextIO) -> None:
 
 def view_lines(view: "View") -> Iterator[str]:
     """Yield the lines of one axis: its values, and a note if there is one."""
-    parts = [f"node {view.node}", view.state or "state unknown"]
-    if view.statusword is not None:
-        parts[1] += f" ({view.statusword:04X}h)"
-    if view.error_code is not None:
-        parts.append(f"error code {view.error_code:04X}h")
-    parts += [*_motion(view), *_ages(view)]
-    yield " · ".join(parts)
+    yield " · ".join(_values(view))
     if view.note is not None:
         yield view.note
 
 
-def _motion(view: "View") -> Iterator[str]:
+def _values(view: "View") -> Iterator[str]:
+    yield f"node {view.node}"
+    yield (view.state or "state unknown") + ("" if view.statusword is None else f" ({view.statusword:04X}h)")
+    if view.error_code is not None:
+        yield f"error code {view.error_code:04X}h"
     if view.position_counts is not None:
         counts = f"{view.position_counts} counts"
         yield counts if view.position is None else f"{in_unit(view.position, view.unit or '')} ({counts})"
@@ -238,9 +228,6 @@ def _motion(view: "View") -> Iterator[str]:
         yield in_unit(view.torque_actual, "N·m")
     elif view.torque_actual_raw is not None:
         yield f"torque {view.torque_actual_raw} (steps of the drive)"
-
-
-def _ages(view: "View") -> Iterator[str]:
     if view.age_s is not None:
         yield f"{rounded(1e3 * view.age_s)} ms old"
     if view.nmt_state is not None and view.life_age_s is not None:

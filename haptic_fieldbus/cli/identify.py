@@ -26,8 +26,7 @@ from haptic_fieldbus.cli.options import (
     check_plot,
     draw,
     given_by,
-    note_assumed_bitrate,
-    number,
+    note_bitrate,
     option,
     option_field,
     options_of,
@@ -54,28 +53,23 @@ class IdentifyOptions:
     bus: str | None = option_field("BUS", f"{BUSES} The rig file is then not changed.", BENCH, told="that of the rig")
     rate: float | None = option_field("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING)
     travel: float | None = option_field(
-        "M", "Travel of the handle in m or rad.", RENDERING, told="that of the rig, or a turn of the motor",
-        parser=number,
-    )  # fmt: skip
-    effort: float | None = option_field(
-        "N", "Largest force in N or N·m.", RENDERING, told="25 % of rated torque", parser=number
+        "M", "Travel of the handle in m or rad.", RENDERING, told="that of the rig, or a turn of the motor"
     )
-    speed: float | None = option_field(
-        "M/S", "Largest speed in m/s or rad/s.", RENDERING, told="four travels a second", parser=number
-    )
+    effort: float | None = option_field("N", "Largest force in N or N·m.", RENDERING, told="25 % of rated torque")
+    speed: float | None = option_field("M/S", "Largest speed in m/s or rad/s.", RENDERING, told="four travels a second")
     with_mass: float | None = option_field(
-        "KG", "Check the rig by a known mass, fixed to a linear handle since the last run.", RENDERING, parser=number
+        "KG", "Check the rig by a known mass, fixed to a linear handle since the last run.", RENDERING
     )
     with_inertia: float | None = option_field(
-        "KGM2", "The same by a known inertia on a rotary handle, in kg·m².", RENDERING, parser=number
+        "KGM2", "The same by a known inertia on a rotary handle, in kg·m².", RENDERING
     )
     skip: list[str] | None = option_field(
         "NAME", "Leave out rest, friction (slow pushes) or dynamics (all that follows); may be repeated.", RENDERING
     )
-    dry_run: bool = option_field(None, "Only say what would move.", RENDERING, "--dry-run")
+    dry_run: bool = option_field(None, "Only say what would move.", RENDERING)
     seed: int = option_field("N", "Random seed.", SIMULATION, default=DEFAULT_SEED)
     plot: PlotOption = None
-    yes: bool = option_field(None, "Enable a real drive without asking.", None, "--yes")
+    yes: bool = option_field(None, "Enable a real drive without asking.")
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 
@@ -90,11 +84,11 @@ def identify(options: IdentifyOptions) -> None:
     check_plot(options.plot)
     if options.plot is not None and "dynamics" in (options.skip or ()):
         raise UsageError("--skip dynamics: expected without --plot, which draws them")
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     task = given_by(options, BenchTask)
     if options.dry_run:
         lines = list(bounds_of(task).lines())
-        show_result([OutputRow("move", lines)], {"move": lines}, as_json=options.as_json)
+        show_result(lines_of([OutputRow("move", lines)]), lambda: {"move": lines}, as_json=options.as_json)
         return
     if not sys.stdin.isatty():
         never_wait()
@@ -106,7 +100,7 @@ def identify(options: IdentifyOptions) -> None:
         announce=lambda told: _announce(told.lines(), options),
         progress=lambda stage: show([("stage", stage)], sys.stderr) if sys.stderr.isatty() else None,
     )
-    show_result(_rows(found), found.to_json(), as_json=options.as_json)
+    show_result(lines_of(_rows(found)), found.to_json, as_json=options.as_json)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_identified
 
@@ -167,13 +161,9 @@ KEPT = ("seed", "yes")
 class CertifyOptions(SceneOptions):
     """Options of `certify`."""
 
-    by_hand: bool = option_field(
-        None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING, "--by-hand"
-    )
-    share: float = option_field(
-        "SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8, parser=number
-    )
-    above: bool = option_field(None, "With --yes, go above the limit without asking; nobody holds.", None, "--above")
+    by_hand: bool = option_field(None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING)
+    share: float = option_field("SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8)
+    above: bool = option_field(None, "With --yes, go above the limit without asking; nobody holds.")
     plot: Path | None = option_field(
         "PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"
     )
@@ -193,15 +183,14 @@ def certify(options: CertifyOptions) -> None:
     if values is not None and values.exists():
         raise UsageError(f"{values}: exists; move it away")
     raise_all(file_faults("out", values, (".json",)))
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     if not sys.stdin.isatty():
         never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig] if options.rig else [])
-    above = tell_question if options.above else None if options.yes or not sys.stdin.isatty() else ask
     found = raise_stiffness(
         CertifyTask(options.task(), options.by_hand, options.share, options.seed),
         confirm=tell_question if options.yes else ask,
-        above=above,
+        above=tell_question if options.above else None if options.yes or not sys.stdin.isatty() else ask,
         instruct=None if options.yes or not sys.stderr.isatty() else instruct,
         announce=lambda told: _announce(told, options),
         progress=lambda stiffness, unit: (
@@ -210,7 +199,7 @@ def certify(options: CertifyOptions) -> None:
     )
     rows = list(found.rows())
     certificate = object_of(rows, CERTIFIED)
-    show_result(rows, certificate, as_json=options.as_json)
+    show_result(lines_of(rows), lambda: certificate, as_json=options.as_json)
     if options.plot is not None and values is not None:
         from haptic_fieldbus.report.plot import draw_certificate
 

@@ -5,6 +5,7 @@ fields as parameters; `task` and `given` turn their values into the dataclasses 
 """
 
 import inspect
+import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, cast
 
 import typer
 
+from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.defaults import (
     DEFAULT_BUS,
     DEFAULT_DRIVE,
@@ -98,13 +100,9 @@ PARSERS = {"HZ": frequency, "S": seconds}
 
 
 def option(
-    metavar: str | None,
-    text: str,
-    panel: str | None = None,
-    *names: str,
-    default: object = None,
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: object = None,
     parser: Callable[[str], object] | None = None,
-) -> object:
+) -> object:  # fmt: skip
     """Return an option whose help text ends with the default; without `names` it has the name of its field.
 
     A `metavar` of None is that of a switch, which takes no value.
@@ -117,25 +115,21 @@ def option(
 
 
 def option_field(
-    metavar: str | None, text: str, panel: str | None = None, *names: str, default: Any = None, told: object = None,
-    parser: Callable[[str], float] | None = None,
-) -> Any:  # fmt: skip
-    """Return an option as a field of a dataclass for `options_of`; `told` says in words what a default of None is."""
-    made = option(metavar, text, panel, *names, default=told if default is None else default, parser=parser)
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: Any = None, told: object = None
+) -> Any:
+    """Return an option as a field of a dataclass for `options_of`, which adds what follows from the kind of the field.
+
+    `told` says in words what a default of None is.
+    """
+    made = option(metavar, text, panel, *names, default=told if default is None else default)
     return field(default=False if metavar is None else default, metadata={OPTION: made})
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
 VerboseOption = Annotated[bool, option(None, "Print all details.", None, "--verbose", "-v")]
+OWN_PROFILES = "the folder in the environment variable HAPTIC_FIELDBUS_PROFILES"
 ProfilesOption = Annotated[
-    str | None,
-    option(
-        "DIR",
-        "Folder of your own drive profiles.",
-        BENCH,
-        "--profiles",
-        default="the folder in the environment variable HAPTIC_FIELDBUS_PROFILES",
-    ),
+    str | None, option("DIR", "Folder of your own drive profiles.", BENCH, "--profiles", default=OWN_PROFILES)
 ]
 PlotOption = Annotated[Path | None, option("PATH", "File of the picture: .png, .svg or .pdf.", OUTPUT)]
 
@@ -181,9 +175,7 @@ class SceneOptions:
     change: list[str] | None = option_field(
         "S:ELEMENT.PARAMETER=VALUE", "Change the scene S seconds after enabling; may be repeated.", RENDERING
     )
-    force: bool = option_field(
-        None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING, "--force"
-    )
+    force: bool = option_field(None, "Run above the limit; on a real bus with 5 % of rated torque.", RENDERING)
     fade_in: float = option_field(
         "S", "Time from enabling until the full force limit.", RENDERING, default=DEFAULT_FADE_IN
     )
@@ -192,19 +184,17 @@ class SceneOptions:
     faults: str | None = option_field(
         "FILE", "File of faults of drive, bus, host and hand; random@SEED draws random ones.", SIMULATION
     )
-    prove: bool = option_field(None, "Test the drive watchdogs at zero torque first.", BENCH, "--prove")
+    prove: bool = option_field(None, "Test the drive watchdogs at zero torque first.", BENCH)
     record: Path | None = option_field(
         "PATH", "Record frames as .log (candump) or .blf, or rows as .csv or .mcap.", OUTPUT
     )
     plot: PlotOption = None
-    view: bool = option_field(
-        None, "Show the run on a page in the browser; simulations run in real time.", VIEW, "--view"
-    )
+    view: bool = option_field(None, "Show the run on a page in the browser; simulations run in real time.", VIEW)
     view_host: str | None = option_field("HOST", "Serve the page to other computers.", VIEW)
     view_port: int | None = option_field("PORT", "Port of the page.", VIEW, told="8765, or a free one")
-    view_required: bool = option_field(None, "End the run when no page shows it any more.", VIEW, "--view-required")
-    yes: bool = option_field(None, "Enable a real drive without asking.", None, "--yes")
-    anonymous: bool = option_field(None, "Leave host, user and paths out of what is recorded.", OUTPUT, "--anonymous")
+    view_required: bool = option_field(None, "End the run when no page shows it any more.", VIEW)
+    yes: bool = option_field(None, "Enable a real drive without asking.")
+    anonymous: bool = option_field(None, "Leave host, user and paths out of what is recorded.", OUTPUT)
     verbose: VerboseOption = False
 
     def task(self) -> "Task":
@@ -277,6 +267,12 @@ def options_of(
 
     def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
         known = {each.name: each.metadata[OPTION] for each in fields(cast(Any, make)) if OPTION in each.metadata}
+        # What follows from the kind of a field: a number is refused in our words, and a switch has no opposite.
+        for each in (each for each in fields(cast(Any, make)) if each.name in known):
+            if each.type in (float, float | None):
+                known[each.name].parser = known[each.name].parser or number
+            elif each.type is bool:
+                known[each.name].param_decls = known[each.name].param_decls or (f"--{each.name.replace('_', '-')}",)
         options = [
             each.replace(annotation=Annotated[each.annotation, known[each.name]]) if each.name in known else each
             for each in inspect.signature(make).parameters.values()
@@ -295,15 +291,15 @@ def options_of(
     return decorated
 
 
-def note_assumed_bitrate(bus: str | None) -> list[tuple[str, str]]:
-    """Return a note about an assumed bit rate of the bus; no line when the bit rate is given or known.
+def note_bitrate(bus: str | None) -> None:
+    """Print a note about an assumed bit rate of the bus; none when the bit rate is given or known.
 
     Raises UsageError for an unknown bus.
     """
     from haptic_fieldbus.protocols.registry import parse_bus
 
-    assumed = "" if bus is None else parse_bus(bus).assumed
-    return [("note", assumed)] if assumed else []
+    if bus is not None and (assumed := parse_bus(bus).assumed):
+        show([("note", assumed)], sys.stderr)
 
 
 # Option `--plot`: checked before a command does anything, drawn when it is done.

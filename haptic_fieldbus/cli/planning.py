@@ -1,7 +1,8 @@
 """Commands that need no drive: `plan`, `stability`, `response`, `estimate`."""
 
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,12 +17,12 @@ from haptic_fieldbus.cli.options import (
     SceneOptions,
     check_plot,
     draw,
-    note_assumed_bitrate,
-    number,
+    given_by,
+    note_bitrate,
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.cli.screen import print_json, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import KEY_WIDTH, exactly, rounded
@@ -42,10 +43,10 @@ DEVICE_PANEL = "Device instead of a bench (SI, in the workspace of the scene; om
 class StabilityOptions(SceneOptions):
     """Further options of `stability`."""
 
-    mass: float | None = option_field("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)
-    damping: float | None = option_field("N·S/M", "Viscous damping.", DEVICE_PANEL, parser=number)
-    coulomb: float | None = option_field("N", "Coulomb friction.", DEVICE_PANEL, parser=number)
-    resolution: float | None = option_field("M", "One encoder count.", DEVICE_PANEL, parser=number)
+    mass: float | None = option_field("KG", "Mass or inertia.", DEVICE_PANEL)
+    damping: float | None = option_field("N·S/M", "Viscous damping.", DEVICE_PANEL)
+    coulomb: float | None = option_field("N", "Coulomb friction.", DEVICE_PANEL)
+    resolution: float | None = option_field("M", "One encoder count.", DEVICE_PANEL)
     delay: float | None = option_field(
         "S", "Delay from sampling until the torque acts, without the hold.", DEVICE_PANEL
     )
@@ -60,19 +61,15 @@ def stability(options: StabilityOptions) -> None:
 
     task, device = options.task(), options.given(Device)
     check_plot(options.plot)
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     judgement = judge_scene(task, device)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_region
 
         draw(options.plot, draw_region(judgement), picture_mark(task))
     show(notes(judgement), sys.stderr)
-    if options.as_json:
-        print_json({key: plain(value) for key, value in stability_json(judgement).items()})
-        return
-    show(stability_lines(judgement))
-    if options.plot is not None:
-        show([("plot", str(options.plot))])
+    told = partial(stability_json, judgement)
+    show_result(stability_lines(judgement), told, as_json=options.as_json, plot=options.plot)
 
 
 # Command `response`: the force of a scene for a prescribed motion, without a drive.
@@ -91,13 +88,10 @@ class ResponseOptions(SceneOptions):
         "M",
         "Amplitude of the motion: end value of a ramp after one second, factor for a file.",
         default=DEFAULT_AMPLITUDE,
-        parser=number,
     )
     rate: float | None = option_field("HZ", "Rate of the samples.", RENDERING, told=exactly(DEFAULT_RATE))
     duration: float | None = option_field("S", "Duration of the motion.", RENDERING, told=MOTION_DURATION)
-    model: bool = option_field(
-        None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"
-    )
+    model: bool = option_field(None, "Print A, B, C, D, poles and transfer function too; --plot then draws the poles.")
 
 
 @options_of(ResponseOptions, without=(*OF_A_BENCH, "verbose", *set(OF_A_RUN).difference(["duration"])))
@@ -106,7 +100,7 @@ def response(options: ResponseOptions) -> None:
     check_plot(options.plot)
     from haptic_fieldbus.api.open_loop import OpenLoop, open_loop
     from haptic_fieldbus.api.provenance import picture_mark
-    from haptic_fieldbus.report.analysis_texts import response_lines
+    from haptic_fieldbus.report.analysis_texts import model_lines, response_lines
 
     task = options.task()
     found = open_loop(task, options.given(OpenLoop))
@@ -123,17 +117,9 @@ def response(options: ResponseOptions) -> None:
     if found.alias is not None:
         text = f"{options.input} is not below half the rate: its samples show {rounded(found.alias)} Hz"
         show([("warning", text)], sys.stderr)
-    if options.as_json:
-        told = found.to_json() if model is None else {**found.to_json(), "model": model.to_json()}
-        print_json({key: plain(value) for key, value in told.items()})
-        return
-    show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
-    if model is not None:
-        from haptic_fieldbus.report.analysis_texts import model_lines
-
-        show(model_lines(model))
-    if options.plot is not None:
-        show([("plot", str(options.plot))])
+    lines = response_lines(found, f"{title} of {exactly(options.amplitude)}") + (model_lines(model) if model else [])
+    beside = {"model": model.to_json()} if model else {}
+    show_result(lines, lambda: {**found.to_json(), **beside}, as_json=options.as_json, plot=options.plot)
 
 
 def _figure(found: "Response", model: "EnvironmentModel | None", title: str) -> "Figure":
@@ -165,7 +151,7 @@ class EstimateOptions:
         "\\[default: backward-difference for positions, trapezoidal for velocities]",
     )
     resolution: float | None = option_field(
-        "STEP", "One step of the signal. \\[default: the smallest difference of two values]", parser=number
+        "STEP", "One step of the signal. \\[default: the smallest difference of two values]"
     )
     plot: PlotOption = None
     as_json: JsonOption = False
@@ -179,19 +165,14 @@ def estimate(options: EstimateOptions) -> None:
     from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.report.analysis_texts import estimate_lines
 
-    names = (field.name for field in fields(SignalRequest))
     mark = "" if options.plot is None else picture_mark(files=[options.file])
-    found = estimate_from(SignalRequest(**{name: getattr(options, name) for name in names}))
+    found = estimate_from(given_by(options, SignalRequest))
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_estimate
 
         draw(options.plot, draw_estimate(found, options.file.name), mark)
-    if options.as_json:
-        print_json({key: plain(value) for key, value in found.to_json().items()})
-        return
-    show(estimate_lines(found, options.file.name))
-    if options.plot is not None:
-        show([("plot", str(options.plot))])
+    lines = estimate_lines(found, options.file.name)
+    show_result(lines, found.to_json, as_json=options.as_json, plot=options.plot)
 
 
 # Command `plan`: compile a scene for a bench and explain the plan; no bus is opened.
@@ -213,7 +194,7 @@ def plan(options: PlanOptions) -> None:
     from haptic_fieldbus.planning.selection import plan_task
 
     task = options.task()
-    show(note_assumed_bitrate(options.bus), sys.stderr)
+    note_bitrate(options.bus)
     compiled = plan_task(task)
     if options.as_json:
         print_json(plan_json(compiled))

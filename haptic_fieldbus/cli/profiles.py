@@ -13,24 +13,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
-from haptic_fieldbus.cli.screen import (
-    FAULTY,
-    check_files,
-    faults_to_json,
-    faults_told,
-    plain,
-    print_json,
-    show,
-    show_table,
-)
+from haptic_fieldbus.cli.screen import FAULTY, check_files, faults_to_json, faults_told, print_json, show, show_table
 from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
     from haptic_fieldbus.protocols.canopen.eds_check import Comparison
-    from haptic_fieldbus.protocols.canopen.from_eds import Draft
 
 
 # The parts of `profiles check` and `profiles new` that read a vendor's EDS.
@@ -51,16 +40,12 @@ def check_against(name: str, eds: Path, profiles: str | None, as_json: bool) -> 
 
     found = proof_of(canopen_profile(load_profile(name, profiles)), load_eds(eds))
     if as_json:
-        print_json(
-            {
-                "errors": plain(faults_to_json((str(eds), fault) for fault in found.faults)),
-                "known": [
-                    {"key": each.fault.key, "line": each.fault.line, "message": each.fault.message,
-                     "reason": each.reason} for each in found.known
-                ],
-                "agreed": [{"key": each.key, "line": each.line, "shows": each.shows} for each in found.agreed],
-            }
-        )  # fmt: skip
+        known = [vars(each.fault) | {"reason": each.reason} for each in found.known]
+        print_json({
+            "errors": faults_to_json((str(eds), fault) for fault in found.faults),
+            "known": [{key: each[key] for key in ("key", "line", "message", "reason")} for each in known],
+            "agreed": [{"key": each.key, "line": each.line, "shows": each.shows} for each in found.agreed],
+        })  # fmt: skip
     else:
         _show(name, eds, found)
     if found.faults:
@@ -84,35 +69,6 @@ def _count(count: int, noun: str) -> str:
     return f"{count or 'no'} {noun}{'' if count == 1 else 's'}"
 
 
-def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool) -> None:
-    """Write the profile that a vendor's file describes, and print the values that no such file contains.
-
-    Raises UsageError for an invalid name, and if the file exists already or cannot be written, and `typer.Exit` with
-    status 4 for a drive that cannot be used for force.
-    """
-    from haptic_fieldbus.documents import is_path
-    from haptic_fieldbus.eds import load_eds
-    from haptic_fieldbus.protocols.canopen.from_eds import draft_of, profile_from_eds
-
-    profile = profile_from_eds(load_eds(eds))
-    if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):
-        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, equal to that of --output')
-    path = output or Path(f"{name or _name(profile.title)}.toml")
-    if path.suffix != ".toml":
-        raise UsageError(f"--output {path}: expected the path of a .toml file")
-    draft = draft_of(profile, eds.name)
-    _write(path, draft.text)
-    if as_json:
-        assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
-        usable = profile.drive.usable
-        print_json({"file": str(path), "name": path.stem, "usable": usable, "assumed": plain(assumed)})
-    else:
-        _tell(path, eds, draft)
-    if not profile.drive.usable:
-        show([("fault", f"not usable for force: {profile.sources['drive.usable']}")], sys.stderr)
-        raise typer.Exit(UNUSABLE)
-
-
 def _name(title: str) -> str:
     """Return a name for a profile: the letters and digits of vendor and model."""
     return re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_") or "drive"
@@ -128,15 +84,10 @@ def _write(path: Path, text: str) -> None:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def _tell(path: Path, eds: Path, draft: "Draft") -> None:
-    """Print the written file, the assumed values, and the next step."""
-    show([(None, f"{path}: {draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed")])
-    show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
-    show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
-
-
 app = typer.Typer(help="List, show, check and draft drive profiles: what a drive model offers.", no_args_is_help=True)
 
+OF_EDS = ("eds", "lacks")
+"""Fields of a profile that an object of JSON leaves out."""
 # Order of the sections in `profiles show`.
 SECTIONS = (
     "line", "identity", "serial", "power", "torque", "position", "velocity", "mode", "pdo", "setup", "sync",
@@ -159,10 +110,9 @@ def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) 
     summaries = [each for each in found.values() if isinstance(each, dict)]
     faults = [told for name, each in found.items() if not isinstance(each, dict) for told in faults_told(name, each)]
     if as_json:
-        print_json({"profiles": plain(summaries), "errors": plain(faults_to_json(faults))})
+        print_json({"profiles": summaries, "errors": faults_to_json(faults)})
         return
-    headings = ("name", "drive", "protocol", "usable", "evidence", "from")
-    show_table(headings, map(_row, summaries))
+    show_table(("name", "drive", "protocol", "usable", "evidence", "from"), map(_row, summaries))
     show([("fault", f"{source}: {fault}") for source, fault in faults], sys.stderr)
 
 
@@ -198,7 +148,8 @@ def show_profile(
     if eds is not None:
         _write_eds(profile, eds)
     if as_json:
-        print_json(_json(profile))
+        # Without the vendor's EDS from which the profile may have been made.
+        print_json({each.name: getattr(profile, each.name) for each in fields(profile) if each.name not in OF_EDS})
         return
     if eds is not None:
         show([(None, f"{eds}: the EDS of the simulated {profile.title}")])
@@ -234,8 +185,7 @@ def check_profiles(
             raise UsageError("--eds FILE compares one profile: give its name or path first")
         check_against(names[0], eds, profiles, as_json)
         return
-    known = known_names(profiles)
-    check_files(names or known, partial(_check_profile, profiles), as_json)
+    check_files(names or known_names(profiles), partial(_check_profile, profiles), as_json)
 
 
 def _check_profile(profiles: str | None, name: str) -> None:
@@ -267,7 +217,28 @@ def new_profile(
 
     The exit status is 4 if the drive cannot be used for force; the command prints the reason and writes the draft.
     """
-    write_draft(eds, name, output, as_json)
+    from haptic_fieldbus.documents import is_path
+    from haptic_fieldbus.eds import load_eds
+    from haptic_fieldbus.protocols.canopen.from_eds import draft_of, profile_from_eds
+
+    profile = profile_from_eds(load_eds(eds))
+    if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):
+        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, equal to that of --output')
+    path = output or Path(f"{name or _name(profile.title)}.toml")
+    if path.suffix != ".toml":
+        raise UsageError(f"--output {path}: expected the path of a .toml file")
+    draft = draft_of(profile, eds.name)
+    _write(path, draft.text)
+    if as_json:
+        print_json({"file": path, "name": path.stem, "usable": profile.drive.usable, "assumed": draft.assumed})
+    else:
+        known = f"{draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed"
+        show([(None, f"{path}: {known}")])
+        show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
+        show([(None, f"Next: find these values, then run haptic-fieldbus profiles check {path} --eds {eds}")])
+    if not profile.drive.usable:
+        show([("fault", f"not usable for force: {profile.sources['drive.usable']}")], sys.stderr)
+        raise typer.Exit(UNUSABLE)
 
 
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
@@ -277,31 +248,11 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
 
     now = datetime.now().astimezone()
     made = {
-        "FileName": path.name,
-        "FileVersion": "1",
-        "FileRevision": "0",
-        "EDSVersion": "4.0",
-        "Description": f"Simulated {profile.title}",
-        "CreationTime": f"{now:%I:%M%p}",
-        "CreationDate": f"{now:%m-%d-%Y}",
-        "CreatedBy": "haptic-fieldbus",
-    }
+        "FileName": path.name, "FileVersion": "1", "FileRevision": "0", "EDSVersion": "4.0",
+        "Description": f"Simulated {profile.title}", "CreationTime": f"{now:%I:%M%p}",
+        "CreationDate": f"{now:%m-%d-%Y}", "CreatedBy": "haptic-fieldbus",
+    }  # fmt: skip
     _write(path, eds_text(replace(sheet(profile), file_info=made)))
-
-
-def _json(profile: "DriveProfile") -> "dict[str, Json]":
-    """Return the profile as a JSON object, without the vendor's EDS from which it may have been made."""
-    named = [field.name for field in fields(profile) if field.name not in ("eds", "lacks")]
-    return {name: _plain(getattr(profile, name)) for name in named}
-
-
-def _plain(value: object) -> "Json":
-    """Return a value of a profile for JSON; its sections and their rows are objects."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, tuple) else plain(value)
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:

@@ -1,7 +1,7 @@
 """Command `rehearse`: the first start of a drive, on a drive simulated inside this program, in real time."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +24,8 @@ WATCHED = 8.0
 OF_A_RIG = ("bus", "node", "rig", "axes", "zero", "faults", "prove", "force")
 """Options of `run` that a rehearsal leaves out: it has a bench of its own."""
 SCENE = "wall"
+TOLD = rf"A scene of the library by name, or the path of a scene file. \[default: {SCENE}]"
+"""Help for the scene."""
 SOFTER = "wall.stiffness=max/2"
 """Default setting of the wall: inside the limit of a rig with a stated damping."""
 KEPT = "rig.toml"
@@ -36,17 +38,10 @@ motor, mechanism and limits. Omit `proved` and `seen`: they belong to the simula
 class RehearseOptions(SceneOptions):
     """Options of `rehearse`."""
 
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE",
-            help=rf"A scene of the library by name, or the path of a scene file. \[default: {SCENE}]",
-            show_default=False,
-        ),
-    ] = SCENE
+    scene: Annotated[str, typer.Argument(metavar="SCENE", help=TOLD, show_default=False)] = SCENE
     drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DEFAULT_DRIVE)
     rate: float | None = option_field("HZ", "Loop rate in Hz.", RENDERING, told=exactly(DEFAULT_RATE))
-    yes: bool = option_field(None, "Answer the questions with yes.", None, "--yes")
+    yes: bool = option_field(None, "Answer the questions with yes.")
     write_rig: Path | None = option_field(
         "FILE", "Save the rig file with the watchdog proof and the confirmed directions.", OUTPUT
     )
@@ -75,7 +70,7 @@ def rehearse(options: RehearseOptions) -> None:
         path = options.write_rig or Path(folder) / KEPT
         write(path, bench, HEADING)
         rig = replace(bench, source=str(path))
-        show(_beginning(options), talk)
+        show([("rehearsal", SIMULATED), *([("hand", MOVED)] if options.hand != "none" else [])], talk)
         show([("step", f"haptic-fieldbus watch --rig {path.name} --duration {WATCHED:g}")], talk)
         look(BenchRequest(rig=rig), WATCHED, talk)
         chosen = "".join(f" --set {each}" for each in options.settings or [])
@@ -87,17 +82,12 @@ def rehearse(options: RehearseOptions) -> None:
         show([("rig", str(options.write_rig))], talk)
 
 
-def _beginning(options: RehearseOptions) -> Iterator[tuple[str, str]]:
-    yield (
-        "rehearsal",
-        "drive, motor, handle and hand are simulated by this program; time, questions and watchdog tests are real",
-    )
-    if options.hand != "none":
-        yield (
-            "hand",
-            "moves the handle 60 mm to the positive side and back while the drive is off; it answers for you when you "
-            "are asked to move the handle",
-        )
+SIMULATED = "drive, motor, handle and hand are simulated by this program; time, questions and watchdog tests are real"
+MOVED = (
+    "moves the handle 60 mm to the positive side and back while the drive is off; it answers for you when you are "
+    "asked to move the handle"
+)
+"""Sentences at the beginning: about the rehearsal, and about the hand where there is one."""
 
 
 def _once() -> Callable[[str], None]:

@@ -10,7 +10,7 @@ import typer
 
 from haptic_fieldbus.cli.failures import print_object
 from haptic_fieldbus.cli.options import JsonOption, option
-from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
+from haptic_fieldbus.cli.screen import moving_bar, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_REPORT
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.running.ending import ended_by_signals
@@ -52,21 +52,14 @@ def report(
             update(completed=share, total=1.0, description=label[:LABEL_WIDTH])
 
         made = make_report(
-            out,
-            Tools(_interruptible(api.run), api.plan),
-            quick=quick,
-            only=only,
-            progress=progress,
-            command=" ".join(filter(None, words)),
-            mark=picture_mark(),
-        )
+            out, Tools(_interruptible(api.run), api.plan), quick=quick, only=only, progress=progress,
+            command=" ".join(filter(None, words)), mark=picture_mark(),
+        )  # fmt: skip
     show([("warning", warning) for warning in made.warnings], sys.stderr)
-    if as_json:
-        told = json_ready(made.content)
-        print_json({key: plain(value) for key, value in told.items()} if isinstance(told, dict) else {})
-        return
-    show([("found" if number == 0 else "", f"- {sentence}") for number, sentence in enumerate(made.findings)])
-    show([("report", str(out / "index.html")), ("", str(out / "report.json"))])
+    told = json_ready(made.content)
+    lines = [("found" if number == 0 else "", f"- {sentence}") for number, sentence in enumerate(made.findings)]
+    lines += [("report", str(out / "index.html")), ("", str(out / "report.json"))]
+    show_result(lines, lambda: told if isinstance(told, dict) else {}, as_json=as_json)
 
 
 def bench(

@@ -13,7 +13,7 @@ from haptic_fieldbus.cli.options import (
     SceneOptions,
     check_plot,
     draw,
-    note_assumed_bitrate,
+    note_bitrate,
     option_field,
     options_of,
 )
@@ -50,9 +50,8 @@ def run(options: RunOptions) -> None:
         _repeat(options)
         return
     task, trial = options.task(), options.given(api.Trial)
-    show(note_assumed_bitrate(options.bus), sys.stderr)
-    told = None if options.yes or not sys.stderr.isatty() else instruct
-    run_and_tell(options, task, replace(trial, instruct=told))
+    note_bitrate(options.bus)
+    run_and_tell(options, task, replace(trial, instruct=None if options.yes or not sys.stderr.isatty() else instruct))
 
 
 def _repeat(options: RunOptions) -> None:
@@ -238,7 +237,7 @@ class DemoOptions:
     """Options of `demo`."""
 
     port: int | None = option_field("PORT", "Port of the page.", told="8765, or a free one")
-    no_browser: bool = option_field(None, "Only print the address of the page.", None, "--no-browser")
+    no_browser: bool = option_field(None, "Only print the address of the page.")
 
 
 @options_of(DemoOptions)

@@ -3,12 +3,12 @@
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from haptic_fieldbus.cli.options import JsonOption
-from haptic_fieldbus.cli.screen import check_files, plain, print_json, show, show_table
+from haptic_fieldbus.cli.screen import check_files, print_json, show, show_table
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly
 
@@ -26,7 +26,7 @@ def list_scenes(as_json: JsonOption = False) -> None:
 
     summaries, own = scene_summaries(), own_elements()
     if as_json:
-        print_json({"scenes": plain(summaries), "own_elements": plain([asdict(each) for each in own])})
+        print_json({"scenes": summaries, "own_elements": own})
         return
     show_table(
         ("name", "axes", "description"),
@@ -48,23 +48,19 @@ def show_scene(
 
     scene = load_scene(name)
     if as_json:
+        from haptic_fieldbus.api import plan
         from haptic_fieldbus.scenes.registry import kind_of
 
-        print_json(
-            {
-                "name": scene.name,
-                "description": scene.description,
-                "axes": [{"name": axis.name, "workspace": axis.workspace.value} for axis in scene.axes],
-                # The kind of an element that no scene file can name is None.
-                "elements": [
-                    {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
-                    for element in scene.elements
-                ],
-                "source": scene.source,
-                "made_for": None if scene.made_for is None else asdict(scene.made_for),
-                "limit": _default_limit(scene),
-            }
-        )
+        limit = plan(scene).stability  # on the default bench
+        elements: Any = scene.elements
+        print_json({
+            "name": scene.name, "description": scene.description,
+            "axes": [{"name": axis.name, "workspace": axis.workspace} for axis in scene.axes],
+            # The kind of an element that no scene file can name is None.
+            "elements": [{"kind": kind_of(type(element)), **asdict(element)} for element in elements],
+            "source": scene.source, "made_for": scene.made_for,
+            "limit": None if limit is None else limit.to_json()["limit"],
+        })  # fmt: skip
         return
     show([(None, f"{scene.name}: {scene.description}"), (None, scene.source), (None, "")])
     show([("axis", f"{axis.name}: {axis.workspace.value}") for axis in scene.axes])
@@ -86,14 +82,6 @@ def check_scenes(
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
     check_files(names or scene_names(), load_scene, as_json)
-
-
-def _default_limit(scene: "Scene") -> Any:
-    """Return the limit on the default bench for JSON; None without a limit."""
-    from haptic_fieldbus.api import plan
-
-    found = plan(scene).stability
-    return None if found is None else found.to_json()["limit"]
 
 
 def _limits(scene: "Scene") -> Iterator[tuple[str, str]]:
@@ -130,8 +118,6 @@ def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
 
 def _shown(value: object) -> str:
     """Return a value as in a scene file; a hyphen for None."""
-    if value is None:
-        return "-"
     if isinstance(value, float):
         return exactly(value)
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return "-" if value is None else str(value).lower() if isinstance(value, bool) else str(value)

@@ -8,8 +8,10 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
@@ -17,7 +19,7 @@ import typer
 
 from haptic_fieldbus.cli.output import behind
 from haptic_fieldbus.errors import DocumentError, Fault, UsageError
-from haptic_fieldbus.numerals import KEY_WIDTH, OutputRow, lines_of
+from haptic_fieldbus.numerals import KEY_WIDTH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -86,17 +88,20 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     show([(None, line) for line in lines])
 
 
-def print_json(value: "Mapping[str, Json]") -> None:
+def print_json(value: Mapping[str, object]) -> None:
     """Print one JSON object to standard output; raises ValueError for NaN and infinities, which JSON does not have."""
-    print(json_text(value, indent=2))
+    print(json_text({key: plain(member) for key, member in value.items()}, indent=2))
 
 
-def show_result(rows: Iterable[OutputRow], told: Mapping[str, object], *, as_json: bool) -> None:
-    """Print a result: its rows, or one JSON object."""
+def show_result(
+    lines: Iterable[tuple[str | None, str]], told: Callable[[], Mapping[str, object]], *, as_json: bool,
+    plot: Path | None = None,
+) -> None:  # fmt: skip
+    """Print a result: its lines and the path of its picture, or the one JSON object that `told` returns."""
     if as_json:
-        print_json({key: plain(value) for key, value in told.items()})
+        print_json(told())
     else:
-        show(lines_of(rows))
+        show([*lines, *([] if plot is None else [("plot", str(plot))])])
     sys.stdout.flush()
 
 
@@ -161,9 +166,11 @@ def moving_bar(*columns: str) -> Iterator[Callable[..., None]]:
 
 
 def plain(value: object) -> "Json":
-    """Return a value for JSON: enums by value, tuples as lists, mappings as objects, all else as text."""
+    """Return a value for JSON: enums by value, tuples as lists, mappings and dataclasses as objects, else as text."""
     if isinstance(value, Enum):
         return plain(value.value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(member) for key, member in value.items()}
     if isinstance(value, list | tuple):
@@ -184,9 +191,15 @@ def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bo
 
     Raises `typer.Exit` with status 2 when any file has a fault.
     """
-    found = {name: list(_faults(name, load)) for name in names}
+    found: dict[str, list[Told]] = {}
+    for name in names:
+        try:
+            load(name)
+            found[name] = []
+        except (DocumentError, UsageError) as error:
+            found[name] = [*faults_told(name, error)]
     if as_json:
-        print_json({"errors": plain(faults_to_json(told for faults in found.values() for told in faults))})
+        print_json({"errors": faults_to_json(told for faults in found.values() for told in faults)})
     else:
         for name, faults in found.items():
             show((None, f"{source}: {fault}") for source, fault in faults)
@@ -194,14 +207,6 @@ def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bo
                 show([(None, f"{name}: no fault")])
     if any(found.values()):
         raise typer.Exit(FAULTY)
-
-
-def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
-    """Yield each fault of a file with its path, or with `name` if no file was found."""
-    try:
-        load(name)
-    except (DocumentError, UsageError) as error:
-        yield from faults_told(name, error)
 
 
 def faults_told(name: str, error: DocumentError | UsageError) -> Iterator[Told]:

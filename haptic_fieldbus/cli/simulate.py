@@ -5,20 +5,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import (
-    BENCH,
-    DRIVE,
-    HANDS,
-    OUTPUT,
-    SIMULATION,
-    ProfilesOption,
-    note_assumed_bitrate,
-    option,
-)
+from haptic_fieldbus.cli.options import BENCH, DRIVE, HANDS, OUTPUT, SIMULATION, ProfilesOption, note_bitrate, option
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.screen import json_text, show
 from haptic_fieldbus.defaults import DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
@@ -72,19 +62,27 @@ def simulate(
     axes = tuple(load_rig(rig, profiles).axis.values()) if rig is not None else ()
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles, axes))
-    show(note_assumed_bitrate(bus), sys.stderr)
+    note_bitrate(bus)
     if write_rig is not None:
         check_free(write_rig)
-    teller = _Teller(as_json)
+    hosted_on = ""
 
     def opened(joined: "BusName") -> None:
-        teller.bus = joined.text
+        nonlocal hosted_on
+        hosted_on = joined.text
         if write_rig is not None:
             write(write_rig, rig_of(joined, slots), HEADING)
 
+    def ready(slot: "DriveOnBus") -> None:
+        if as_json:
+            print(json_text({"drive": slot.axis.profile, "node": slot.node, "bus": hosted_on}))
+        else:
+            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {hosted_on}")])
+        sys.stdout.flush()  # a program that started this one waits for the line
+
     # A loop beside us may take a processor for itself, so the drives stay free to move to another.
     with _until_asked_to_stop() as stopped, real_time(pinned=False):
-        lost = host_on(name)(name, slots, seed, teller.tell, stopped, _note, opened)
+        lost = host_on(name)(name, slots, seed, ready, stopped, _note, opened)
     if lost:
         _note(f"{lost} frames could not be sent: the transmit queue was full")
 
@@ -129,18 +127,3 @@ def _until_asked_to_stop() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@dataclass
-class _Teller:
-    """Prints one line for a drive that is ready on the bus."""
-
-    as_json: bool
-    bus: str = ""
-
-    def tell(self, slot: "DriveOnBus") -> None:
-        if self.as_json:
-            print(json_text({"drive": slot.axis.profile, "node": slot.node, "bus": self.bus}))
-        else:
-            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {self.bus}")])
-        sys.stdout.flush()  # a program that started this one waits for the line

@@ -1,6 +1,6 @@
 """Command `sweep`: many points of a scene, judged or run, into a folder."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -17,7 +17,7 @@ from haptic_fieldbus.cli.options import (
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.screen import moving_bar, plain, print_json, show
+from haptic_fieldbus.cli.screen import moving_bar, show_result
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
 from haptic_fieldbus.errors import raise_all
 from haptic_fieldbus.numerals import percent, rounded
@@ -57,7 +57,7 @@ class SweepOptions(SceneOptions):
         "ADDRESS", "Dask scheduler whose workers do the work, such as tcp://host:8786.", POINTS
     )
     workers: int | None = option_field("N", "Number of processes.", POINTS, told="one a processor")
-    force: bool = option_field(None, "Run points above the limit too (engine full).", RENDERING, "--force")
+    force: bool = option_field(None, "Run points above the limit too (engine full).", RENDERING)
 
 
 LEFT_OUT = ("change", "faults", "prove", "record", "yes", "anonymous", "verbose", *OF_A_VIEW)
@@ -84,27 +84,24 @@ def sweep(options: SweepOptions) -> None:
         found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)
     if options.plot is not None:
         draw(options.plot, found.plot(), picture_mark(task))
-    if options.as_json:
-        told: dict[str, Any] = {name: getattr(found, name) for name in TOLD} | {"out": str(found.path)}
-        print_json({key: plain(value) for key, value in told.items()})
-        return
+    told = {name: getattr(found, name) for name in TOLD} | {"out": found.path}
+    show_result(_lines(found), lambda: told, as_json=options.as_json, plot=options.plot)
+
+
+def _lines(found: "Sweep") -> Iterator[tuple[str, str]]:
+    """Yield the lines about points, their outcomes with the first line of the first message of each, and rows."""
     there = found.points - found.computed
     before = f", {there} of them before" if there else ""
     speed = f", {rounded(found.loop_steps_per_s / 1e6)} million steps a second" if found.loop_steps_per_s else ""
-    lines = [("points", f"{found.points}{before}, in {rounded(found.wall_s or 0.0)} s{speed}")]
-    told_of = ((name, count) for name, count in found.outcomes.items() if name != "done" and count)
-    lines += [(name, f"{count}; {_first_message(found, name)}") for name, count in told_of]
-    share, good = found.stable_fraction, "untripped" if found.engine == "full" else "stable"
-    lines += [] if share is None else [(good, f"{percent(share)} of the points that were not refused")]
-    lines += [("rows", str(found.path))]
-    lines += [] if options.plot is None else [("plot", str(options.plot))]
-    show(lines)
-
-
-def _first_message(found: "Sweep", outcome: str) -> str:
-    """Return the first line of the message of the first point with an outcome."""
-    rows = (row for table in found.tables(("outcome", "message")) for row in table.to_pylist())
-    return "first: " + str(next(row["message"] for row in rows if row["outcome"] == outcome)).partition("\n")[0]
+    yield "points", f"{found.points}{before}, in {rounded(found.wall_s or 0.0)} s{speed}"
+    for name in (name for name, count in found.outcomes.items() if name != "done" and count):
+        rows = (row for table in found.tables(("outcome", "message")) for row in table.to_pylist())
+        first, *_ = str(next(row["message"] for row in rows if row["outcome"] == name)).split("\n", 1)
+        yield name, f"{found.outcomes[name]}; first: {first}"
+    if (share := found.stable_fraction) is not None:
+        good = "untripped" if found.engine == "full" else "stable"
+        yield good, f"{percent(share)} of the points that were not refused"
+    yield "rows", str(found.path)
 
 
 def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
@@ -140,12 +137,8 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
 
     from haptic_fieldbus.api.sweep_folder import LONGEST_LIST
 
-    if (
-        how not in ([], ["log"])
-        or not all(map(isfinite, ends))
-        or not 0 < count <= LONGEST_LIST
-        or (how and not drawn and not all(each > 0.0 for each in ends))
-    ):
+    known = how in ([], ["log"]) and all(map(isfinite, ends)) and 0 < count <= LONGEST_LIST
+    if not known or (how and not drawn and min(ends) <= 0.0):
         raise ValueError
     if drawn:
         return [_plain_value(low), _plain_value(high), *how]

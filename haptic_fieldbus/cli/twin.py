@@ -9,7 +9,7 @@ from haptic_fieldbus.cli.options import BENCH, HANDS, OUTPUT, JsonOption, Profil
 from haptic_fieldbus.cli.replay import DIFFERENT
 from haptic_fieldbus.cli.screen import show_result
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import OutputRow, rounded
+from haptic_fieldbus.numerals import OutputRow, lines_of, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,7 +60,7 @@ def twin(
         except OSError as error:
             raise UsageError(f'out "{out}": {error.strerror}') from error
     rows = [*_rows(found, check), OutputRow("written", [] if out is None else [str(out)])]
-    show_result(rows, found.to_json(), as_json=as_json)
+    show_result(lines_of(rows), found.to_json, as_json=as_json)
     if check and found.changed:
         raise typer.Exit(DIFFERENT)
 

@@ -55,8 +55,7 @@ def descriptor(columns: Sequence[str]) -> bytes:
         for number, name in enumerate(names, 1)
     ]
     message = _field(1, MESSAGE) + b"".join(fields)
-    file = _field(1, "period.proto") + _field(2, PACKAGE) + _field(4, message) + _field(12, "proto3")
-    return _field(1, file)
+    return _field(1, _field(1, "period.proto") + _field(2, PACKAGE) + _field(4, message) + _field(12, "proto3"))
 
 
 def _tags(columns: int) -> list[bytes]:

@@ -11,8 +11,8 @@ import os
 import re
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path, PurePath
@@ -209,13 +209,18 @@ def write_beside(path: Path, provenance: Provenance, count: int | None = None) -
 
     Raises OSError.
     """
-    target = side_file(path)
-    new = target.with_name(target.name + ".new")
     table = provenance.to_json() | ({"count": count} if path.suffix in COUNTED else {})
-    try:
+    with replacing(side_file(path)) as new:
         new.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def replacing(target: Path, suffix: str = ".new") -> Iterator[Path]:
+    """Yield the name of a new file beside the target, which takes its place once the block has written it."""
+    new = target.with_name(f"{target.name}{suffix}")
+    try:
+        yield new
         new.replace(target)
-    except OSError:
-        with suppress(OSError):
+    finally:
+        with suppress(OSError):  # it has another name, or was not begun
             new.unlink()
-        raise

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from haptic_fieldbus.recordings.provenance import (
     PICTURES,
     Provenance,
     digest,
+    replacing,
     side_file,
     write_beside,
 )
@@ -180,17 +181,14 @@ class RecordedRun:
         path, table = Path(path), self.table()
         if path.suffix not in ROWS:
             raise UsageError(f"{path}: expected one of {', '.join(ROWS)}")
-        new = path.with_name(f"{path.name}.new")
         try:
-            self._write_as(path.suffix, new, table)
-            if path.suffix == ".csv" and self.provenance is not None:
-                write_beside(path, self.provenance, len(table) if self.complete else None)
-            new.replace(path)
+            with replacing(path) as new:
+                self._write_as(path.suffix, new, table)
+                if path.suffix == ".csv" and self.provenance is not None:
+                    write_beside(path, self.provenance, len(table) if self.complete else None)
             if path.suffix == ".csv" and self.provenance is None:
                 side_file(path).unlink(missing_ok=True)  # that of another recording
         except OSError as error:
-            with suppress(OSError):
-                new.unlink()
             raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from error
 
     def _write_as(self, suffix: str, path: Path, table: NDArray[np.float64]) -> None:
@@ -243,13 +241,12 @@ def _csv(path: Path) -> RecordedRun:
     names = head.rstrip("\r").split(",")
     if names[0] != "t_ns" or len({*names}) < len(names):
         raise UsageError(f'{path}: row 1: "{head[:40]}"; expected names of columns, each once, the first of them t_ns')
-    try:
-        table = np.loadtxt(StringIO(body), delimiter=",", ndmin=2) if body else np.empty((0, len(names)))
-        good = table.shape[1] == len(names)
-    except ValueError:  # numpy counts other lines than an editor
-        good = False
-    if not good:
-        _refuse_line(path, body, len(names))
+    table, expected = _numbers(body, len(names)), f"expected {len(names)} numbers"
+    if table is None:  # numpy counts other lines than an editor, and skips an empty one
+        for place, line in enumerate(body.splitlines(), 2):
+            if line and _numbers(line, len(names)) is None:
+                raise UsageError(f'{path}: line {place}: "{line[:40]}"; {expected} between commas')
+        raise ValueError(f"{expected} in a line")
     columns = {name: table[:, place] for place, name in enumerate(names)}
     with np.errstate(invalid="ignore"):
         rising = np.isfinite(table[:, 0]) & (np.diff(table[:, 0], prepend=-np.inf) > 0.0)
@@ -257,17 +254,12 @@ def _csv(path: Path) -> RecordedRun:
     return _of(path, columns, len(whole) > 0 and octets.endswith(b"\n"))
 
 
-def _refuse_line(path: Path, body: str, count: int) -> NoReturn:
-    """Raise UsageError for the first line below the names that has not this count of numbers."""
-    for place, line in enumerate(body.splitlines(), 2):
-        values = line.split(",")
-        try:
-            good = len([float(each) for each in values]) == count
-        except ValueError:
-            good = False
-        if not good and line:  # numpy skips an empty line
-            raise UsageError(f'{path}: line {place}: "{line[:40]}"; expected {count} numbers between commas')
-    raise ValueError(f"expected {count} numbers in a line")
+def _numbers(lines: str, count: int) -> NDArray[np.float64] | None:
+    """Return the numbers in lines of so many, (n_lines, count); None where a line is another one."""
+    with suppress(ValueError):
+        table = np.loadtxt(StringIO(lines), delimiter=",", ndmin=2) if lines else np.empty((0, count))
+        return table if table.shape[1] == count else None
+    return None
 
 
 def check_rows(path: Path, column: str, values: NDArray[Any], good: NDArray[np.bool_], expected: str) -> None:
@@ -315,16 +307,11 @@ def _candump(path: Path) -> RecordedRun:
     found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
     if not all(found):
         raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")
-    frames = [
-        (
-            float(time),
-            channel,
-            number | EXTENDED * (len(can_id) > 3 and not number & ERROR) | REMOTE * (data == "R"),
-            b"" if data == "R" else bytes.fromhex(data),
-        )
-        for time, channel, can_id, data in (each.groups() for each in found if each is not None)
-        for number in (int(can_id, 16),)
-    ]
+    frames = []
+    for time, channel, can_id, data in (each.groups() for each in found if each is not None):
+        number = int(can_id, 16)
+        number |= EXTENDED * (len(can_id) > 3 and not number & ERROR) | REMOTE * (data == "R")
+        frames.append((float(time), channel, number, bytes.fromhex(data.removesuffix("R"))))
     return _frames(path, frames, complete=text.endswith("\n"))
 
 

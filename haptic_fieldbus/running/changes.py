@@ -180,12 +180,11 @@ def _checked(scheduled: object) -> Iterator[Scheduled]:
     if not isinstance(scheduled, Iterable):
         raise wrong_kind("changes", expected, scheduled)
     for each in scheduled:
-        if not (isinstance(each, list | tuple) and len(each) == 2):
-            raise wrong_kind("changes", expected, each)
-        time, settings = each
-        if not (_is_number(time) and isinstance(settings, Mapping)):
-            raise wrong_kind("changes", expected, each)
-        yield time, settings
+        match each:
+            case [time, Mapping() as settings] if _is_number(time):
+                yield time, settings
+            case _:
+                raise wrong_kind("changes", expected, each)
 
 
 def _is_number(value: object) -> bool:

@@ -76,10 +76,9 @@ def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instru
             "side when asked, or start with --yes, which leaves the direction unconfirmed"
         )
     if way < 0.0:
-        sign = -axis.rig.mechanism.sign
         message = (
             f"the handle moved to the positive side, but its position fell by {in_unit(-way, unit)}. If this side is "
-            f"to be positive, write sign = {sign}"
+            f"to be positive, write sign = {-axis.rig.mechanism.sign}"
         )
         raise RigError(plan.rig.source, [Fault(f"axis.{axis.name}.mechanism.sign", message)])
 

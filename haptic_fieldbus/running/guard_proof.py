@@ -25,7 +25,7 @@ from haptic_fieldbus.documents.edits import Value, table_text, write_table
 from haptic_fieldbus.drive.objects import Identity
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.rig import Proved
-from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, UnprovedGuardError
+from haptic_fieldbus.errors import BusError, DriveFaultError, UnprovedGuardError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import CAPPED, LONGEST_QUESTION, SetGuard
@@ -146,14 +146,11 @@ class _ProofExchange:
             for drive in (*self._proved, *self._others):
                 self._check(drive.axis, drive.take(image), ~LinkFlag.STALE)
                 drive.check_way()
-            for drive in self._proved:
-                drive.answer(self._output, enabling=True)
-            for drive in self._others:
-                drive.answer(self._output, enabling=False)
+                drive.answer(self._output, enabling=drive in self._proved)
             self._bus.write(self._output)
             if all(drive.state is PowerState.OPERATION_ENABLED for drive in self._proved):
                 return
-        raise self._late()
+        raise not_enabled(self._plan, {each.axis.name: each.state for each in (*self._proved, *self._others)})
 
     def leave_alone(self) -> Iterator[Proof]:
         """Write nothing until all drives are read as off, or `PATIENCE` is over; yield the outcomes."""
@@ -191,9 +188,6 @@ class _ProofExchange:
         """Raise the error of the first link fault among these flags."""
         _, found, code = feedback
         check_link(axis, found & flags, code, "during the watchdog test at zero torque. Torque is off")
-
-    def _late(self) -> BusTimeoutError:
-        return not_enabled(self._plan, {each.axis.name: each.state for each in (*self._proved, *self._others)})
 
 
 # Proofs of guards around a run: which are due, what a person is told before, and what is kept in the rig file.
@@ -251,13 +245,10 @@ def _values(plan: Plan, proof: Proof, drive: Identity) -> dict[str, Value] | Non
     if proof.holds and drive.serial is None:
         return None
     kept = Proved(
-        guard="proved" if proof.holds else "none",
-        guard_ms=None if proof.off is None else round(1e3 * proof.off, 3),
-        asked_ms=round(1e3 * proof.guard, 3),
-        profile=plan.axis(proof.axis).profile.name,
-        date=datetime.now().astimezone().isoformat(timespec="seconds"),
-        **asdict(drive),
-    )
+        guard="proved" if proof.holds else "none", asked_ms=round(1e3 * proof.guard, 3),
+        guard_ms=None if proof.off is None else round(1e3 * proof.off, 3), profile=plan.axis(proof.axis).profile.name,
+        date=datetime.now().astimezone().isoformat(timespec="seconds"), **asdict(drive),
+    )  # fmt: skip
     written = next(guard.set_to.written for guard in plan.guards if guard.axis == proof.axis)
     values = asdict(replace(kept, digest=kept.digest_with(written)))
     return {key: values[key] for key in KEYS if values[key] is not None}

@@ -383,7 +383,9 @@ class Live:
                     elif not self._read(key.data):
                         selector.unregister(key.fileobj)
                         self._leave(key.data)
-                self._check_page()
+                if monotonic() - self._page_seen >= PAGE_LOST and self._ending is not None and not self.lost:
+                    self.lost = True  # a run that requires a page has lost it
+                    self._end_by(getattr(signal, "SIGHUP", signal.SIGINT))
 
     def _accept(self, selector: selectors.BaseSelector) -> None:
         connected, _ = self._listener.accept()
@@ -477,12 +479,6 @@ class Live:
     def _patience(self) -> float | None:
         """Return how long to wait for a command [s]: where a page is required, no longer than until it is lost."""
         return min(POLL, max(0.0, self._page_seen + PAGE_LOST - monotonic())) if self._required else None
-
-    def _check_page(self) -> None:
-        """End a run that requires a page and has lost it."""
-        if monotonic() - self._page_seen >= PAGE_LOST and self._ending is not None and not self.lost:
-            self.lost = True
-            self._end_by(getattr(signal, "SIGHUP", signal.SIGINT))
 
 
 def _expect(holds: bool) -> None:

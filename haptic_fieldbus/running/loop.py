@@ -113,19 +113,10 @@ def finished(steps: Steps[T]) -> T:
 
 
 def loop_steps(
-    plan: Plan,
-    cycle: Cycle,
-    bus: Bus,
-    clock: Clock,
-    *,
-    cycles: int,
-    record: Record | None = None,
-    progress: Callable[[int], None] | None = None,
-    report: LoopReport | None = None,
-    changes: "Changes | None" = None,
-    ending: EndSignals | None = None,
-    caller: Caller | None = None,
-) -> Steps[LoopReport]:
+    plan: Plan, cycle: Cycle, bus: Bus, clock: Clock, *, cycles: int, record: Record | None = None,
+    progress: Callable[[int], None] | None = None, report: LoopReport | None = None,
+    changes: "Changes | None" = None, ending: EndSignals | None = None, caller: Caller | None = None,
+) -> Steps[LoopReport]:  # fmt: skip
     """Run an opened bus for `cycles` periods of operation enabled and return the report of the run.
 
     Ctrl-C, or a signal that `ending` has noted, ends the run early and is no error. `progress` is called with the
@@ -151,8 +142,8 @@ def loop_steps(
             threads_give_way() if changes is not None else nullcontext(),
         ):
             yield from _run(
-                plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes, ending or EndSignals(),
-                caller,
+                plan, cycle, bus, clock, cycles, record, progress or (lambda done: None), report, changes,
+                ending or EndSignals(), caller,
             )  # fmt: skip
     except KeyboardInterrupt:
         report.interrupted = True
@@ -251,10 +242,6 @@ def _run(
                 raise not_enabled(plan, {axis.name: cycle.axes[axis.name].state.power for axis in plan.axes})
         before_ns = latch_ns
         deadline_ns += period_ns
-
-
-def _silent(done: int) -> None:
-    """Report no progress."""
 
 
 def feedback_time_ns(plan: Plan) -> int:

@@ -45,6 +45,10 @@ LIMITS = (
     f"setcap cap_sys_nice,cap_ipc_lock+ep {os.path.realpath(sys.executable)}"
 )
 """Advice for SCHED_FIFO and for locked memory."""
+IDLE_ADVICE = (
+    'to keep processors out of deep idle states, write KERNEL=="cpu_dma_latency", GROUP="GROUP", MODE="0660" into '
+    "/etc/udev/rules.d/99-haptic.rules and restart"
+)
 
 REST, LONGEST_REST = 9.0, 0.5
 """Rest of another thread after its work, as a multiple of the time of the work, and at most [s]."""
@@ -187,14 +191,8 @@ def _no_idle_states() -> Outcome:
     wished = "no deep idle states"
     try:
         held = os.open(IDLE_STATES, os.O_WRONLY)
-    except FileNotFoundError:
-        return Right("idle_states", wished, "chosen by the kernel", False), None
-    except OSError:
-        rule = 'KERNEL=="cpu_dma_latency", GROUP="GROUP", MODE="0660"'
-        advice = (
-            f"to keep processors out of deep idle states, write {rule} into /etc/udev/rules.d/99-haptic.rules and "
-            "restart"
-        )
+    except OSError as error:
+        advice = "" if isinstance(error, FileNotFoundError) else IDLE_ADVICE
         return Right("idle_states", wished, "chosen by the kernel", False, advice), None
     os.write(held, struct.pack("i", 0))
     return Right("idle_states", wished, wished, True), partial(os.close, held)

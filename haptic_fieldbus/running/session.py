@@ -119,8 +119,7 @@ class Session:
         cycle, report = Cycle(plan), LoopReport()
         # The record has room for the periods until the drives are enabled.
         enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
-        kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-        room = min(cycles, kept) + enabling + 1
+        room = min(cycles, ROWS_NEEDED if plan.simulated else LONGEST_RECORD) + enabling + 1
         record = self.kept = Record(columns(plan), room)
         if self.live is not None:
             self.live.follow(plan, record)
@@ -140,9 +139,7 @@ class Session:
             with self._accounted(report, cycle, caller), place as site, _rights(plan) as self._host:
                 faults = site.faults
                 self._bus = bus = next(iter(site.buses.values())) if len(site.buses) == 1 else BusGroup(site.buses)
-                run = Run(
-                    plan, self.bus_name, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand
-                )  # fmt: skip
+                run = Run(plan, self.bus_name, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand)
                 assessment = Assessment(run)
                 with _freed(bus, ending):
                     leading = self._leading = None if self.led is None else self.led(site.worlds)
@@ -256,11 +253,13 @@ class Session:
 
         Raises UsageError, BusError or DriveFaultError.
         """
-        bus.inspect(self.plan, bytearray(self.plan.image.input_size))
-        if not self.plan.simulated:
-            for axis in self.plan.axes:
-                check_measured_drive(axis.name, axis.bench, self.identities[axis.name])
-        due = self._due()
+        plan = self.plan
+        bus.inspect(plan, bytearray(plan.image.input_size))
+        for axis in () if plan.simulated else plan.axes:
+            check_measured_drive(axis.name, axis.bench, self.identities[axis.name])
+        # With --prove the plan knows of no proof, so each guard has a reason.
+        recorded = {axis.name: axis.rig.proved for axis in plan.axes}
+        due = {} if plan.simulated and not self.prove else to_prove(plan.guards, recorded, self.identities)
         self._ask(bus, due)
         return due
 
@@ -289,15 +288,6 @@ class Session:
         """The drives of the axes, after they were inspected; without numbers for a drive that told none."""
         facts = {} if self._bus is None else self._bus.facts
         return {axis.name: facts[axis.name].identity if axis.name in facts else Identity() for axis in self.plan.axes}
-
-    def _due(self) -> dict[str, str]:
-        """Return the axes of an inspected bus whose watchdogs must be tested, with the reason of each."""
-        plan = self.plan
-        if plan.simulated and not self.prove:
-            return {}
-        # With --prove the plan knows of no proof, so each guard has a reason.
-        recorded = {axis.name: axis.rig.proved for axis in plan.axes}
-        return to_prove(plan.guards, recorded, self.identities)
 
     def _ask(self, bus: Bus, due: Mapping[str, str]) -> None:
         """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""

@@ -21,6 +21,7 @@ from haptic_fieldbus.numerics.estimators import Estimator
 from haptic_fieldbus.numerics.integrators import Integrator, rest
 from haptic_fieldbus.numerics.integrators.method import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, expm
+from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.scenes.element import (
     AnyElement,
     CouplingElement,
@@ -60,8 +61,7 @@ def check_element(element: AnyElement, reach: Reach = REACH) -> None:
     wanted = ("name", "needs", "linearised")
     if isinstance(element, type) or not all(hasattr(element, each) for each in wanted):
         raise wrong_kind("element", f"an object with {', '.join(wanted)} and a law", element)
-    checks = (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number)
-    _judge(element, checks, reach)
+    _judge(element, (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number), reach)
 
 
 def check_estimator(estimator: Estimator) -> None:
@@ -69,8 +69,7 @@ def check_estimator(estimator: Estimator) -> None:
 
     Raises TypeError for an object of another class.
     """
-    _check_class("estimator", Estimator, estimator)
-    _judge(estimator, (_velocity, _linear_system))
+    _judge_as(Estimator, estimator, _velocity, _linear_system)
 
 
 def check_integrator(integrator: Integrator) -> None:
@@ -78,8 +77,7 @@ def check_integrator(integrator: Integrator) -> None:
 
     Raises TypeError for an object of another class.
     """
-    _check_class("integrator", Integrator, integrator)
-    _judge(integrator, (_rest, _claims, _limits))
+    _judge_as(Integrator, integrator, _rest, _claims, _limits)
 
 
 def check_hand(hand: Hand) -> None:
@@ -87,13 +85,14 @@ def check_hand(hand: Hand) -> None:
 
     Raises TypeError for an object of another class.
     """
-    _check_class("hand", Hand, hand)
-    _judge(hand, (hand_faults,))
+    _judge_as(Hand, hand, hand_faults)
 
 
-def _check_class(name: str, expected: type, given: object) -> None:
-    if not isinstance(given, expected):
-        raise wrong_kind(name, f"an object of {expected.__name__}", given)
+def _judge_as(kind: type, part: object, *checks: Check) -> None:
+    """Judge a part of this class; raises TypeError for another object."""
+    if not isinstance(part, kind):
+        raise wrong_kind(kind.__name__.lower(), f"an object of {kind.__name__}", part)
+    _judge(part, checks)
 
 
 def _judge(part: Any, checks: Iterable[Check], *arguments: Any) -> None:
@@ -270,7 +269,7 @@ def _linear_system(estimator: Estimator) -> Iterator[str]:
             yield f'stand_in "{estimator.stand_in(setup)}" is not linear'
         return
     system, walk = estimator.system(setup), _walk()
-    if system.order and np.abs(np.linalg.eigvals(system.a)).max() >= 1.0:
+    if spectral_radius(system.a) >= 1.0:
         yield "system is not stable"
         return
     state, expected = np.zeros(system.order), []
@@ -302,11 +301,9 @@ def _free_error(integrator: Integrator, steps: int) -> float:
     """Return the error of an undamped oscillator after 1 s without input, from a given state."""
     a = np.array([[0.0, 1.0], [-4.0, 0.0]])
     space = StateSpace(a, np.zeros((2, 2)), np.array([[1.0, 0.0]]), np.zeros((1, 2)))
-    one, begin = integrator.discretise(space, 1.0 / steps), np.array([1.0, 0.3])
-    stored = one.stored(begin, np.zeros(2))
-    for _ in range(steps):
-        stored = one.system.a @ stored
-    return float(np.abs(one.state[0] @ stored - expm(a) @ begin).max())
+    begin = np.array([1.0, 0.3])
+    found = follow(integrator.discretise(space, 1.0 / steps), np.zeros((steps + 1, 2)), begin).states[-1]
+    return float(np.abs(found - expm(a) @ begin).max())
 
 
 def _driven_error(integrator: Integrator, steps: int) -> float:
@@ -336,16 +333,13 @@ def _rest(integrator: Integrator) -> Iterator[str]:
 
 
 def _radius(integrator: Integrator, space: StateSpace) -> float:
-    return float(np.abs(np.linalg.eigvals(integrator.discretise(space, 1.0).system.a)).max())
+    return spectral_radius(integrator.discretise(space, 1.0).system.a)
 
 
 def _limits(integrator: Integrator) -> Iterator[str]:
     """Check that oscillators and decays grow just beyond the limits that the method claims, and not before."""
-    limits = (
-        ("oscillator_limit", integrator.oscillator_limit, _oscillator),
-        ("lag_limit", integrator.lag_limit, _decay),
-    )
-    for name, limit, space in limits:
+    for name, space in (("oscillator_limit", _oscillator), ("lag_limit", _decay)):
+        limit: float = getattr(integrator, name)
         # Of a limit of 0 nothing is within, and nothing is beyond an infinite one.
         for share, grows in ((1.0 - 1e-3, False), (1.0 + 1e-3, True)):
             h = share * limit if 0.0 < limit < math.inf else 0.1 if grows else 1e3

@@ -99,9 +99,7 @@ class SimulatedDrive(DriveInside):
     """One drive of a `VirtualCanBus`."""
 
     def __init__(self, world: World, slave: Slave, profile: DriveProfile) -> None:
-        self._world = world
-        self._slave = slave
-        self.profile = profile
+        self._world, self._slave, self.profile = world, slave, profile
 
     @property
     def node(self) -> int:
@@ -180,14 +178,20 @@ def plan_faults(
     """
     if isinstance(source, FaultPlan):
         return source
-    if not isinstance(source, str | Path):
-        return _checked(FaultPlan(tuple(source)))
     if source == NEW_SEED:
         source = f"{RANDOM}{SystemRandom().randint(0, _LARGEST_NEW_SEED) if seed is None else seed}"
-    number = seed_of(str(source))
+    number = seed_of(str(source)) if isinstance(source, str | Path) else None
     if number is not None:
         return FaultPlan(drawn(number, within, _kinds(kinds, possible)), number)
-    return _checked(FaultPlan(load_faults((folder or Path()) / source)))
+    faults = load_faults((folder or Path()) / source) if isinstance(source, str | Path) else tuple(source)
+    for fault in faults:
+        if isinstance(fault, HostFault):
+            raise UsageError(f'fault "{fault.kind}" is a fault of the host computer, which is real here; remove it')
+        if fault.bus is not None:
+            raise UsageError(
+                f'fault "{fault.kind}" names the bus "{fault.bus}"; this bench has one bus, remove the key'
+            )
+    return FaultPlan(faults)
 
 
 def _kinds(wanted: Iterable[str] | None, possible: Collection[str]) -> tuple[str, ...]:
@@ -198,17 +202,6 @@ def _kinds(wanted: Iterable[str] | None, possible: Collection[str]) -> tuple[str
     if unknown or not kinds:
         raise UsageError(f"kinds of faults {', '.join(unknown)}: expected some of {', '.join(here)}")
     return kinds
-
-
-def _checked(plan: FaultPlan) -> FaultPlan:
-    for fault in plan.faults:
-        if isinstance(fault, HostFault):
-            raise UsageError(f'fault "{fault.kind}" is a fault of the host computer, which is real here; remove it')
-        if fault.bus is not None:
-            raise UsageError(
-                f'fault "{fault.kind}" names the bus "{fault.bus}"; this bench has one bus, remove the key'
-            )
-    return plan
 
 
 # canopen in virtual time, in one thread.
@@ -232,8 +225,7 @@ class SteppedNetwork(canopen.Network):
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
         super().__init__(bus)
-        self._wire = bus
-        self._clock = clock
+        self._wire, self._clock = bus, clock
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame; after an SDO request, go on to its answer."""
@@ -344,8 +336,7 @@ class VirtualCanBus:
         self.clock: Clock = MonotonicClock() if self.time is Time.REAL else VirtualClock()
         self.faults = faults or FaultPlan()
         self.channel = f"simulated-{next(_NUMBERS)}"
-        self.bitrate = bitrate
-        self.seed = seed
+        self.bitrate, self.seed = bitrate, seed
         self._world = World(self.clock, bitrate, seed, _LONGEST)
         slots = [each.slot(DEFAULT_DRIVE, self.channel, self.faults.faults) for each in drives]
         if wrong := [slot.node for slot in slots if slot.node not in NODES]:

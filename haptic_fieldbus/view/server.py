@@ -55,18 +55,7 @@ FACTS = ("drive", "link", "lateness", "bus load", "energy", "pictures")
 CHARTS = (("position", "Position"), ("force", "Force asked and given"), ("error", "Error: given less asked"))
 
 
-class Source:
-    """Description of the run from which pages are made, once it is known, and their controls."""
-
-    def __init__(self) -> None:
-        self.hello: dict[str, Any] = {}
-        self.first: dict[str, float] = {}
-        """Values of the parameters in the file of the scene."""
-        self.controls: dict[str, Controls] = {}
-        self.known = asyncio.Event()
-
-
-def build(hub: Source) -> None:
+def build(hub: "Hub") -> None:
     """Register the page; `hub` is what is between it and the run."""
     app.add_static_files("/assets", ASSETS)
 
@@ -74,8 +63,7 @@ def build(hub: Source) -> None:
     async def page() -> None:
         await asyncio.wait_for(hub.known.wait(), STARTING - 1.0)
         client = ui.context.client
-        controls = Controls(hub.hello, hub.first)
-        hub.controls[client.id] = controls
+        hub.controls[client.id] = Controls(hub.hello, hub.first)
         client.on_delete(lambda: hub.controls.pop(client.id, None))
         ui.add_head_html('<link rel="stylesheet" href="/assets/page.css">')
         ui.add_body_html(
@@ -373,12 +361,18 @@ class Page:
         return self.credit >= 1.0
 
 
-class Hub(Source):
+class Hub:
     """Connection between the run and its pages."""
 
     def __init__(self, path: Path) -> None:
         """Connect to a run; raises OSError."""
-        super().__init__()
+        self.hello: dict[str, Any] = {}
+        """Description of the run from which pages are made, once it is known."""
+        self.first: dict[str, float] = {}
+        """Values of the parameters in the file of the scene."""
+        self.controls: dict[str, Controls] = {}
+        """Controls of the pages by their clients."""
+        self.known = asyncio.Event()
         self.run = LiveReader(path)
         self.over = asyncio.Event()
         self._ring: RingReader
@@ -549,9 +543,8 @@ def serve(path: Path, *, host: str, port: int | None, token: str | None, ready: 
     ))  # fmt: skip
 
     async def follow() -> None:
-        ready(
-            f"http://{shown}:{number}/?token={quote(token, safe='')}"
-        )  # who comes before the first answer waits at the socket
+        # Who comes before the first answer waits at the socket.
+        ready(f"http://{shown}:{number}/?token={quote(token, safe='')}")
         hub.follow()
         await hub.over.wait()
         await asyncio.sleep(FAREWELL)
