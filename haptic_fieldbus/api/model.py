@@ -84,10 +84,14 @@ class EnvironmentModel:
     def to_json(self) -> Mapping[str, object]:
         """Return the object `model` of `response --model --json`."""
         return {
-            "axis": self.axis, "period_s": self.period, "method": self.method, "estimator": self.estimator,
-            "continuous": self.continuous.to_json(), "discrete": self.discrete.to_json(),
+            "axis": self.axis,
+            "period_s": self.period,
+            "method": self.method,
+            "estimator": self.estimator,
+            "continuous": self.continuous.to_json(),
+            "discrete": self.discrete.to_json(),
             "growth": self.growth if self.integrated.order else {},
-        }  # fmt: skip
+        }
 
 
 @own_faults()

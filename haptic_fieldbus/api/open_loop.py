@@ -151,10 +151,13 @@ class Response:
     def to_json(self) -> dict[str, object]:
         """Return the object that `response --json` prints."""
         return {
-            "time": self.time.tolist(), "position": self.position.tolist(), "force": self.force.tolist(),
+            "time": self.time.tolist(),
+            "position": self.position.tolist(),
+            "force": self.force.tolist(),
             "states": {name: values.tolist() for name, values in self.states.items()},
-            "spectral_radius": self.spectral_radius, "diverged": self.diverged,
-        }  # fmt: skip
+            "spectral_radius": self.spectral_radius,
+            "diverged": self.diverged,
+        }
 
 
 @dataclass
@@ -267,9 +270,15 @@ class _Answers:
         radii = [answer.spectral_radius for answer in answers if answer.spectral_radius is not None]
         states = {name: values[:rows] for name, values in self._states(answers)}
         return Response(
-            time[:rows], position[:rows], force[:rows], states, max(radii, default=None), rows < len(time), workspace,
+            time[:rows],
+            position[:rows],
+            force[:rows],
+            states,
+            max(radii, default=None),
+            rows < len(time),
+            workspace,
             self._method if radii else None,
-        )  # fmt: skip
+        )
 
     def _states(self, answers: list[_Answer]) -> Iterator[tuple[str, Array]]:
         named = [(element, answer) for element, answer in zip(self._elements, answers, strict=True) if answer.states]

@@ -58,20 +58,31 @@ def versions() -> dict[str, str]:
 
 
 def provenance_of(
-    plan: Plan, task: Task, conditions: Conditions, faults: tuple[Fault, ...], bus: str, *, anonymous: bool,
+    plan: Plan,
+    task: Task,
+    conditions: Conditions,
+    faults: tuple[Fault, ...],
+    bus: str,
+    *,
+    anonymous: bool,
     repeats: Provenance | None = None,
-) -> Provenance:  # fmt: skip
+) -> Provenance:
     """Return the provenance of a run that is about to begin; `conditions` and `faults` are those that act.
 
     The files of one that repeats another are those of that one, since its own last only as long as the run.
     """
     profiles = texts_of_profiles(plan.rig, task)
     provenance = Provenance(
-        **_here(anonymous=anonymous), scene=text_of_scene(plan.scene), rig=text_of_rig(plan.rig, profiles),
+        **_here(anonymous=anonymous),
+        scene=text_of_scene(plan.scene),
+        rig=text_of_rig(plan.rig, profiles),
         profiles=tuple({text.name: text for text in profiles.values()}.values()),
-        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None, settings=dict(parsed(task.settings)),
-        conditions=conditions, bus=hidden(bus), simulated=plan.simulated,
-    )  # fmt: skip
+        faults=RunText.of("faults.toml", toml_of(faults)) if faults else None,
+        settings=dict(parsed(task.settings)),
+        conditions=conditions,
+        bus=hidden(bus),
+        simulated=plan.simulated,
+    )
     if repeats is not None:
         scene, rig = cast(RunText, repeats.scene), repeats.rig
         provenance = replace(

@@ -39,9 +39,13 @@ BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulati
 
 @contextmanager
 def site_of(
-    plan: Plan, record: Path | None = None, hand: Hand | None = None, seed: int = DEFAULT_SEED,
-    faults: tuple[Fault, ...] = (), time: VirtualClock | None = None,
-) -> Iterator[Site]:  # fmt: skip
+    plan: Plan,
+    record: Path | None = None,
+    hand: Hand | None = None,
+    seed: int = DEFAULT_SEED,
+    faults: tuple[Fault, ...] = (),
+    time: VirtualClock | None = None,
+) -> Iterator[Site]:
     """Open all buses of a plan, or none, and yield them as a site; frames are recorded if `record` is a file for them.
 
     `hand`, `seed` (of all random numbers), `faults` and `time` are the conditions on a simulated bench. Raises
@@ -133,9 +137,14 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
 
 
 def simulated_bus(
-    plan: Plan, bus: BusPlan, clock: Clock, log: object = None, hand: Hand | None = None, seed: int = DEFAULT_SEED,
+    plan: Plan,
+    bus: BusPlan,
+    clock: Clock,
+    log: object = None,
+    hand: Hand | None = None,
+    seed: int = DEFAULT_SEED,
     faults: Sequence[Fault] = (),
-) -> tuple[StepwiseBus, Truth | None]:  # fmt: skip
+) -> tuple[StepwiseBus, Truth | None]:
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     slots, simulation = [], _simulation(bus.protocol)
     here = tuple(fault for fault in faults_on(faults, bus.name) if fault.kind in simulation.kinds)

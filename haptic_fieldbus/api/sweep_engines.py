@@ -443,12 +443,16 @@ def _simulated(loops: Sequence[SimulatedLoop], steps: int) -> dict[int, Row]:
     plants = [each.member.plant for each in loops]
     spaces = [Workspace.ROTARY if each.member.unit.startswith("N·m") else Workspace.LINEAR for each in loops]
     many = batch.loops(
-        mass=[plant.mass for plant in plants], damping=[plant.damping for plant in plants],
-        period=[each.period for each in loops], delay=[each.member.delay for each in loops],
-        lag=[plant.torque_lag for plant in plants], resolution=[plant.resolution for plant in plants],
+        mass=[plant.mass for plant in plants],
+        damping=[plant.damping for plant in plants],
+        period=[each.period for each in loops],
+        delay=[each.member.delay for each in loops],
+        lag=[plant.torque_lag for plant in plants],
+        resolution=[plant.resolution for plant in plants],
         coulomb=[0.0 if plant.torque_lag else plant.coulomb for plant in plants],
-        velocity=[FLICK[space] for space in spaces], environments=[each.environment for each in loops],
-    )  # fmt: skip
+        velocity=[FLICK[space] for space in spaces],
+        environments=[each.environment for each in loops],
+    )
     ended = batch.run(many, steps, parts=4)
     _, second, _, last = ended.peaks
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -100,9 +100,13 @@ PARSERS = {"HZ": frequency, "S": seconds}
 
 
 def option(
-    metavar: str | None, text: str, panel: str | None = None, *names: str, default: object = None,
+    metavar: str | None,
+    text: str,
+    panel: str | None = None,
+    *names: str,
+    default: object = None,
     parser: Callable[[str], object] | None = None,
-) -> object:  # fmt: skip
+) -> object:
     """Return an option whose help text ends with the default; without `names` it has the name of its field.
 
     A `metavar` of None is that of a switch, which takes no value.

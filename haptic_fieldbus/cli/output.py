@@ -222,6 +222,9 @@ def _stream(stream: TextIO, thread: OutputThread, leaving: Callable[[], bool]) -
         return stream
     stream.flush()
     return io.TextIOWrapper(
-        io.BufferedWriter(OutputStream(raw, thread, leaving)), encoding=stream.encoding, errors=IN_ASCII,
-        line_buffering=stream.line_buffering, write_through=stream.write_through,
-    )  # fmt: skip
+        io.BufferedWriter(OutputStream(raw, thread, leaving)),
+        encoding=stream.encoding,
+        errors=IN_ASCII,
+        line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
+    )

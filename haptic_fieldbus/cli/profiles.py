@@ -248,10 +248,15 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
 
     now = datetime.now().astimezone()
     made = {
-        "FileName": path.name, "FileVersion": "1", "FileRevision": "0", "EDSVersion": "4.0",
-        "Description": f"Simulated {profile.title}", "CreationTime": f"{now:%I:%M%p}",
-        "CreationDate": f"{now:%m-%d-%Y}", "CreatedBy": "haptic-fieldbus",
-    }  # fmt: skip
+        "FileName": path.name,
+        "FileVersion": "1",
+        "FileRevision": "0",
+        "EDSVersion": "4.0",
+        "Description": f"Simulated {profile.title}",
+        "CreationTime": f"{now:%I:%M%p}",
+        "CreationDate": f"{now:%m-%d-%Y}",
+        "CreatedBy": "haptic-fieldbus",
+    }
     _write(path, eds_text(replace(sheet(profile), file_info=made)))
 
 

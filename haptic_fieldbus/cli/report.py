@@ -52,9 +52,14 @@ def report(
             update(completed=share, total=1.0, description=label[:LABEL_WIDTH])
 
         made = make_report(
-            out, Tools(_interruptible(api.run), api.plan), quick=quick, only=only, progress=progress,
-            command=" ".join(filter(None, words)), mark=picture_mark(),
-        )  # fmt: skip
+            out,
+            Tools(_interruptible(api.run), api.plan),
+            quick=quick,
+            only=only,
+            progress=progress,
+            command=" ".join(filter(None, words)),
+            mark=picture_mark(),
+        )
     show([("warning", warning) for warning in made.warnings], sys.stderr)
     told = json_ready(made.content)
     lines = [("found" if number == 0 else "", f"- {sentence}") for number, sentence in enumerate(made.findings)]

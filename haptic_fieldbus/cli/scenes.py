@@ -53,14 +53,18 @@ def show_scene(
 
         limit = plan(scene).stability  # on the default bench
         elements: Any = scene.elements
-        print_json({
-            "name": scene.name, "description": scene.description,
-            "axes": [{"name": axis.name, "workspace": axis.workspace} for axis in scene.axes],
-            # The kind of an element that no scene file can name is None.
-            "elements": [{"kind": kind_of(type(element)), **asdict(element)} for element in elements],
-            "source": scene.source, "made_for": scene.made_for,
-            "limit": None if limit is None else limit.to_json()["limit"],
-        })  # fmt: skip
+        print_json(
+            {
+                "name": scene.name,
+                "description": scene.description,
+                "axes": [{"name": axis.name, "workspace": axis.workspace} for axis in scene.axes],
+                # The kind of an element that no scene file can name is None.
+                "elements": [{"kind": kind_of(type(element)), **asdict(element)} for element in elements],
+                "source": scene.source,
+                "made_for": scene.made_for,
+                "limit": None if limit is None else limit.to_json()["limit"],
+            }
+        )
         return
     show([(None, f"{scene.name}: {scene.description}"), (None, scene.source), (None, "")])
     show([("axis", f"{axis.name}: {axis.workspace.value}") for axis in scene.axes])

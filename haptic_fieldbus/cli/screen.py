@@ -94,9 +94,12 @@ def print_json(value: Mapping[str, object]) -> None:
 
 
 def show_result(
-    lines: Iterable[tuple[str | None, str]], told: Callable[[], Mapping[str, object]], *, as_json: bool,
+    lines: Iterable[tuple[str | None, str]],
+    told: Callable[[], Mapping[str, object]],
+    *,
+    as_json: bool,
     plot: Path | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Print a result: its lines and the path of its picture, or the one JSON object that `told` returns."""
     if as_json:
         print_json(told())

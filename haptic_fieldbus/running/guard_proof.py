@@ -245,10 +245,13 @@ def _values(plan: Plan, proof: Proof, drive: Identity) -> dict[str, Value] | Non
     if proof.holds and drive.serial is None:
         return None
     kept = Proved(
-        guard="proved" if proof.holds else "none", asked_ms=round(1e3 * proof.guard, 3),
-        guard_ms=None if proof.off is None else round(1e3 * proof.off, 3), profile=plan.axis(proof.axis).profile.name,
-        date=datetime.now().astimezone().isoformat(timespec="seconds"), **asdict(drive),
-    )  # fmt: skip
+        guard="proved" if proof.holds else "none",
+        asked_ms=round(1e3 * proof.guard, 3),
+        guard_ms=None if proof.off is None else round(1e3 * proof.off, 3),
+        profile=plan.axis(proof.axis).profile.name,
+        date=datetime.now().astimezone().isoformat(timespec="seconds"),
+        **asdict(drive),
+    )
     written = next(guard.set_to.written for guard in plan.guards if guard.axis == proof.axis)
     values = asdict(replace(kept, digest=kept.digest_with(written)))
     return {key: values[key] for key in KEYS if values[key] is not None}

@@ -113,10 +113,19 @@ def finished(steps: Steps[T]) -> T:
 
 
 def loop_steps(
-    plan: Plan, cycle: Cycle, bus: Bus, clock: Clock, *, cycles: int, record: Record | None = None,
-    progress: Callable[[int], None] | None = None, report: LoopReport | None = None,
-    changes: "Changes | None" = None, ending: EndSignals | None = None, caller: Caller | None = None,
-) -> Steps[LoopReport]:  # fmt: skip
+    plan: Plan,
+    cycle: Cycle,
+    bus: Bus,
+    clock: Clock,
+    *,
+    cycles: int,
+    record: Record | None = None,
+    progress: Callable[[int], None] | None = None,
+    report: LoopReport | None = None,
+    changes: "Changes | None" = None,
+    ending: EndSignals | None = None,
+    caller: Caller | None = None,
+) -> Steps[LoopReport]:
     """Run an opened bus for `cycles` periods of operation enabled and return the report of the run.
 
     Ctrl-C, or a signal that `ending` has noted, ends the run early and is no error. `progress` is called with the

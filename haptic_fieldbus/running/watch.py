@@ -79,14 +79,21 @@ class Viewer:
         step = None if offered is None else torque_step(offered, axis.rig, axis.profile.full_scale)
         self._before = None if position is None else (glimpse.t_ns, position)
         return View(
-            node=axis.rig.node, position=position, position_counts=values.get(Signal.POSITION), velocity=velocity,
-            torque_actual=None if torque is None or step is None else torque * step, torque_actual_raw=torque,
-            statusword=statusword, state=None if state is None else state.value,
-            nmt_state=glimpse.nmt_state, error_code=glimpse.error_code,
-            age_s=glimpse.age, life_age_s=glimpse.life_age,
+            node=axis.rig.node,
+            position=position,
+            position_counts=values.get(Signal.POSITION),
+            velocity=velocity,
+            torque_actual=None if torque is None or step is None else torque * step,
+            torque_actual_raw=torque,
+            statusword=statusword,
+            state=None if state is None else state.value,
+            nmt_state=glimpse.nmt_state,
+            error_code=glimpse.error_code,
+            age_s=glimpse.age,
+            life_age_s=glimpse.life_age,
             note="; ".join(filter(None, (enabled, glimpse.note))) or None,
             unit=axis.rig.mechanism.workspace.length_unit if axis.known else None,
-        )  # fmt: skip
+        )
 
     def _position(self, counts: int | None) -> float | None:
         if counts is None or not self._axis.known:
