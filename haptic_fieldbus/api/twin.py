@@ -86,7 +86,7 @@ class BenchTwin:
         fit = self.fit
         return {
             "recording": self.recording, "axis": self.axis, "hand": self.hand,
-            "values": {name: {**vars(each), "reason": each.reason or None} for name, each in fit.values.items()},
+            "values": {name: each.to_json() for name, each in fit.values.items()},
             "predicted": {"fit": fit.residual, "check": fit.predicted, "unit": "counts", "seconds": fit.seconds},
             "changed": [vars(each) for each in self.changed], "unknown": self.unknown, "warnings": self.warnings,
         }  # fmt: skip

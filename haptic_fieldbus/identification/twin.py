@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH, damped_step
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.linear import Matrix, expm
@@ -453,12 +453,9 @@ class _Fit:
 
     def _moved(self, gradient: Matrix, damping: float) -> Matrix:
         """Return the values after a damped step of those that no bound holds; scales change by 2 at most."""
-        values, free = self.values.copy(), np.array(self.free, int)
-        at_low, at_high = values[free] <= self.low[free], values[free] >= self.high[free]
-        inner = np.flatnonzero(~(at_low & (gradient > 0.0) | at_high & (gradient < 0.0)))
-        square = self.slopes[np.ix_(inner, inner)]
-        step = np.linalg.lstsq(square + damping * np.diag(np.diag(square) + 1e-300), gradient[inner], rcond=None)[0]
-        values[free[inner]] -= step * self.scales[free[inner]]
+        values, free = self.values.copy(), self.free
+        step = damped_step(values[free], self.low[free], self.high[free], gradient, self.slopes, damping)
+        values[free] -= step * self.scales[free]
         for name in (INERTIA, TORQUE, COUNTS):
             values[name] = np.clip(values[name], 0.5 * self.values[name], 2.0 * self.values[name])
         return np.clip(values, self.low, self.high)
