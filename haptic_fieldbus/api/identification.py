@@ -149,7 +149,8 @@ def identify(
     guess = _first_model(probe)
     mass, friction, load = guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio
     record, stages = bench.conducted(GuidedMotion(bounds, mass, friction, load, guess.delay + guess.lag), tell)
-    used, rest = _part(record, stages, "motion"), _part(record, stages, "check")
+    begins = {stage: stages.index(stage) for stage in ("motion", "check")}
+    used, rest = (record.part(begin, begin + stages.count(stage)) for stage, begin in begins.items())
     tell("fit")
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
@@ -408,13 +409,6 @@ def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
             "limits around 0"
         )
     return first, first + wanted
-
-
-def _part(record: ShaftRecord, stages: list[str], stage: str) -> ShaftRecord:
-    """Return the samples of one stage."""
-    first = stages.index(stage)
-    part = slice(first, first + stages.count(stage))
-    return replace(record, positions=record.positions[part], torques=record.torques[part])
 
 
 def _first_model(probe: ShaftRecord) -> ShaftModel:

@@ -8,6 +8,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
     from haptic_fieldbus.identification.estimates import Estimate
 
 
+number_field = partial(option_field, panel=RENDERING, parser=number)
+
+
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions:
     """Options of `identify`."""
@@ -54,22 +58,15 @@ class IdentifyOptions:
     axis: str | None = option_field("NAME", "Axis of the rig.", BENCH, told="the only one")
     bus: str | None = option_field("BUS", f"{BUSES} The rig file is then not changed.", BENCH, told="that of the rig")
     rate: float | None = option_field("HZ", f"Loop rate in Hz. \\[default: {RATE}]", RENDERING)
-    travel: float | None = option_field(
-        "M", "Travel of the handle in m or rad.", RENDERING, told="that of the rig, or a turn of the motor",
-        parser=number,
-    )  # fmt: skip
-    effort: float | None = option_field(
-        "N", "Largest force in N or N·m.", RENDERING, told="25 % of rated torque", parser=number
+    travel: float | None = number_field(
+        "M", "Travel of the handle in m or rad.", told="that of the rig, or a turn of the motor"
     )
-    speed: float | None = option_field(
-        "M/S", "Largest speed in m/s or rad/s.", RENDERING, told="four travels a second", parser=number
+    effort: float | None = number_field("N", "Largest force in N or N·m.", told="25 % of rated torque")
+    speed: float | None = number_field("M/S", "Largest speed in m/s or rad/s.", told="four travels a second")
+    with_mass: float | None = number_field(
+        "KG", "Check the rig by a known mass, fixed to a linear handle since the last run."
     )
-    with_mass: float | None = option_field(
-        "KG", "Check the rig by a known mass, fixed to a linear handle since the last run.", RENDERING, parser=number
-    )
-    with_inertia: float | None = option_field(
-        "KGM2", "The same by a known inertia on a rotary handle, in kg·m².", RENDERING, parser=number
-    )
+    with_inertia: float | None = number_field("KGM2", "The same by a known inertia on a rotary handle, in kg·m².")
     skip: list[str] | None = option_field(
         "NAME", "Leave out rest, friction (slow pushes) or dynamics (all that follows); may be repeated.", RENDERING
     )
@@ -185,9 +182,7 @@ class CertifyOptions(SceneOptions):
     by_hand: bool = option_field(
         None, "You tap the handle yourself, up to the limit; else the drive does.", RENDERING, "--by-hand"
     )
-    share: float = option_field(
-        "SHARE", "Largest stiffness, as a share of the onset.", RENDERING, default=0.8, parser=number
-    )
+    share: float = number_field("SHARE", "Largest stiffness, as a share of the onset.", default=0.8)
     above: bool = option_field(None, "With --yes, go above the limit without asking; nobody holds.", None, "--above")
     plot: Path | None = option_field(
         "PATH", "Page: .pdf, .png or .svg, with its values beside it as .json.", OUTPUT, "--out", "--plot"

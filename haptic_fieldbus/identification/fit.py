@@ -109,6 +109,10 @@ class ShaftRecord:
         acting = np.interp(samples - 0.5 - delay, samples, self.torques)
         return np.convolve(acting, triangle, "valid")[1:]
 
+    def part(self, first: int, last: int | None = None) -> "ShaftRecord":
+        """Return the samples from `first` up to `last`, without it."""
+        return replace(self, positions=self.positions[first:last], torques=self.torques[first:last])
+
     @property
     def top_speed(self) -> float:
         """Return the largest speed, of means over 10 ms or a period [rad/s]."""
@@ -201,11 +205,10 @@ def first_guess(records: Sequence[ShaftRecord]) -> ShaftModel:
     period = records[0].period
     found = []
     for width in dict.fromkeys(max(2, round(seconds / period)) for seconds in GUESS_WIDTHS):
-        for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5):
-            rows, force, _ = zip(*(_weak_form(each, width, float(delay)) for each in records), strict=True)
-            found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), float(delay)))
-    _, values, delay = min(found, key=lambda each: each[0])
-    inertia, damping, coulomb, load = values
+        for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5).tolist():
+            rows, force, _ = zip(*(_weak_form(each, width, delay) for each in records), strict=True)
+            found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), delay))
+    _, (inertia, damping, coulomb, load), delay = min(found, key=lambda each: each[0])
     lag = max(0.2 * delay * period, 2e-4)
     return ShaftModel(inertia, damping, coulomb, max(delay * period - lag, 0.0), lag, load)
 
@@ -245,25 +248,22 @@ def torque_balance(model: ShaftModel, record: ShaftRecord) -> TorqueBalance:
     return TorqueBalance(places, speeds, left + load, np.array(friction) - left)
 
 
-def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, float, float, float]]:
+def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
     """Return (share of the torque that is left, values) of the least squares.
 
     The inertia is above 0, damping and friction are 0 or more. A share of infinity: the rows tell nothing.
     """
-    columns = [0, 1, 2, 3]
-    while True:
-        solved, *_ = np.linalg.lstsq(rows[:, columns], force, rcond=None)
-        below = [column for column, value in zip(columns, solved, strict=True) if column in (1, 2) and value < 0.0]
-        if not below:
-            break
-        columns.remove(below[0])
-    values = np.zeros(4)
-    values[columns] = solved
+    columns, below = [0, 1, 2, 3], [0]
+    while below:
+        values = np.zeros(4)
+        values[columns] = np.linalg.lstsq(rows[:, columns], force, rcond=None)[0]
+        below = [column for column in (1, 2) if values[column] < 0.0]
+        columns = [column for column in columns if column not in below[:1]]
     known = len(force) >= FEWEST_ROWS and values[0] > 0.0
     left = float(np.sum((rows @ values - force) ** 2) / max(np.sum(force**2), 1e-300)) if known else math.inf
     scale = float(np.std(force)) / max(float(np.std(rows[:, 0])), 1e-12)
-    inertia = float(values[0]) if values[0] > 0.0 else scale
-    return left, (max(inertia, 1e-3 * scale, 1e-12), float(values[1]), float(values[2]), float(values[3]))
+    values[0] = max(values[0] if values[0] > 0.0 else scale, 1e-3 * scale, 1e-12)
+    return left, values.tolist()
 
 
 def prediction_errors(model: ShaftModel, record: ShaftRecord, leading: float = LEADING) -> Matrix:
@@ -308,7 +308,9 @@ class _Problem:
 
     def __init__(self, records: Sequence[ShaftRecord], guess: ShaftModel, leading: float = LEADING) -> None:
         self.records, self.guess, self.period, self.leading = records, guess, records[0].period, leading
-        self.noise = ENCODER_NOISE**2 * sum(len(each.positions) - unsettled_samples(each) for each in records)
+        self.lengths = [len(each.positions) - unsettled_samples(each) for each in records]
+        """Numbers of residuals of the records."""
+        self.noise = ENCODER_NOISE**2 * sum(self.lengths)
         """Sum of squares of a shaft that the model explains."""
         torque = float(np.sqrt(np.mean(np.concatenate([each.torques for each in records]) ** 2))) or 1.0
         self.top = max(each.top_speed for each in records) or 1.0
@@ -362,14 +364,14 @@ class _Problem:
             lambda record: _further_responses(model, record, orders, speeds, self.leading)
         )
         found: list[tuple[float, ShaftModel]] = []
-        for number, speed in enumerate(speeds):
+        for number, speed in enumerate(speeds.tolist()):
             gained, (size,) = _explained(residuals, columns[:, number : number + 1])
             if size > 0.0:
-                found.append((gained, replace(model, stribeck=size, stribeck_speed=float(speed))))
-        for number, order in enumerate(orders if len(model.waves) < MOST_WAVES else ()):
+                found.append((gained, replace(model, stribeck=size, stribeck_speed=speed)))
+        for number, order in enumerate(orders.tolist() if len(model.waves) < MOST_WAVES else ()):
             first = len(speeds) + 2 * number
             gained, (cosine, sine) = _explained(residuals, columns[:, first : first + 2])
-            found.append((gained, replace(model, waves=(*model.waves, (float(order), cosine, sine)))))
+            found.append((gained, replace(model, waves=(*model.waves, (order, cosine, sine)))))
         # Beside the best one stands one that is not its neighbour, because the residual is not yet that of one torque.
         found.sort(key=lambda each: each[0], reverse=True)
         best = [each for gained, each in found[: 1 + TRIED_BESIDE] if gained > WORTH * cost]
@@ -501,13 +503,10 @@ class _Problem:
         """Return the standard deviation of each of `NAMES`, and then of the delay and the lag together."""
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-14)
         noise = max(float(residuals @ residuals) / max(len(residuals) - slopes.shape[1], 1), 1.0 / 12.0)
-        first, coloured = 0, np.zeros_like(inverse)
-        for record in self.records:
-            rows = slice(first, first + len(record.positions) - unsettled_samples(record))
-            first = rows.stop
-            block = max(1, round(BLOCK / record.period))
-            sums = np.add.reduceat(slopes[rows] * residuals[rows, np.newaxis], range(0, rows.stop - rows.start, block))
-            coloured += _long_run(sums, round(MEMORY / (block * record.period)))
+        block, coloured = max(1, round(BLOCK / self.period)), np.zeros_like(inverse)
+        for scores in np.split(slopes * residuals[:, np.newaxis], np.cumsum(self.lengths)[:-1]):
+            sums = np.add.reduceat(scores, range(0, len(scores), block))
+            coloured += _long_run(sums, round(MEMORY / (block * self.period)))
         forms = np.vstack([np.eye(len(NAMES), len(self.scales)), self.is_time]) * self.scales
         both = (noise * inverse, inverse @ coloured @ inverse)
         variances = [np.einsum("ij,jk,ik->i", forms, each, forms) for each in both]

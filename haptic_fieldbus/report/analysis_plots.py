@@ -522,13 +522,10 @@ def _degrees(response: Array) -> Array:
 def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
     """Return frequencies [Hz], the response from torque to angle, and the coherence of both, where there is torque."""
     length = 2 * len(record.positions) // (SEGMENTS + 1)
-    window = np.hanning(length)
-    torque, angle, both = (np.zeros(length // 2 + 1, dtype) for dtype in (float, float, complex))
-    for number in range(SEGMENTS):
-        here = slice(number * length // 2, number * length // 2 + length)
-        u, y = (np.fft.rfft(window * _straightened(np.array(each[here])))
-                for each in (record.torques, record.positions))  # fmt: skip
-        torque, angle, both = torque + abs(u) ** 2, angle + abs(y) ** 2, both + y * np.conj(u)
+    places = (np.arange(SEGMENTS) * length // 2)[:, np.newaxis] + np.arange(length)
+    segments = (_straightened(np.array(each)[places]) for each in (record.torques, record.positions))
+    u, y = (np.fft.rfft(np.hanning(length) * each) for each in segments)
+    torque, angle, both = (np.sum(each, axis=0) for each in (abs(u) ** 2, abs(y) ** 2, y * np.conj(u)))
     frequencies = np.fft.rfftfreq(length, record.period)
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = np.nan_to_num(abs(both) ** 2 / (torque * angle))
@@ -539,10 +536,11 @@ def measured_response(record: ShaftRecord) -> tuple[Array, Array, Array]:
 
 
 def _straightened(values: Array) -> Array:
-    """Return values without their mean and slope."""
-    times = np.arange(len(values))
-    line: Array = values - np.polyval(np.polyfit(times, values, 1), times)
-    return line
+    """Return rows of values without their mean and slope."""
+    times = np.arange(values.shape[1])
+    slopes, begins = np.polyfit(times, values.T, 1)
+    straight: Array = values - np.outer(slopes, times) - begins[:, np.newaxis]
+    return straight
 
 
 def modelled_response(model: ShaftModel, period: float, frequencies: Array) -> Array:
