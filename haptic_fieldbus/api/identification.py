@@ -4,7 +4,7 @@ The motor is off before, between and after the experiments. Values are at the mo
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import KW_ONLY, dataclass, replace
 from datetime import datetime
@@ -433,17 +433,16 @@ def identified_of(fit: ShaftFit, axis: RigAxis, /, **conditions: str | float | i
     """Return what a rig keeps of a fit: its values, or its resonance; `conditions` are more keys of `Identified`."""
     resonance = float(f"{fit.resonance.value:.4g}") if fit.resonance else None
     date = datetime.now().astimezone().isoformat(timespec="seconds")
-    kept = told_by(fit, () if fit.resonance else KEPT, resonance=resonance, date=date, **conditions)
+    names = () if fit.resonance else KEPT
+    kept = told_by(fit, dict.fromkeys(names, 1.0), resonance=resonance, date=date, **conditions)
     return replace(kept, digest=digest_with(axis, kept))
 
 
-def told_by(
-    fit: ShaftFit | RunFit, names: Iterable[str], scales: Mapping[str, float] | None = None, **conditions: Any
-) -> Identified:
-    """Return these values of a fit with six digits, each over its scale; `conditions` are more keys of `Identified`."""
+def told_by(fit: ShaftFit | RunFit, scales: Mapping[str, float], **conditions: Any) -> Identified:
+    """Return values of a fit with six digits, each over its scale; `conditions` are more keys of `Identified`."""
     kept: dict[str, Any] = {}
-    for name in names:
-        each, scale = fit.values[name], scales[name] if scales else 1.0
+    for name, scale in scales.items():
+        each = fit.values[name]
         low, value, high = (float(f"{number / scale:.6g}") for number in (each.low, each.value, each.high))
         kept |= {name: value, f"{name}_interval": (low, high)}
     top_speed, residual = float(f"{fit.top_speed:.4g}"), float(f"{fit.residual:.3g}")

@@ -137,8 +137,8 @@ def twin(
     # Values as counts and torque of the rig show them; without a digest they are judged as stated ones.
     scales = _scales(fit.values["torque_scale"].value, fit.values["count_scale"].value)
     kept = told_by(
-        fit, [key for key in KEPT if not fit.values[key].reason], scales, profile=recorded.profile.name,
-        rate=1.0 / plan.period, planned_delay=float(f"{delay + lag:.6g}"), date=origin.date, serial=serial,
+        fit, {key: scale for key, scale in scales.items() if not fit.values[key].reason}, rate=1.0 / plan.period,
+        profile=recorded.profile.name, planned_delay=float(f"{delay + lag:.6g}"), date=origin.date, serial=serial,
         simulated=origin.simulated,
     )  # fmt: skip
     fitted = replace(own, proved=None, identified=kept, simulation=_simulation(fit, own, recorded))

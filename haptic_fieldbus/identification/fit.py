@@ -288,13 +288,11 @@ def unsettled_samples(record: ShaftRecord) -> int:
 # The problem in scaled values.
 
 
-def damped_step(
-    vector: Matrix, low: Matrix, high: Matrix, gradient: Matrix, curvature: Matrix, damping: float
-) -> Matrix:
+def free_step(vector: Matrix, low: Matrix, high: Matrix, gradient: Matrix, hessian: Matrix, damping: float) -> Matrix:
     """Return the step to take away, of the values that no bound holds (Levenberg and Marquardt)."""
     held = ((vector <= low) & (gradient > 0.0)) | ((vector >= high) & (gradient < 0.0))
     step, free = np.zeros(len(vector)), np.flatnonzero(~held)
-    inner = curvature[np.ix_(free, free)]
+    inner = hessian[np.ix_(free, free)]
     weight = np.diag(np.maximum(np.diag(inner), 1e-12 * float(np.trace(inner)) + 1e-300))
     step[free] = np.linalg.lstsq(inner + damping * weight, gradient[free], rcond=None)[0]
     return step
@@ -360,9 +358,7 @@ class _Problem:
         count = min(MOST_ORDERS, int(2.0 * highest * self.way / math.tau))
         orders: Matrix = np.array([math.pi / self.way * (number + 1) for number in range(count)])
         speeds: Matrix = np.array([self.top * each for each in (() if model.stribeck else STRIBECK_SHARES)])
-        residuals, columns = self._beside(
-            lambda record: _further_responses(model, record, orders, speeds, self.leading)
-        )
+        residuals, columns = self._beside(lambda record: self._further_responses(record, orders, speeds))
         found: list[tuple[float, ShaftModel]] = []
         for number, speed in enumerate(speeds.tolist()):
             gained, (size,) = _explained(residuals, columns[:, number : number + 1])
@@ -382,6 +378,24 @@ class _Problem:
             falling = replace(model, coulomb=0.6 * model.coulomb, stribeck=0.4 * model.coulomb, stribeck_speed=share)
             tries.append(replace(falling, inertia=1.6 * model.inertia))
         return tries
+
+    def _further_responses(self, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
+        """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then pairs of waves."""
+        model, leading, period = self.model, self.leading, record.period
+        angles, moved = predicted_motion(model, record.positions, record.torques, period, leading=leading)
+        turns, middles = np.outer(angles + 0.5 * period * moved, orders), np.outer(moved, 1.0 / speeds)
+        waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
+        waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * period * orders / math.pi)), 2, axis=1)
+        torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
+        span, near, pull = HeldSpan(model, period), 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
+        angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
+        for k, torque in enumerate(torques):
+            out[k] = angle
+            speed -= pull * angle
+            angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
+            speed = span.speed_left * speed + span.speed_of_force * torque
+        responses: Matrix = out[unsettled_samples(record) :] / record.resolution
+        return responses
 
     def resonance(self) -> Estimate | None:
         """Return the frequency of a mode that explains a good part of the residual, as of an elastic shaft, or None.
@@ -441,9 +455,9 @@ class _Problem:
         for _ in range(MOST_STEPS):
             if slopes is None:
                 slopes, is_fresh = self.sensitivities(vector, residuals), True
-            gradient, curvature = slopes.T @ residuals, slopes.T @ slopes
+            gradient, hessian = slopes.T @ residuals, slopes.T @ slopes
             while damping < 1e7:
-                step = damped_step(vector, self.low, self.high, gradient, curvature, damping)
+                step = free_step(vector, self.low, self.high, gradient, hessian, damping)
                 # An inertia changes by at most a factor of two in one step.
                 step[0] = max(-vector[0], min(0.5 * vector[0], step[0]))
                 moved = np.clip(vector - step, self.low, self.high)
@@ -525,27 +539,6 @@ class _Problem:
                 f"the model leaves {rounded(rms)} counts unexplained: play and an elastic coupling are not in it; the "
                 "intervals are wider by this"
             )
-
-
-def _further_responses(
-    model: ShaftModel, record: ShaftRecord, orders: Matrix, speeds: Matrix, leading: float
-) -> Matrix:
-    """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then cosine and sine waves."""
-    angles, moved = predicted_motion(model, record.positions, record.torques, record.period, leading=leading)
-    turns, middles = np.outer(angles + 0.5 * record.period * moved, orders), np.outer(moved, 1.0 / speeds)
-    waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
-    waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * record.period * orders / math.pi)), 2, axis=1)
-    torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
-    span, period = HeldSpan(model, record.period), record.period
-    near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
-    angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
-    for k, torque in enumerate(torques):
-        out[k] = angle
-        speed -= pull * angle
-        angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
-        speed = span.speed_left * speed + span.speed_of_force * torque
-    responses: Matrix = out[unsettled_samples(record) :] / record.resolution
-    return responses
 
 
 def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Matrix:

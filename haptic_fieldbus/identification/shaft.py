@@ -27,6 +27,7 @@ residual is the noise of the encoder, whatever the gain.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -103,13 +104,10 @@ class HeldSpan:
         self.speed_of_torque = (self.speed_left - self.torque_left) / (rate - a) / model.inertia
         self.way_of_torque = (self.way + math.expm1(-h * rate) / rate) / (rate - a) / model.inertia
 
-    @property
-    def values(self) -> tuple[float, ...]:
-        """Return what a span does to the speed, to the angle and to the torque, in the order of `predicted_motion`."""
-        return (
-            self.speed_left, self.way, self.speed_of_force, self.speed_of_torque, self.way_of_force, self.way_of_torque,
-            self.torque_left,
-        )  # fmt: skip
+
+span_values = attrgetter("speed_left", "way", "speed_of_force", "speed_of_torque", "way_of_force", "way_of_torque",
+                         "torque_left")  # fmt: skip
+"""Return what a span does to the speed, to the angle and to the torque, in the order of `predicted_motion`."""
 
 
 def predicted_motion(
@@ -182,7 +180,7 @@ def predicted_motion(
 def _pieces(model: ShaftModel, spans: Spans, parts: int) -> list[tuple[tuple[float, ...], float, int]]:
     """Return the pieces of a period, divided into parts: what a part does, its length [s], and set-points ahead."""
     divided = [(seconds / parts, ahead) for seconds, ahead in spans for _ in range(parts)]
-    return [(HeldSpan(model, seconds).values, seconds, ahead) for seconds, ahead in divided]
+    return [(span_values(HeldSpan(model, seconds)), seconds, ahead) for seconds, ahead in divided]
 
 
 def acting_torques(model: ShaftModel, torques: Sequence[float], period: float) -> tuple[list[float], Spans]:

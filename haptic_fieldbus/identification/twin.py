@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH, damped_step
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH, free_step
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.linear import Matrix, expm
@@ -452,7 +452,7 @@ class _Fit:
     def _moved(self, gradient: Matrix, damping: float) -> Matrix:
         """Return the values after a damped step of those that no bound holds; scales change by 2 at most."""
         values, free = self.values.copy(), self.free
-        step = damped_step(values[free], self.low[free], self.high[free], gradient, self.slopes, damping)
+        step = free_step(values[free], self.low[free], self.high[free], gradient, self.slopes, damping)
         values[free] -= step * self.scales[free]
         for name in (INERTIA, TORQUE, COUNTS):
             values[name] = np.clip(values[name], 0.5 * self.values[name], 2.0 * self.values[name])
