@@ -52,8 +52,8 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.identify": "api.certification api.identification api.provenance identification planning.request"
-        " report.analysis_plots report.plot",
+        "cli.identify": "api.certification api.identification api.provenance identification identification.estimates"
+        " planning.request report.analysis_plots report.plot",
         "cli.options": "documents.quantities planning.request protocols.registry report.drawing signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots planning.explain"
@@ -71,7 +71,7 @@ DOES_WITHOUT = {
         "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
         "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units protocols.catalogue running.rights sim.host_request sim.faults",
-        "cli.twin": "api.twin identification planning.request",
+        "cli.twin": "api.twin",
         "cli.vcan": "vcan.runner",
         "running.ending": "assessing.result",
     },

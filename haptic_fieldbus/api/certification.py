@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -250,7 +251,7 @@ class _TappedBench:
         model, (damping, delay) = self.fit.model, map(self.fit.values.__getitem__, ("viscous_damping", "delay_and_lag"))
         value = self._onset(model)
 
-        def away(**end: float) -> float:
+        def away(**end: Any) -> float:
             return value - self._onset(replace(model, **end))
 
         below, above = (

@@ -6,7 +6,7 @@ well damped on it, and the onset that taps tell.
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -108,7 +108,7 @@ def identify(options: IdentifyOptions) -> None:
             show([("plot", str(options.plot))])
 
 
-def _dialogue(options: "IdentifyOptions | CertifyOptions") -> dict[str, Callable[[str], Any] | None]:
+def _dialogue(options: "IdentifyOptions | CertifyOptions") -> dict[str, Any]:
     """Return how a person is asked and instructed, as arguments of the API; without one the output never waits."""
     if not sys.stdin.isatty():
         never_wait()

@@ -340,7 +340,7 @@ class _Problem:
         base, further = values[: len(NAMES)], values[len(NAMES) :]
         stribeck, speed = (further.pop(0), further.pop(0)) if self.guess.stribeck else (0.0, 1.0)
         waves = tuple((further[k], further[k + 1], further[k + 2]) for k in range(0, len(further), 3))
-        return ShaftModel(*base, stribeck, speed, waves)
+        return replace(ShaftModel(*base), stribeck=stribeck, stribeck_speed=speed, waves=waves)
 
     # Torques that the model lacks.
 
