@@ -116,7 +116,7 @@ class Tapping(GuidedMotion):
         self.periods += self.stage != "surface"
         self._present, self.armed = super().effort(position), True
 
-    def _all(self) -> Stage:
+    def _course(self) -> Stage:
         begin = self.place
         yield from self._lead(self.surface, **GENTLY)
         self.stage = "press"
@@ -140,7 +140,6 @@ class Tapping(GuidedMotion):
     def _ramp(self, begin: float, end: float) -> Stage:
         for k in range(count := max(1, round(RAMP_TIME / self.bounds.period))):
             yield begin + 0.5 * (end - begin) * (1.0 - math.cos(math.pi * k / count))
-            self._check()
 
     def _tap(self) -> Stage:
         """Lower the effort until the handle turns or rests, restore it, and listen."""
@@ -150,7 +149,6 @@ class Tapping(GuidedMotion):
             if lowered.turns:
                 break
             yield (1.0 - LOWERED) * self.press
-            self._check()
         yield from self._listen(begin=[*lowered.turns, self.place][0])
 
     def _listen(self, least: float = 0.0, begin: float | None = None) -> Stage:
@@ -171,7 +169,6 @@ class Tapping(GuidedMotion):
                 swings.turns.clear()
                 grown, decays = 0, []
             yield self.press
-            self._check()
         self._keep(swings, decays)
 
     def _keep(self, swings: Swings, decays: list[float]) -> None:

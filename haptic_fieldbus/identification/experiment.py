@@ -320,6 +320,12 @@ class GuidedMotion(Experiment):
         self._riding = self._lines(0), self._lines(1)
 
     def _all(self) -> Stage:
+        for effort in self._course():
+            yield effort
+            self._check()
+
+    def _course(self) -> Stage:
+        """Go through the stages; what stands after a `yield` has a position that was checked."""
         yield from self._lead(self.bounds.middle, shortest=0.5, share=0.5)
         self.stage = "motion"
         yield from self._motion(0, self._time)
@@ -337,7 +343,6 @@ class GuidedMotion(Experiment):
         for k in range(count):
             sine, cosine = math.sin(math.pi * k / count), math.cos(math.pi * k / count)
             yield self._led(begin + half * (1.0 - cosine), half * rate * sine, half * rate * rate * cosine)
-            self._check()
 
     def _halt(self) -> Stage:
         """Bring the handle to rest where it is going, from its planned motion: the speed of few counts is unsure."""
@@ -345,7 +350,6 @@ class GuidedMotion(Experiment):
         for k in range(round(time / self.bounds.period)):
             left = 1.0 - k * self.bounds.period / time
             yield self._led(begin + 0.5 * speed * time * (1.0 - left * left), speed * left, -speed / time)
-            self._check()
 
     @property
     def _acceleration(self) -> float:
@@ -373,7 +377,6 @@ class GuidedMotion(Experiment):
             place = bounds.middle + (begin - bounds.middle) * (1.0 - rise) + sine
             riding = sum(effort * math.sin(turning * t + phase) for turning, effort, phase in self._riding[number])
             yield self._led(place, rate * cosine, -rate * rate * sine, rise * riding)
-            self._check()
 
     def _slow_motion(self) -> tuple[float, float]:
         """Return amplitude and angular frequency of the slow motion."""

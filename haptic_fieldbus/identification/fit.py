@@ -24,7 +24,7 @@ noise, nor below the noise of an encoder that rounds.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -495,8 +495,18 @@ class _Problem:
             for name, value, spread in zip((*NAMES, "delay_and_lag"), values, spreads, strict=True)
         }
         estimates["torque_lag"] = self._lag_interval(vector, width)
-        told, warnings = with_reasons(estimates, self.top), tuple(self._warnings(left, resonance))
-        return ShaftFit(model, told, left, self.top, len(residuals), resonance, warnings)
+        warnings = list[str]()
+        if resonance:
+            frequency = f"{rounded_limit(resonance.value)} Hz, as with an elastic coupling"
+            warnings.append(
+                f"the shaft swings at about {frequency}, which the model does not have: damping and friction may be "
+                "wrong by a factor of two"
+            )
+        elif left > 3.0:
+            play = "play and an elastic coupling are not in it; the intervals are wider by this"
+            warnings.append(f"the model leaves {rounded(left)} counts unexplained: {play}")
+        told = with_reasons(estimates, self.top)
+        return ShaftFit(model, told, left, self.top, len(residuals), resonance, tuple(warnings))
 
     def _lag_interval(self, vector: Matrix, width: float) -> Estimate:
         """Return the lag with its interval, which is symmetric in its square.
@@ -526,19 +536,6 @@ class _Problem:
         variances = [np.einsum("ij,jk,ik->i", forms, each, forms) for each in both]
         spreads: list[float] = (REPEATED * np.sqrt(np.max(variances, axis=0, initial=0.0))).tolist()
         return spreads
-
-    def _warnings(self, rms: float, resonance: Estimate | None) -> Iterator[str]:
-        """Yield what the fit cannot explain."""
-        if resonance:
-            yield (
-                f"the shaft swings at about {rounded_limit(resonance.value)} Hz, as with an elastic coupling, "
-                "which the model does not have: damping and friction may be wrong by a factor of two"
-            )
-        elif rms > 3.0:
-            yield (
-                f"the model leaves {rounded(rms)} counts unexplained: play and an elastic coupling are not in it; the "
-                "intervals are wider by this"
-            )
 
 
 def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Matrix:

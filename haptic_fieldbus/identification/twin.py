@@ -236,14 +236,6 @@ class _Pieces:
         """Samples of the pieces, shape (s, l)."""
         return self.first[:, np.newaxis] + np.arange(self.length)
 
-    @property
-    def weights(self) -> Matrix:
-        """Weights of the errors: samples with the same count, one after the other, tell as much as one of them."""
-        begins = np.append(np.flatnonzero(np.diff(self.record.positions, prepend=np.nan)), len(self.record.positions))
-        runs = np.diff(begins)
-        found: Matrix = 1.0 / np.sqrt(np.repeat(runs, runs)[self.samples])
-        return found
-
     def begun(self, scale: float) -> tuple[Matrix, Matrix]:
         """Return first angles and speeds by a parabola through the samples around."""
         width = max(3, round(MOVING_TIME / self.record.period))
@@ -356,7 +348,10 @@ class _Fit:
         self.pieces, self.values, self.free = pieces, start.copy(), list(free)
         self.expected = start if expected is None else expected
         record, self.seen = pieces.record, pieces.record.positions[pieces.samples]
-        self.weights = pieces.weights / record.resolution
+        # Samples with the same count, one after the other, tell as much as one of them.
+        begins = np.flatnonzero(np.diff(record.positions, prepend=np.nan))
+        alike = np.diff(begins, append=len(record.positions))
+        self.weights = 1.0 / np.sqrt(np.repeat(alike, alike)[pieces.samples]) / record.resolution
         self.angle, self.speed = pieces.begun(float(start[COUNTS]))
         self.top = max(float(np.abs(self.speed).max(initial=0.0)), 1e-9)
         torque, period, none = float(np.sqrt(np.mean(record.torques**2))) or 1e-6, record.period, math.inf
