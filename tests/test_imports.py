@@ -52,8 +52,8 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.identify": "api.certification api.identification api.provenance identification identification.estimates"
-        " planning.request report.analysis_plots report.plot",
+        "cli.identify": "api.certification api.identification api.provenance identification planning.request"
+        " report.analysis_plots report.plot",
         "cli.options": "documents.quantities planning.request protocols.registry report.drawing signals",
         "cli.bench": "api.bench clock running.watch",
         "cli.planning": "api.estimation report.analysis_texts report.analysis_plots planning.explain"

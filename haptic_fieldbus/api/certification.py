@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -251,11 +250,11 @@ class _TappedBench:
         model, (damping, delay) = self.fit.model, map(self.fit.values.__getitem__, ("viscous_damping", "delay_and_lag"))
         value = self._onset(model)
 
-        def away(**end: Any) -> float:
-            return value - self._onset(replace(model, **end))
+        def away(end: ShaftModel) -> float:
+            return value - self._onset(end)
 
         below, above = (
-            math.hypot(away(damping=b), away(delay=d - model.lag))
+            math.hypot(away(replace(model, damping=b)), away(replace(model, delay=d - model.lag)))
             for b, d in ((damping.low, delay.high), (damping.high, delay.low))
         )
         return Estimate(value, max(value - below, 0.0), value + above, self.unit, damping.reason or delay.reason)

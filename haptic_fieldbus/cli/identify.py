@@ -143,8 +143,7 @@ def told_value(name: str, value: "Estimate") -> str:
 def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     """Yield the result as lines."""
     from haptic_fieldbus.api.identification import KEPT
-    from haptic_fieldbus.identification import further_texts, interval_text
-    from haptic_fieldbus.identification.estimates import NOT_CHECKED
+    from haptic_fieldbus.identification import NOT_CHECKED, further_texts
 
     if (fit := found.fit) is None:
         bounds = found.breakaway.items()
@@ -155,7 +154,7 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
             each = fit.values[name]
             yield OutputRow(WORDS[name], [told_value(name, each), *filter(None, [each.reason])])
         if fit.resonance:
-            yield OutputRow("resonance", [interval_text(fit.resonance)])
+            yield OutputRow("resonance", [told_value("resonance", fit.resonance)])
         else:
             yield OutputRow("beside", further_texts(fit))
         unused = f"{rounded(found.check or 0.0)} in a part of the motion that it did not use"

@@ -13,6 +13,11 @@ from haptic_fieldbus.signals import Workspace
 NOTICED = 0.01
 """Stribeck friction, and torques that repeat with the angle, are told from this share of the Coulomb friction on:
 rounding to counts looks like less."""
+NOT_CHECKED = (
+    "not checked: a wrong torque constant, gear or number of counts makes the values wrong, and no motion shows it; "
+    "fix a known mass to the handle and repeat with --with-mass or --with-inertia"
+)
+"""Told without an added mass."""
 
 
 @dataclass(frozen=True)

@@ -148,10 +148,3 @@ def scale_check(without: Estimate, with_mass: Estimate, known: float, gear: floa
     ratio = (with_mass.value - without.value) / known
     half = math.hypot(without.half_width, with_mass.half_width) / known
     return ScaleCheck(Estimate(ratio, ratio - half, ratio + half, ""), gear)
-
-
-NOT_CHECKED = (
-    "not checked: a wrong torque constant, gear or number of counts makes the values wrong, and no motion shows it; "
-    "fix a known mass to the handle and repeat with --with-mass or --with-inertia"
-)
-"""Told without an added mass."""
