@@ -71,7 +71,7 @@ DOES_WITHOUT = {
         "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
         "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units protocols.catalogue running.rights sim.host_request sim.faults",
-        "cli.twin": "api.twin identification planning.request",
+        "cli.twin": "api.twin",
         "cli.vcan": "vcan.runner",
         "running.ending": "assessing.result",
     },

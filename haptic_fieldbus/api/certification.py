@@ -131,10 +131,10 @@ class _TappedBench:
         """Yield what will move, how strongly and how stiffly."""
         effort, share = in_unit(self.effort, self.axis.workspace.effort_unit), self.effort / self.axis.rated_effort
         taps = "you tap the handle with a finger, and take the hand away" if self._asked.by_hand else "keep hands off"
+        top = f"{in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset)"
         yield f"axis {self.axis.name}: the handle moves by itself, into the contact and back"
         yield f"at most {effort} ({percent(share)} of rated torque)"
         yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
-        top = f"{in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset)"
         yield f"above it, up to {top}: nobody may touch the handle"
 
     def stiffnesses(self) -> Iterator[float]:
@@ -142,11 +142,9 @@ class _TappedBench:
         value = rounded_down(min(FIRST_STEP * min(self.limit, self.predicted), self.top), 3)
         allowed = self.plan.simulated
         while not self.ended:
-            if value > self.limit and not allowed:
-                if not agreed(self._above, self._question()):
-                    self.ended = "the limit, because going above it was not confirmed"
-                    return
-                allowed = True
+            if value > self.limit and not allowed and not (allowed := agreed(self._above, self._question())):
+                self.ended = "the limit, because going above it was not confirmed"
+                return
             yield value
             told = math.inf if self.fit is None else self._asked.share * self._onset(self.fit.model)
             before, value = value, min(STEP * value, self.top, told)
@@ -168,8 +166,7 @@ class _TappedBench:
 
     def tap(self, stiffness: float) -> None:
         """Tap the contact at a stiffness in a run of its own, and keep what it told."""
-        law = self._law(stiffness)
-        if law is None:
+        if (law := self._law(stiffness)) is None:
             return
         record = self._conducted(law, stiffness)
         if law.failure and not law.grew:
@@ -196,15 +193,14 @@ class _TappedBench:
         if press / stiffness < 1.5 * least:
             self.ended = FEW if press < room else ""
             return None
-        inside = INSIDE * (high - low) if limits.position else 0.0
+        inside, period = INSIDE * (high - low) if limits.position else 0.0, self.plan.period
         bounds = Bounds(
-            self.plan.period, axis.resolution, low + inside, high - inside, limits.speed, self.effort,
-            limits.acceleration,
+            period, axis.resolution, low + inside, high - inside, limits.speed, self.effort, limits.acceleration
+        )
+        return Tapping(
+            bounds, plant.mass, plant.coulomb, axis.delay.total + period, surface=surface, press=side * press,
+            least=least, by_hand=self._asked.by_hand and stiffness <= self.limit,
         )  # fmt: skip
-        law = Tapping(bounds, plant.mass, plant.coulomb, axis.delay.total + self.plan.period)
-        law.surface, law.press, law.least = surface, side * press, least
-        law.by_hand = self._asked.by_hand and stiffness <= self.limit
-        return law
 
     def _conducted(self, law: Tapping, stiffness: float) -> ShaftRecord:
         """Conduct the taps in a run, and return the record from the press on."""
@@ -215,11 +211,11 @@ class _TappedBench:
         stiff = with_parameters(self.element, {"stiffness": stiffness})
         varied = [stiff if each is self.element else each for each in self.plan.scene.elements]
         scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, self.effort, "taps")))
+        task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
         trial = Trial(
             duration=LONGEST, hand=FINGER if law.by_hand else "none", fade_in=FADE_IN, seed=self._asked.seed,
             confirm=self._confirmed, instruct=self._instruct,
         )  # fmt: skip
-        task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
 
         def watch(session: Session) -> bool:
             if session.cycle is not None and has_faded_in(session.cycle, name):
@@ -230,8 +226,7 @@ class _TappedBench:
         if not law.done:
             raise SafetyTripError("the taps were ended before the last one; torque is off")
         whole = shaft_record(self.axis, self.plan.period, session.kept, session.report.enabled_at_ns or 0)
-        part = slice(max(len(whole.positions) - law.periods, 0), None)
-        return replace(whole, positions=whole.positions[part], torques=whole.torques[part])
+        return whole.part(max(len(whole.positions) - law.periods, 0))
 
     # What the taps tell.
 
@@ -254,13 +249,15 @@ class _TappedBench:
             return None
         model, (damping, delay) = self.fit.model, map(self.fit.values.__getitem__, ("viscous_damping", "delay_and_lag"))
         value = self._onset(model)
-        ends = [
-            math.hypot(
-                value - self._onset(replace(model, damping=b)), value - self._onset(replace(model, delay=d - model.lag))
-            )
+
+        def away(end: ShaftModel) -> float:
+            return value - self._onset(end)
+
+        below, above = (
+            math.hypot(away(replace(model, damping=b)), away(replace(model, delay=d - model.lag)))
             for b, d in ((damping.low, delay.high), (damping.high, delay.low))
-        ]
-        return Estimate(value, max(value - ends[0], 0.0), value + ends[1], self.unit, damping.reason or delay.reason)
+        )
+        return Estimate(value, max(value - below, 0.0), value + above, self.unit, damping.reason or delay.reason)
 
     def certificate(self) -> Certificate:
         """Return what was seen."""
@@ -272,8 +269,8 @@ class _TappedBench:
             "bus": "simulated" if plan.simulated else self.axis.bus_name, "rate_hz": plan.rate,
             "basis": self.group.stability.limit.basis.value,
         }  # fmt: skip
-        ended, date = self.ended if self.contacts else FEW, datetime.now().astimezone().isoformat(timespec="seconds")
         return Certificate(
             plan.scene.name, self.element.name, self.unit, self.limit, self.predicted, tuple(self.contacts),
-            self._told_onset(), ended, bench, date,
+            self._told_onset(), self.ended if self.contacts else FEW, bench,
+            datetime.now().astimezone().isoformat(timespec="seconds"),
         )  # fmt: skip

@@ -4,7 +4,7 @@ The motor is off before, between and after the experiments. Values are at the mo
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import KW_ONLY, dataclass, replace
 from datetime import datetime
@@ -18,10 +18,10 @@ from haptic_fieldbus.assessing.looking_back import shaft_record_of
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import table_text, table_values, write_table
-from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis, RotaryMechanism
+from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError, raise_all
 from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
-from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck, scale_check
+from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
 from haptic_fieldbus.identification.shaft import ShaftModel
@@ -136,38 +136,46 @@ def identify(
     `announce` is called before any bus is opened, `progress` with the name of each stage. Raises DocumentError,
     UsageError, PlanError, and as a run BusError, DriveFaultError or SafetyTripError; the motor is off by then.
     """
-    bench = _Bench(task, confirm, instruct, progress)
+    bench, tell = _Bench(task, confirm, instruct), progress or (lambda stage: None)
     if announce is not None:
         announce(bench.announced)
-    ratio, first = bench.ratio, Probe(bench.bounds, task.skip)
-    probe, _ = bench.conducted(first)
+    ratio, bounds, first = bench.axis.mechanism.ratio, bench.bounds, Probe(bench.bounds, task.skip)
+    probe, _ = bench.conducted(first, tell)
     breakaway = {name: (ratio * low, ratio * high) for name, (low, high) in first.breakaway.items()}
     unseen = ("rest: skipped, so a weight that falls was not looked for",) if "rest" in task.skip else ()
-    found = IdentifiedBench(
-        bench.name, None, bench.announced, 1.0 / bench.bounds.period, None, bench.stated, (probe,), unseen, breakaway
-    )
+    found = IdentifiedBench(bench.announced, 1.0 / bounds.period, bench.stated, (probe,), breakaway, unseen)
     if "dynamics" in task.skip:
         return found.with_warnings("dynamics: skipped, so nothing is written into the rig, and the limit is as before")
     guess = _first_model(probe)
-    motion = GuidedMotion(
-        bench.bounds, guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio, guess.delay + guess.lag
-    )
-    record, stages = bench.conducted(motion)
-    used, rest = _part(record, stages, "motion"), _part(record, stages, "check")
-    bench.stage("fit")
+    mass, friction, load = guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio
+    record, stages = bench.conducted(GuidedMotion(bounds, mass, friction, load, guess.delay + guess.lag), tell)
+    begins = {stage: stages.index(stage) for stage in ("motion", "check")}
+    used, rest = (record.part(begin, begin + stages.count(stage)) for stage, begin in begins.items())
+    tell("fit")
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
     found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)
     if bench.without is not None:
-        return replace(found, scale=bench.scale(bench.without, fit))
-    found = found.with_warnings(*_contradictions(fit, bench.stated))
+        gear = getattr(bench.axis.mechanism, "gear_ratio", None)
+        return replace(found, scale=scale_check(bench.without, fit.values["inertia"], bench.added * ratio**2, gear))
+    found = found.with_warnings(*(
+        f"{name}: the rig states {in_unit(value, each.unit)}, measured {interval_text(each)}"
+        for name, value in bench.stated.items()
+        if value is not None and not (each := fit.values[name]).low <= value <= each.high
+    ))  # fmt: skip
+    plan, name, source = bench.planned, bench.announced.axis, bench.rig.source
     kept = identified_of(
-        fit, bench.rig.axis[bench.name], profile=bench.profile, rate=found.rate, serial=bench.serial,
-        planned_delay=float(f"{bench.planned_delay:.6g}"), axis=bench.name, simulated=only_simulated(bench.bus),
-        bus=bench.bus.route, units=bench.units,
+        fit, bench.axis, profile=plan.profile.name, rate=found.rate, serial=bench.serial,
+        planned_delay=float(f"{plan.delay.transport + plan.delay.torque_loop:.6g}"), axis=name,
+        simulated=only_simulated(bench.bus), bus=bench.bus.route, units=scaling_of(plan.profile),
     )  # fmt: skip
-    if write and bench.own_bus:
-        found = _written(found, bench, kept)
+    if write and task.bus is None and source:
+        path, values = ("axis", name, "identified"), table_values(kept)
+        if why := write_table(source, path, values):
+            by_hand = f"To add them by hand:\n{table_text(path, values)}"
+            found = found.with_warnings(f"the values were not saved in {source}: {why}. {by_hand}")
+        else:
+            found = replace(found, written=source)
     if fit.resonance:
         return found.with_warnings(
             "no limit of a rigid shaft holds for an elastic one: without simulation.coupling a run needs --force"
@@ -186,48 +194,38 @@ def bounds_of(task: BenchTask) -> Announcement:
 class _Bench:
     """The axis of a task, its bounds, and its runs."""
 
-    def __init__(
-        self, task: BenchTask, confirm: Question | None = None, instruct: Tell | None = None,
-        progress: Tell | None = None,
-    ) -> None:  # fmt: skip
-        self._task, self._confirm, self._instruct, self._progress = task, confirm, instruct, progress
+    def __init__(self, task: BenchTask, confirm: Question | None = None, instruct: Tell | None = None) -> None:
+        self._task, self._confirm, self._instruct = task, confirm, instruct
         check_request(rate=task.rate, seed=task.seed)
         _check_skipped(task)
-        rig, self.name = _one_axis(task)
+        rig, self._name = _one_axis(task)
         # An earlier measurement leads nothing: the bench may be another one since.
-        axis = replace(rig.axis[self.name], identified=Identified())
-        self.rig = replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={self.name: axis})
-        self.ratio = axis.mechanism.ratio
+        self.axis = axis = replace(rig.axis[self._name], identified=Identified())
+        self.rig = replace(rig, bus={axis.bus: rig.bus[axis.bus]}, axis={self._name: axis})
         self.stated = {key: getattr(axis, key) for key in MECHANICAL}
-        self.own_bus = task.bus is None and bool(self.rig.source)
         plan = self._plan(axis)
-        self.profile, self.units = plan.axes[0].profile.name, scaling_of(plan.axes[0].profile)
-        self.planned_delay = plan.axes[0].delay.transport + plan.axes[0].delay.torque_loop
-        self.bus = plan.rig.bus[axis.bus]
-        earlier = known_bench(replace(rig, bus=rig.bus | {axis.bus: self.bus}), self.name, plan.axes[0].profile)
-        self.without, self._added = _without_mass(task, self.name, rig.axis[self.name], earlier)
+        self.planned, self.bus = plan.axes[0], plan.rig.bus[axis.bus]
+        earlier = known_bench(replace(rig, bus=rig.bus | {axis.bus: self.bus}), self._name, self.planned.profile)
+        self.without, self.added = _without_mass(task, self._name, rig.axis[self._name], earlier)
         self.serial: int | None = None
-        self.announced = _announced(task, self.name, axis, plan.axes[0], plan.period)
-        told = self.announced
-        speed = GUARDED * told.speed
+        self.announced = told = _announced(task, self.planned, plan.period)
+        speed, travel = GUARDED * told.speed, told.high - told.low
         limits = replace(axis.limits, position=(told.low, told.high), speed=speed, effort=told.effort)
         # The bounds of the experiments follow from what a person stated and knows.
         self._bounded = replace(axis, limits=limits, i_know=(*axis.i_know, "limits.effort", "limits.speed"))
-        margin = MARGIN * (told.high - told.low)
+        acceleration = self._plan(self._bounded).axes[0].limits.acceleration
         self.bounds = Bounds(
-            plan.period, plan.axes[0].resolution, told.low + margin, told.high - margin,
-            GUARDED * min(told.speed, TRAVELS_PER_SECOND * (told.high - told.low)), told.effort,
-            self._plan(self._bounded).axes[0].limits.acceleration,
+            plan.period, self.planned.resolution, told.low + MARGIN * travel, told.high - MARGIN * travel,
+            GUARDED * min(told.speed, TRAVELS_PER_SECOND * travel), told.effort, acceleration,
         )  # fmt: skip
 
     def _scene(self, title: str, element: Element) -> Scene:
         """Return a scene of the axis with one element."""
-        workspace = self.rig.axis[self.name].mechanism.workspace
-        return Scene(NAME, title, (SceneAxis(self.name, workspace),), (element,))
+        return Scene(NAME, title, (SceneAxis(self._name, self.axis.mechanism.workspace),), (element,))
 
     def _task_with(self, axis: RigAxis, experiment: Experiment, effort: float) -> Task:
-        scene = self._scene("Measures the bench", MeasuringLaw(self.name, experiment, effort))
-        rig, task = replace(self.rig, axis={self.name: axis}), self._task
+        scene = self._scene("Measures the bench", MeasuringLaw(self._name, experiment, effort))
+        rig, task = replace(self.rig, axis={self._name: axis}), self._task
         return Task(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
 
     def _plan(self, axis: RigAxis) -> Plan:
@@ -235,11 +233,12 @@ class _Bench:
         nothing = Bounds(1e-3, 1e-6, -1.0, 1.0, 1.0, 1.0, math.inf)
         return load(self._task_with(axis, Probe(nothing), 0.0)).plan
 
-    def conducted(self, experiment: Experiment) -> tuple[ShaftRecord, list[str]]:
+    def conducted(self, experiment: Experiment, tell: Tell) -> tuple[ShaftRecord, list[str]]:
         """Conduct an experiment in a run of its own; return the record at the shaft and the stage of each sample.
 
-        Raises SafetyTripError with the reason when the experiment ended early, KeyboardInterrupt when a signal ended
-        it, and the errors of a run.
+        `tell` gets the name of each stage; missing samples are drawn as straight lines. Raises SafetyTripError with the
+        reason when the experiment ended early or when more than one sample in a hundred is missing, KeyboardInterrupt
+        when a signal ended it, and the errors of a run.
         """
         task = self._task_with(self._bounded, experiment, self.announced.effort)
         # Without a stated bench the run is one without a limit, with the cap of such a run.
@@ -248,76 +247,43 @@ class _Bench:
             duration=LONGEST, hand="none", fade_in=FADE_IN, seed=self._task.seed, force=unknown, confirm=self._confirm,
             instruct=self._instruct,
         )  # fmt: skip
-        taken = _Taken(self, experiment)
-        session = conduct(*prepare_run(task, trial), taken.period)
+        rows, told, has_begun = list[tuple[int, float, float, str]](), "", False
+
+        def watch(session: Session) -> bool:
+            """Note time [ns], position, effort and stage of a sample; return True when the run is to end."""
+            nonlocal told, has_begun
+            cycle = session.cycle
+            if cycle is None or not (has_begun or has_faded_in(cycle, self._name)):
+                return False
+            state, stage = cycle.axes[self._name].state, experiment.stage
+            if has_begun and state.steps:
+                rows.append((cycle.t_ns, state.position, state.target * self.planned.effort_unit, stage))
+            if stage != told:
+                tell(stage)
+            told, has_begun, experiment.armed = stage, True, not experiment.done
+            return experiment.done
+
+        session = conduct(*prepare_run(task, trial), watch)
         if not session.plan.simulated:  # a simulated drive draws its number
-            self.serial = session.identities[self.name].serial
+            self.serial = session.identities[self._name].serial
         if experiment.failure:
             raise SafetyTripError(f"{experiment.failure}; torque is off")
         if not experiment.done:
             raise SafetyTripError("the experiment was ended before its last stage; torque is off")
-        return taken.record()
-
-    def scale(self, without: Estimate, fit: ShaftFit) -> ScaleCheck:
-        """Return the check of torque, gear and counts by the added mass."""
-        mechanism = self.rig.axis[self.name].mechanism
-        gear = mechanism.gear_ratio if isinstance(mechanism, RotaryMechanism) else None
-        return scale_check(without, fit.values["inertia"], self._added * self.ratio**2, gear)
+        *columns, stages = zip(*rows, strict=True)
+        period, resolution, ratio = self.bounds.period, self.bounds.resolution, self.axis.mechanism.ratio
+        record, held = shaft_record_of(*map(np.array, columns), period=period, resolution=resolution, ratio=ratio)
+        if (missing := 1.0 - len(stages) / len(held)) > 0.01:
+            raise SafetyTripError(f"{rounded(100.0 * missing)} % of the samples are missing; torque is off")
+        return record, [stages[each] for each in held]
 
     def limit(self, kept: Identified) -> tuple[float, str, str] | None:
         """Return the limit of a wall on the measured bench, its unit and its basis; None where it has none."""
-        axis, task = replace(self.rig.axis[self.name], identified=kept), self._task
-        scene = self._scene("A wall", Wall(self.name, 1.0, self.bounds.middle))
-        rig = replace(self.rig, axis={self.name: axis})
+        scene, task = self._scene("A wall", Wall(self._name, 1.0, self.bounds.middle)), self._task
+        rig = replace(self.rig, axis={self._name: replace(self.axis, identified=kept)})
         judged = stability(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
         found = judged.limit
         return (found.value, judged.unit, found.basis.value) if math.isfinite(found.value) else None
-
-    def stage(self, name: str) -> None:
-        """Tell that a stage has begun."""
-        if self._progress is not None:
-            self._progress(name)
-
-
-class _Taken:
-    """Samples of one experiment, taken after each period of its run."""
-
-    def __init__(self, bench: _Bench, experiment: Experiment) -> None:
-        self._bench, self._experiment, self._stage, self._has_begun = bench, experiment, "", False
-        self.rows: list[tuple[int, float, float, str]] = []
-        """Time [ns], position, effort and stage of each sample."""
-
-    def period(self, session: Session) -> bool:
-        """Note one period; return True when the run is to end."""
-        cycle, experiment, name = session.cycle, self._experiment, self._bench.name
-        if cycle is None:  # confirmed, and not yet enabled
-            return False
-        if not self._has_begun:
-            experiment.armed = self._has_begun = has_faded_in(cycle, name)
-            return False
-        state = cycle.axes[name].state
-        if state.steps:
-            effort = state.target * session.plan.axes[0].effort_unit
-            self.rows.append((cycle.t_ns, state.position, effort, experiment.stage))
-        if experiment.stage != self._stage:
-            self._stage = experiment.stage
-            self._bench.stage(self._stage)
-        experiment.armed = not experiment.done
-        return experiment.done
-
-    def record(self) -> tuple[ShaftRecord, list[str]]:
-        """Return the record at the motor shaft, and its stages; missing samples are drawn as straight lines.
-
-        Raises SafetyTripError when more than one sample in a hundred is missing.
-        """
-        bench, (*columns, stages) = self._bench, zip(*self.rows, strict=True)
-        record, held = shaft_record_of(
-            *map(np.array, columns), period=bench.bounds.period, resolution=bench.bounds.resolution, ratio=bench.ratio
-        )
-        if len(held) - len(stages) > 0.01 * len(held):
-            missing = rounded(100.0 * (len(held) - len(stages)) / len(held))
-            raise SafetyTripError(f"{missing} % of the samples are missing; torque is off")
-        return record, [stages[each] for each in held]
 
 
 OFF = "; the motor is off"
@@ -404,21 +370,22 @@ def _without_mass(task: BenchTask, name: str, axis: RigAxis, earlier: KnownBench
     return Estimate(before.inertia, *before.inertia_interval, "kg·m²"), added
 
 
-def _announced(task: BenchTask, name: str, axis: RigAxis, plan: AxisPlan, period: float) -> Announcement:
+def _announced(task: BenchTask, plan: AxisPlan, period: float) -> Announcement:
     """Return the bounds of the experiments: those of the task inside those of the rig; raises UsageError."""
     given = {"travel": task.travel, "effort": task.effort, "speed": task.speed}
-    expected = "expected a number above 0"
-    wrong = [f"--{key} {each}: {expected}" for key, each in given.items() if each is not None and not each > 0.0]
-    raise_all(wrong)
-    low, high = _travel(task, axis)
+    raise_all([
+        f"--{key} {each}: expected a number above 0"
+        for key, each in given.items()
+        if each is not None and not each > 0.0
+    ])  # fmt: skip
+    low, high = _travel(task, plan.rig)
+    mechanism, probe = plan.rig.mechanism, sign_probe(plan, period)
     effort = min(task.effort or EFFORT_SHARE * plan.rated_effort, plan.limits.effort)
-    highest = axis.limits.speed or SPEED_LIMIT[axis.mechanism.kind]
-    noise = COUNTS_OF_NOISE * plan.resolution / period
-    speed = min(task.speed or TRAVELS_PER_SECOND * (high - low) + noise, highest)
-    space, probe = axis.mechanism.workspace, sign_probe(plan, period)
+    usual = TRAVELS_PER_SECOND * (high - low) + COUNTS_OF_NOISE * plan.resolution / period
+    speed = min(task.speed or usual, plan.rig.limits.speed or SPEED_LIMIT[mechanism.kind])
     return Announcement(
-        name, low, high, speed, effort, effort * axis.mechanism.ratio, space.length_unit, space.effort_unit,
-        effort / plan.rated_effort, probe.largest if probe else 0.0, axis.mechanism.zero == "start", task.skip,
+        plan.name, low, high, speed, effort, effort * mechanism.ratio, mechanism.workspace, effort / plan.rated_effort,
+        probe.largest if probe else 0.0, mechanism.zero == "start", task.skip,
     )  # fmt: skip
 
 
@@ -444,13 +411,6 @@ def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
     return first, first + wanted
 
 
-def _part(record: ShaftRecord, stages: list[str], stage: str) -> ShaftRecord:
-    """Return the samples of one stage."""
-    first = stages.index(stage)
-    part = slice(first, first + stages.count(stage))
-    return replace(record, positions=record.positions[part], torques=record.torques[part])
-
-
 def _first_model(probe: ShaftRecord) -> ShaftModel:
     """Return the model by which the motion is led; raises SafetyTripError when the probe does not tell one."""
     try:
@@ -466,14 +426,6 @@ def _first_model(probe: ShaftRecord) -> ShaftModel:
     return fit.model
 
 
-def _contradictions(fit: ShaftFit, stated: Mapping[str, float | None]) -> Iterator[str]:
-    """Yield a sentence for each value of the rig that lies outside of its interval."""
-    for name, value in stated.items():
-        each = fit.values[name]
-        if value is not None and not each.low <= value <= each.high:
-            yield f"{name}: the rig states {in_unit(value, each.unit)}, measured {interval_text(each)}"
-
-
 # The rig file.
 
 
@@ -481,29 +433,17 @@ def identified_of(fit: ShaftFit, axis: RigAxis, /, **conditions: str | float | i
     """Return what a rig keeps of a fit: its values, or its resonance; `conditions` are more keys of `Identified`."""
     resonance = float(f"{fit.resonance.value:.4g}") if fit.resonance else None
     date = datetime.now().astimezone().isoformat(timespec="seconds")
-    told: dict[str, Any] = {"resonance": resonance, "date": date, **conditions}
-    kept = told_by(fit, () if fit.resonance else KEPT, **told)
+    names = () if fit.resonance else KEPT
+    kept = told_by(fit, dict.fromkeys(names, 1.0), resonance=resonance, date=date, **conditions)
     return replace(kept, digest=digest_with(axis, kept))
 
 
-def told_by(
-    fit: ShaftFit | RunFit, names: Iterable[str], scales: Mapping[str, float] | None = None, **conditions: Any
-) -> Identified:
-    """Return these values of a fit with six digits, each over its scale; `conditions` are more keys of `Identified`."""
+def told_by(fit: ShaftFit | RunFit, scales: Mapping[str, float], **conditions: Any) -> Identified:
+    """Return values of a fit with six digits, each over its scale; `conditions` are more keys of `Identified`."""
     kept: dict[str, Any] = {}
-    for name in names:
-        each, scale = fit.values[name], scales[name] if scales else 1.0
+    for name, scale in scales.items():
+        each = fit.values[name]
         low, value, high = (float(f"{number / scale:.6g}") for number in (each.low, each.value, each.high))
         kept |= {name: value, f"{name}_interval": (low, high)}
     top_speed, residual = float(f"{fit.top_speed:.4g}"), float(f"{fit.residual:.3g}")
     return Identified(**kept, **conditions, top_speed=top_speed, residual_counts=residual)
-
-
-def _written(found: IdentifiedBench, bench: _Bench, kept: Identified) -> IdentifiedBench:
-    """Write the values into the rig file; a file that cannot be written is a warning with the table to add by hand."""
-    path, values = ("axis", found.axis, "identified"), table_values(kept)
-    if why := write_table(bench.rig.source, path, values):
-        return found.with_warnings(
-            f"the values were not saved in {bench.rig.source}: {why}. To add them by hand:\n{table_text(path, values)}"
-        )
-    return replace(found, written=bench.rig.source)

@@ -22,7 +22,7 @@ from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification.estimates import UNITS
 from haptic_fieldbus.identification.shaft import ShaftModel
-from haptic_fieldbus.identification.twin import COUNT_SCALES, HoldingHand, RunFit, RunRecord, fit_run
+from haptic_fieldbus.identification.twin import COUNT_SCALES, NOBODY, HoldingHand, RunFit, RunRecord, fit_run
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.known_bench import SCALES
@@ -86,7 +86,7 @@ class BenchTwin:
         fit = self.fit
         return {
             "recording": self.recording, "axis": self.axis, "hand": self.hand,
-            "values": {name: {**vars(each), "reason": each.reason or None} for name, each in fit.values.items()},
+            "values": {name: each.to_json() for name, each in fit.values.items()},
             "predicted": {"fit": fit.residual, "check": fit.predicted, "unit": "counts", "seconds": fit.seconds},
             "changed": [vars(each) for each in self.changed], "unknown": self.unknown, "warnings": self.warnings,
         }  # fmt: skip
@@ -111,28 +111,35 @@ def twin(
     check_values("twin", ((name, value) for name, value in asked.items() if value is not None))
     found = recording if isinstance(recording, RecordedRun) else read_recording(recording)
     base = rig if isinstance(rig, Rig) else load_rig(rig, profiles)
-    if found.provenance is None:
+    origin = found.provenance
+    if origin is None:
         raise UsageError(f"{found.path}: no provenance, so the plan of the run is not known")
-    with repeated(found.provenance, simulated=False) as (task, conditions):
+    with repeated(origin, simulated=False) as (task, conditions):
         plan = load(task).plan
-    held = _hand_of(found, hand, free)
+    known = origin.simulated and origin.faults is None and origin.conditions.led == ()
+    if hand is None and not free and not known:
+        raise UsageError(
+            f"{found.path}: the hand is unknown, since the run was on a real bench, had faults, or its hand was led on "
+            "a page. State --free FROM:TO for each time in which nobody held the handle, or --hand"
+        )
+    held = origin.conditions.hand if hand is None and not free else hand or "none"
     recorded = _axis_of(found, plan, base, axis, profiles)
     name, own = recorded.name, base.axis[recorded.name]
     shipped = default_axis(own.mechanism.workspace, bus=own.bus, node=own.node, profile=own.profile)
     inertia, damping, friction = (getattr(own, key) or getattr(shipped, key) for key in MECHANICAL)
-    stated = ShaftModel(inertia, damping, friction, recorded.delay.transport, recorded.delay.torque_loop)
+    delay, lag = recorded.delay.transport, recorded.delay.torque_loop
     record = _record(found, plan, recorded, held, free, conditions["fade_in"])
     try:
-        fit = fit_run(record, stated)
+        fit = fit_run(record, ShaftModel(inertia, damping, friction, delay, lag))
     except ValueError as error:
         raise UsageError(f"{found.path}: no bench can be fitted: {error}") from error
-    serial: Any = None if plan.simulated else found.provenance.drives.get(name, {}).get("serial")
+    serial: Any = None if plan.simulated else origin.drives.get(name, {}).get("serial")
     # Values as counts and torque of the rig show them; without a digest they are judged as stated ones.
     scales = _scales(fit.values["torque_scale"].value, fit.values["count_scale"].value)
     kept = told_by(
-        fit, [key for key in KEPT if not fit.values[key].reason], scales, profile=recorded.profile.name,
-        rate=1.0 / plan.period, planned_delay=float(f"{recorded.delay.transport + recorded.delay.torque_loop:.6g}"),
-        date=found.provenance.date, serial=serial, simulated=found.provenance.simulated,
+        fit, {key: scale for key, scale in scales.items() if not fit.values[key].reason}, rate=1.0 / plan.period,
+        profile=recorded.profile.name, planned_delay=float(f"{delay + lag:.6g}"), date=origin.date, serial=serial,
+        simulated=origin.simulated,
     )  # fmt: skip
     fitted = replace(own, proved=None, identified=kept, simulation=_simulation(fit, own, recorded))
     is_twin = own.identified != Identified()
@@ -146,38 +153,24 @@ def twin(
 # The record at the motor shaft.
 
 
-def _hand_of(found: RecordedRun, hand: str | None, free: Sequence[tuple[float, float]]) -> str:
-    """Return the name of the hand; raises UsageError where nobody knows it."""
-    origin = found.provenance
-    if hand is not None or free or origin is None:
-        return hand or "none"
-    if not origin.simulated or origin.faults is not None or origin.conditions.led != ():
-        raise UsageError(
-            f"{found.path}: the hand is unknown, since the run was on a real bench, had faults, or its hand was led on "
-            "a page. State --free FROM:TO for each time in which nobody held the handle, or --hand"
-        )
-    return origin.conditions.hand
-
-
 def _axis_of(found: RecordedRun, plan: Plan, base: Rig, axis: str | None, profiles: str | Path | None) -> AxisPlan:
     """Return the axis that is fitted; raises UsageError unless recording and rig have it, with the same scales."""
     shared = {each.name: each for each in plan.axes if each.name in base.axis}
     name = axis or (next(iter(shared)) if len(shared) == 1 else "")
     if name not in shared:
         raise UsageError(f'--axis "{name}": expected an axis of recording and rig: {", ".join(shared) or "none"}')
-    stated = load_profile(own_profile(base.axis[name].profile, profiles)).name
-    if stated != shared[name].profile.name:
-        raise UsageError(
-            f"axis.{name}.profile of the rig is {stated}, that of the recorded run {shared[name].profile.name}; "
-            "expected the same bench"
-        )
+    own, recorded = base.axis[name], shared[name]
+    stated, before = load_profile(own_profile(own.profile, profiles)).name, recorded.profile.name
+    if stated != before:
+        other = f"is {stated}, that of the recorded run {before}"
+        raise UsageError(f"axis.{name}.profile of the rig {other}; expected the same bench")
     for key in ("mechanism", *SCALES):
-        if getattr(base.axis[name], key) != getattr(shared[name].rig, key):
+        if getattr(own, key) != getattr(recorded.rig, key):
             raise UsageError(f"axis.{name}.{key} of the rig is not that of the recorded run; expected the same bench")
-    needed = ("position", "target torque", "statusword", "flags")
-    if shared[name].integrates or any(f"{name}.{each}" not in found.columns for each in needed):
-        raise UsageError(f"{found.path}: expected rows of {name} with {', '.join(needed[:-1])} and {needed[-1]}")
-    return shared[name]
+    *needed, last = "position", "target torque", "statusword", "flags"
+    if recorded.integrates or any(f"{name}.{each}" not in found.columns for each in (*needed, last)):
+        raise UsageError(f"{found.path}: expected rows of {name} with {', '.join(needed)} and {last}")
+    return recorded
 
 
 def _record(
@@ -193,7 +186,7 @@ def _record(
     grid, first = np.arange(places[-1] + 1), int(places[np.argmax(enabled)])
     held = np.searchsorted(places, grid, side="right") - 1
     inside = np.any([(begin <= times) & (times <= end) for begin, end in free], axis=0) if free else enabled
-    holding, release = _holding(hand, axis, fade_in) if plan.scene.holds(name) else (None, math.inf)
+    holding, release = _holding(hand if plan.scene.holds(name) else "none", axis, fade_in)
     usable = np.zeros(len(grid), bool)
     usable[places] = enabled & inside & (found[f"{name}.flags"] == 0) & (times < times[np.argmax(enabled)] + release)
     positions = np.interp(grid, places, found[f"{name}.position"]) / ratio
@@ -202,11 +195,11 @@ def _record(
                      max(first - 1, 0))  # fmt: skip
 
 
-def _holding(name: str, axis: AxisPlan, fade_in: float) -> tuple[HoldingHand | None, float]:
+def _holding(name: str, axis: AxisPlan, fade_in: float) -> tuple[HoldingHand, float]:
     """Return a hand at the motor shaft, which waits as in a run until force has faded in, and when it lets go [s]."""
     hand = hand_named(name)
     if hand is None:
-        return None, math.inf
+        return NOBODY, math.inf
     held = grip(hand.after(fade_in), replace(axis.rig.mechanism, sign=1))
     pieces = tuple((each.start, each.force, each.slope) for each in held.pieces)
     holding = HoldingHand(held.inertia, held.damping, held.stiffness, pieces, held.angular_frequency)

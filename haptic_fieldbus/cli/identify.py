@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from haptic_fieldbus.cli.options import (
     BENCH,
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from haptic_fieldbus.identification import IdentifiedBench
+    from haptic_fieldbus.identification.estimates import Estimate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,16 +91,11 @@ def identify(options: IdentifyOptions) -> None:
         lines = list(bounds_of(task).lines())
         show_result(lines_of([OutputRow("move", lines)]), lambda: {"move": lines}, as_json=options.as_json)
         return
-    if not sys.stdin.isatty():
-        never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig])  # of the rig file before it is changed
     found = measure_bench(
-        task,
-        confirm=tell_question if options.yes else ask,
-        instruct=None if options.yes or not sys.stderr.isatty() else instruct,
-        announce=lambda told: _announce(told.lines(), options),
-        progress=lambda stage: show([("stage", stage)], sys.stderr) if sys.stderr.isatty() else None,
-    )
+        task, **_dialogue(options), announce=lambda told: _announce(told.lines(), options),
+        progress=lambda stage: _show_progress("stage", stage),
+    )  # fmt: skip
     show_result(lines_of(_rows(found)), found.to_json, as_json=options.as_json)
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_identified
@@ -109,6 +105,14 @@ def identify(options: IdentifyOptions) -> None:
             show([("plot", str(options.plot))])
 
 
+def _dialogue(options: "IdentifyOptions | CertifyOptions") -> dict[str, Any]:
+    """Return how a person is asked and instructed, as arguments of the API; without one the output never waits."""
+    if not sys.stdin.isatty():
+        never_wait()
+    is_guided = not options.yes and sys.stderr.isatty()
+    return {"confirm": tell_question if options.yes else ask, "instruct": instruct if is_guided else None}
+
+
 def _announce(lines: Iterable[str], options: "IdentifyOptions | CertifyOptions") -> None:
     """Say what will move, beside a JSON object on standard error."""
     talk = sys.stderr if options.as_json else sys.stdout
@@ -116,44 +120,54 @@ def _announce(lines: Iterable[str], options: "IdentifyOptions | CertifyOptions")
     talk.flush()
 
 
-LABELS = {"inertia": "inertia", "viscous_damping": "damping", "coulomb_friction": "friction", "delay_and_lag": "delay",
-          "torque_lag": "lag"}  # fmt: skip
-"""Values that people are shown, and their words."""
+def _show_progress(label: str, text: str) -> None:
+    if sys.stderr.isatty():
+        show([(label, text)], sys.stderr)
+
+
+WORDS = {"inertia": "inertia", "viscous_damping": "damping", "coulomb_friction": "friction", "delay_and_lag": "delay",
+         "torque_lag": "lag", "torque_scale": "torque", "encoder_counts_per_revolution": "counts"}  # fmt: skip
+"""Words for values that people are shown."""
+
+
+def told_value(name: str, value: "Estimate") -> str:
+    """Return a measured value with its interval."""
+    from haptic_fieldbus.identification import interval_text
+
+    return interval_text(value) + (", with the lag of the torque loop" if name == "delay_and_lag" else "")
 
 
 def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
     """Yield the result as lines."""
-    from haptic_fieldbus.identification import further_texts, interval_text
+    from haptic_fieldbus.api.identification import KEPT
+    from haptic_fieldbus.identification import NOT_CHECKED, further_texts
 
     if (fit := found.fit) is None:
         bounds = found.breakaway.items()
         told = (f"{in_unit(low, 'N·m')} to {in_unit(high, 'N·m')} {way}" for way, (low, high) in bounds)
         yield OutputRow("breakaway", [", ".join(told)])
     else:
-        for name, label in LABELS.items():
+        for name in KEPT:
             each = fit.values[name]
-            more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
-            yield OutputRow(label, [f"{interval_text(each)}{more}", *filter(None, [each.reason])])
+            yield OutputRow(WORDS[name], [told_value(name, each), *filter(None, [each.reason])])
         if fit.resonance:
-            yield OutputRow("resonance", [interval_text(fit.resonance)])
+            yield OutputRow("resonance", [told_value("resonance", fit.resonance)])
         else:
             yield OutputRow("beside", further_texts(fit))
-        left, unused = rounded(fit.residual), rounded(found.check or 0.0)
-        yield OutputRow(
-            "fit", [f"leaves {left} counts unexplained, {unused} in a part of the motion that it did not use"]
-        )
+        unused = f"{rounded(found.check or 0.0)} in a part of the motion that it did not use"
+        yield OutputRow("fit", [f"leaves {rounded(fit.residual)} counts unexplained, {unused}"])
     if found.limit is not None:
         limit, unit, _ = found.limit
         yield OutputRow("limit", [f"{rounded_limit(limit)} {unit} for a wall at {exactly(found.rate)} Hz"])
     if fit is not None:
-        yield OutputRow("scale", [found.scale_text])
+        yield OutputRow("scale", [found.scale.text() if found.scale else NOT_CHECKED])
     yield OutputRow("warning", found.warnings)
     if found.written:
-        yield OutputRow("rig", [f"[axis.{found.axis}.identified] written into {found.written}"])
+        yield OutputRow("rig", [f"[axis.{found.announced.axis}.identified] written into {found.written}"])
 
 
 CERTIFIED = ("seen", "onset", "predicted", "bench", "date")
-KEPT = ("seed", "yes")
+OF_BOTH = ("seed", "yes")
 """Options of `run` that this command has too."""
 
 
@@ -169,34 +183,25 @@ class CertifyOptions(SceneOptions):
     )
 
 
-@options_of(CertifyOptions, without=[*(each for each in OF_A_RUN if each not in KEPT), "verbose"])
+@options_of(CertifyOptions, without=[*(each for each in OF_A_RUN if each not in OF_BOTH), "verbose"])
 def certify(options: CertifyOptions) -> None:
     """Raise the stiffness of SCENE in steps and tap it: the largest one that is well damped, and the onset. Measure
     first: `identify`."""
     from haptic_fieldbus.api.certification import CertifyTask
     from haptic_fieldbus.api.certification import certify as raise_stiffness
     from haptic_fieldbus.api.provenance import picture_mark
-    from haptic_fieldbus.planning.request import file_faults
 
     check_plot(options.plot)
     values = None if options.plot is None else options.plot.with_suffix(".json")
-    if values is not None and values.exists():
-        raise UsageError(f"{values}: exists; move it away")
-    raise_all(file_faults("out", values, (".json",)))
+    check_new(values)
     note_bitrate(options.bus)
-    if not sys.stdin.isatty():
-        never_wait()
     mark = "" if options.plot is None else picture_mark(files=[options.rig] if options.rig else [])
     found = raise_stiffness(
-        CertifyTask(options.task(), options.by_hand, options.share, options.seed),
-        confirm=tell_question if options.yes else ask,
+        CertifyTask(options.task(), options.by_hand, options.share, options.seed), **_dialogue(options),
         above=tell_question if options.above else None if options.yes or not sys.stdin.isatty() else ask,
-        instruct=None if options.yes or not sys.stderr.isatty() else instruct,
         announce=lambda told: _announce(told, options),
-        progress=lambda stiffness, unit: (
-            show([("tapping", in_unit(stiffness, unit))], sys.stderr) if sys.stderr.isatty() else None
-        ),
-    )
+        progress=lambda stiffness, unit: _show_progress("tapping", in_unit(stiffness, unit)),
+    )  # fmt: skip
     rows = list(found.rows())
     certificate = object_of(rows, CERTIFIED)
     show_result(lines_of(rows), lambda: certificate, as_json=options.as_json)
@@ -204,9 +209,23 @@ def certify(options: CertifyOptions) -> None:
         from haptic_fieldbus.report.plot import draw_certificate
 
         draw(options.plot, draw_certificate(found), mark)
-        try:
-            values.write_text(json.dumps(plain(certificate), indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f'out "{values}": {error.strerror}') from error
+        write_new(values, json.dumps(plain(certificate), indent=2) + "\n")
         if not options.as_json:
             show([("out", f"{options.plot}, {values.name}")])
+
+
+def check_new(out: Path | None) -> None:
+    """Raise UsageError when a file exists or cannot be written; no file is right."""
+    from haptic_fieldbus.planning.request import file_faults
+
+    if out is not None and out.exists():
+        raise UsageError(f"{out}: exists; move it away")
+    raise_all(file_faults("out", out, () if out is None else (out.suffix,)))
+
+
+def write_new(out: Path, text: str) -> None:
+    """Write a file; raises UsageError when it cannot be written."""
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f'out "{out}": {error.strerror}') from error

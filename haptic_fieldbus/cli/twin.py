@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptic_fieldbus.cli.identify import WORDS, check_new, told_value, write_new
 from haptic_fieldbus.cli.options import BENCH, HANDS, OUTPUT, JsonOption, ProfilesOption, option, seconds
 from haptic_fieldbus.cli.replay import DIFFERENT
 from haptic_fieldbus.cli.screen import show_result
@@ -15,11 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from haptic_fieldbus.api.twin import BenchTwin
-
-
-LABELS = {"inertia": "inertia", "viscous_damping": "damping", "coulomb_friction": "friction", "delay_and_lag": "delay",
-          "torque_scale": "torque", "encoder_counts_per_revolution": "counts"}  # fmt: skip
-"""Values that people are shown, and their words."""
 
 
 def twin(
@@ -43,22 +39,14 @@ def twin(
     With --check, the exit status is 1 when a value changed.
     """
     from haptic_fieldbus.api.twin import twin as fit_twin
-    from haptic_fieldbus.planning.request import file_faults
 
-    if out is not None and out.exists():
-        raise UsageError(f"{out}: exists; move it away")
-    if out is not None and (wrong := file_faults("out", out, (out.suffix,))):
-        raise UsageError("\n".join(wrong))
-    found = fit_twin(
-        recording, rig, axis=axis, hand=hand, free=[_times(each) for each in free or ()], profiles=profiles
-    )
+    check_new(out)
+    times = [_times(each) for each in free or ()]
+    found = fit_twin(recording, rig, axis=axis, hand=hand, free=times, profiles=profiles)
     if check and not found.compared:
         raise UsageError(f"{rig}: no twin, since it has no [axis.{found.axis}.identified]")
     if out is not None:
-        try:
-            out.write_text(found.text, encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f'out "{out}": {error.strerror}') from error
+        write_new(out, found.text)
     rows = [*_rows(found, check), OutputRow("written", [] if out is None else [str(out)])]
     show_result(lines_of(rows), found.to_json, as_json=as_json)
     if check and found.changed:
@@ -77,26 +65,23 @@ def _times(text: str) -> tuple[float, float]:
 def _rows(found: "BenchTwin", check: bool) -> "Iterator[OutputRow]":
     """Yield the result as lines."""
     from haptic_fieldbus.api.twin import KEPT
-    from haptic_fieldbus.identification import interval_text
 
+    fit = found.fit
     for name in KEPT:
-        each = found.fit.values[name]
-        more = ", with the lag of the torque loop" if name == "delay_and_lag" else ""
-        yield OutputRow(LABELS[name], [f"not told: {each.reason}" if each.reason else f"{interval_text(each)}{more}"])
+        each = fit.values[name]
+        yield OutputRow(WORDS[name], [f"not told: {each.reason}" if each.reason else told_value(name, each)])
     for name, label in (("torque_scale", "torque"), ("count_scale", "counts")):
-        scale = found.fit.values[name]
+        scale = fit.values[name]
         if scale.reason:
             yield OutputRow(label, [f"not told: {scale.reason}; the values hold for that of the rig"])
         elif scale.value != 1.0:
             yield OutputRow(label, [f"{rounded(scale.value)} times those of the rig"])
-    fit = found.fit
-    left = f"leaves {rounded(fit.residual)} counts unexplained"
-    if fit.predicted is not None:
-        left += f", {rounded(fit.predicted)} in a part that it did not use"
+    unused = "" if fit.predicted is None else f", {rounded(fit.predicted)} in a part that it did not use"
+    left = f"leaves {rounded(fit.residual)} counts unexplained{unused}"
     yield OutputRow("fit", [f"{rounded(fit.seconds)} s of motion, hand {found.hand}; {left}"])
     yield OutputRow("warning", found.warnings)
     if check:
-        told = [f"{LABELS[each.name]} {each.text}" for each in found.changed]
+        told = [f"{WORDS[each.name]} {each.text}" for each in found.changed]
         yield OutputRow("changed", told or ["nothing that this recording tells"])
         if found.unknown:
-            yield OutputRow("unknown", [", ".join(LABELS[name] for name in found.unknown)])
+            yield OutputRow("unknown", [", ".join(WORDS[name] for name in found.unknown)])

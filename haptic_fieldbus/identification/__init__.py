@@ -4,14 +4,20 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from haptic_fieldbus.identification.estimates import NOT_CHECKED, Estimate, ScaleCheck
+from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
+from haptic_fieldbus.signals import Workspace
 
 NOTICED = 0.01
 """Stribeck friction, and torques that repeat with the angle, are told from this share of the Coulomb friction on:
 rounding to counts looks like less."""
+NOT_CHECKED = (
+    "not checked: a wrong torque constant, gear or number of counts makes the values wrong, and no motion shows it; "
+    "fix a known mass to the handle and repeat with --with-mass or --with-inertia"
+)
+"""Told without an added mass."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +32,7 @@ class Announcement:
     effort: float
     torque: float
     """The effort at the motor shaft [N·m]."""
-    length_unit: str
-    effort_unit: str
+    workspace: Workspace
     share: float
     """Effort as a share of rated effort."""
     pulses: float
@@ -39,19 +44,17 @@ class Announcement:
 
     def lines(self) -> Iterator[str]:
         """Yield what will move, how far, how fast and how strongly."""
-        low, high = (in_unit(each, self.length_unit) for each in (self.low, self.high))
-        back = in_unit(-self.low, self.length_unit)
+        length, effort = self.workspace.length_unit, self.workspace.effort_unit
+        low, high, back = (in_unit(each, length) for each in (self.low, self.high, -self.low))
         place = f"from where it is; put it where it can go {back} back and {high} ahead"
         begin = place if self.from_start else "by the rig's zero"
         yield f"axis {self.axis}: the handle moves by itself, from {low} to {high} {begin}; keep hands off"
-        yield (
-            f"at most {in_unit(self.effort, self.effort_unit)} ({percent(self.share)} of rated torque) and "
-            f"{in_unit(self.speed, f'{self.length_unit}/s')}; beyond these the motor is switched off"
-        )
+        most = f"{in_unit(self.effort, effort)} ({percent(self.share)} of rated torque)"
+        yield f"at most {most} and {in_unit(self.speed, f'{length}/s')}; beyond these the motor is switched off"
         if self.pulses:
             yield (
-                f"before that, pulses of up to {in_unit(self.pulses, self.effort_unit)} test the motor direction, as "
-                "in every run; they grow until the handle moves, and how fast it is then is not known beforehand"
+                f"before that, pulses of up to {in_unit(self.pulses, effort)} test the motor direction, as in every "
+                "run; they grow until the handle moves, and how fast it is then is not known beforehand"
             )
         parts = {"rest": "rest", "friction": "slow pushes until it moves", "dynamics": "short pulses"}
         yield f"first run: {', '.join(told for part, told in parts.items() if part not in self.skipped)}"
@@ -63,21 +66,20 @@ class Announcement:
 class IdentifiedBench:
     """The measured values of an axis, and what they rest on."""
 
-    axis: str
-    fit: ShaftFit | None
-    """None where dynamics were skipped."""
     announced: Announcement
     rate: float
     """[Hz]"""
-    check: float | None
-    """Prediction error of the part of the record that the fit did not use [counts, rms]."""
     stated: Mapping[str, float | None]
     """Values of the rig."""
     records: tuple[ShaftRecord, ...] = field(default=(), repr=False)
     """Records of probe and motion, and the part of the motion that was not used in the fit."""
-    warnings: tuple[str, ...] = ()
     breakaway: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Bounds of the torque at which the handle began to move, by its direction [N·m]; empty where it was skipped."""
+    warnings: tuple[str, ...] = ()
+    fit: ShaftFit | None = None
+    """None where dynamics were skipped."""
+    check: float | None = None
+    """Prediction error of the part of the record that the fit did not use [counts, rms]."""
     scale: ScaleCheck | None = None
     """Check by an added mass; None without one."""
     limit: tuple[float, str, str] | None = None
@@ -89,31 +91,20 @@ class IdentifiedBench:
         """Return the result with further warnings."""
         return replace(self, warnings=(*self.warnings, *told))
 
-    @property
-    def scale_text(self) -> str:
-        """Return the result of the check by an added mass, or that there was none."""
-        return NOT_CHECKED if self.scale is None else self.scale.text()
-
     def to_json(self) -> dict[str, object]:
         """Return the object of `identify --json`."""
-        told, fit = self.announced, self.fit
+        told, fit, model = self.announced, self.fit, self.fit and self.fit.model
         estimates = dict(fit.values) if fit else {}
         for way, (low, high) in self.breakaway.items():
             estimates[f"breakaway_{way}"] = Estimate(0.5 * (low + high), low, high, "N·m")
         if fit and fit.resonance:
             estimates["resonance"] = fit.resonance
-        values = {
-            name: {**vars(each), "reason": each.reason or None, "stated": self.stated.get(name)}
-            for name, each in estimates.items()
-        }
-        model = fit.model if fit else None
+        waves = noticed_waves(model) if model else ()
         return {
-            "axis": self.axis, "values": values,
+            "axis": told.axis,
+            "values": {name: each.to_json() | {"stated": self.stated.get(name)} for name, each in estimates.items()},
             "stribeck": {"torque": model.stribeck, "speed": model.stribeck_speed} if model and model.stribeck else None,
-            "waves": [
-                dict(zip(("order", "cosine", "sine"), each, strict=True))
-                for each in (noticed_waves(model) if model else ())
-            ],
+            "waves": [{"order": order, "cosine": cosine, "sine": sine} for order, cosine, sine in waves],
             "rate_hz": self.rate, "travel": [told.low, told.high], "speed": told.speed, "effort": told.effort,
             "torque": told.torque,
             "limit": None if self.limit is None else dict(zip(("value", "unit", "basis"), self.limit, strict=True)),
@@ -131,16 +122,15 @@ def noticed_waves(model: ShaftModel) -> list[tuple[float, float, float]]:
 
 def further_texts(fit: ShaftFit) -> Iterator[str]:
     """Yield what acts on the shaft beside Coulomb friction and damping, in words."""
-    model, left = fit.model, rounded(fit.residual)
-    least = NOTICED * model.coulomb
-    waves = noticed_waves(model)
-    if model.stribeck > least:
+    model, waves = fit.model, noticed_waves(fit.model)
+    is_falling = model.stribeck > NOTICED * model.coulomb
+    if is_falling:
         speed = in_unit(model.stribeck_speed, "rad/s")
         yield f"{in_unit(model.stribeck, 'N·m')} more friction at rest (Stribeck), which fades at {speed}"
     for order, cosine, sine in waves:
         yield f"{in_unit(math.hypot(cosine, sine), 'N·m')} of cogging or weight, {rounded(order)} times a turn"
-    if model.stribeck <= least and not waves:
-        yield f"nothing else seen above the {left} counts that the fit leaves"
+    if not is_falling and not waves:
+        yield f"nothing else seen above the {rounded(fit.residual)} counts that the fit leaves"
 
 
 def interval_text(each: Estimate) -> str:

@@ -87,24 +87,25 @@ class Swings:
 class Tapping(GuidedMotion):
     """Press the handle into the contact of a scene, tap it, and lead it back to where it was."""
 
-    def __init__(self, bounds: Bounds, mass: float, friction: float, delay: float) -> None:
+    growth: float | None = None
+    """Largest growth per period so far; None while no swing was large enough."""
+    rests = False
+    """Whether the handle is at rest."""
+    periods = 0
+    """Periods since the press began."""
+
+    def __init__(
+        self, bounds: Bounds, mass: float, friction: float, delay: float, *, surface: float, press: float, least: float,
+        by_hand: bool = False,
+    ) -> None:  # fmt: skip
+        """Begin; a positive `press` [N or N·m] pushes towards positive positions, from the place `surface` on.
+
+        `least` is the smallest swing beside which a later one is judged. A person who taps `by_hand` has the time of
+        all taps.
+        """
         super().__init__(bounds, mass, friction, 0.0, delay)
-        self.stage = "surface"
-        self.surface = 0.0
-        """Place where the contact begins."""
-        self.press = 0.0
-        """Effort that presses, positive towards positive positions."""
-        self.least = FIRST_COUNTS * bounds.resolution
-        """Smallest swing beside which a later one is judged."""
-        self.by_hand = False
-        """Whether a person taps, who has the time of all taps."""
-        self.growth: float | None = None
-        """Largest growth per period so far; None while no swing was large enough."""
-        self.rests = False
-        """Whether the handle is at rest."""
-        self.periods = 0
-        """Periods since the press began."""
-        self._present = 0.0
+        self.surface, self.press, self.least, self.by_hand = surface, press, least, by_hand
+        self.stage, self._present = "surface", 0.0
 
     def effort(self, position: float) -> float:
         """Return the present effort, however often it is asked for."""
@@ -115,15 +116,15 @@ class Tapping(GuidedMotion):
         self.periods += self.stage != "surface"
         self._present, self.armed = super().effort(position), True
 
-    def _all(self) -> Stage:
+    def _course(self) -> Stage:
         begin = self.place
         yield from self._lead(self.surface, **GENTLY)
         self.stage = "press"
         yield from self._ramp(0.0, self.press)
-        yield from self._listen(self._swings())
+        yield from self._listen()
         self.stage = "tap"
         if self.by_hand:
-            yield from self._listen(self._swings(), TAPS * LISTENING)
+            yield from self._listen(TAPS * LISTENING)
         for _ in range(0 if self.by_hand else TAPS):
             if self.rests:  # one that still swings tells enough
                 yield from self._tap()
@@ -139,22 +140,23 @@ class Tapping(GuidedMotion):
     def _ramp(self, begin: float, end: float) -> Stage:
         for k in range(count := max(1, round(RAMP_TIME / self.bounds.period))):
             yield begin + 0.5 * (end - begin) * (1.0 - math.cos(math.pi * k / count))
-            self._check()
 
     def _tap(self) -> Stage:
         """Lower the effort until the handle turns or rests, restore it, and listen."""
-        lowered = self._swings()
+        lowered = Swings(self.bounds.resolution, self.least)
         for _ in self._until_rest():
             lowered.take(self.place)
             if lowered.turns:
                 break
             yield (1.0 - LOWERED) * self.press
-            self._check()
-        yield from self._listen(self._swings([*lowered.turns, self.place][0]))
+        yield from self._listen(begin=[*lowered.turns, self.place][0])
 
-    def _listen(self, swings: Swings, least: float = 0.0) -> Stage:
-        """Press until the handle is at rest, for `least` [s] at least; raises ExperimentError when a swing grows."""
-        grown, decays = 0, list[float]()
+    def _listen(self, least: float = 0.0, begin: float | None = None) -> Stage:
+        """Press until the handle is at rest, for `least` [s] at least; raises ExperimentError when a swing grows.
+
+        The motion may have begun at the turning point `begin`.
+        """
+        swings, grown, decays = Swings(self.bounds.resolution, self.least, begin), 0, list[float]()
         for _ in self._until_rest(least):
             growth = swings.take(self.place)
             if growth is not None:
@@ -167,7 +169,6 @@ class Tapping(GuidedMotion):
                 swings.turns.clear()
                 grown, decays = 0, []
             yield self.press
-            self._check()
         self._keep(swings, decays)
 
     def _keep(self, swings: Swings, decays: list[float]) -> None:
@@ -175,9 +176,6 @@ class Tapping(GuidedMotion):
         free = decays[LET_GO:] or decays[-1:] if self.by_hand else decays
         if free or swings.is_large:
             self.growth = max([self.growth or 0.0, *free])
-
-    def _swings(self, begin: float | None = None) -> Swings:
-        return Swings(self.bounds.resolution, self.least, begin)
 
     def _until_rest(self, least: float = 0.0) -> Iterator[None]:
         """Yield once a period until the handle is at rest, for `least` [s] at least."""
@@ -207,10 +205,9 @@ class TappedContact:
 
     def text(self, unit: str) -> str:
         """Return the stiffness and its growth in words."""
-        growth = f"growth {rounded(self.growth)} per period" if self.growth else "no second swing"
-        growth = "no swing was large enough" if self.growth is None else growth
-        taps = "taps by hand" if self.by_hand else f"{TAPS} pulses"
-        return f"{in_unit(self.stiffness, unit)}: {growth}, {taps}"
+        none = "no swing was large enough" if self.growth is None else "no second swing"
+        growth = f"growth {rounded(self.growth)} per period" if self.growth else none
+        return f"{in_unit(self.stiffness, unit)}: {growth}, {'taps by hand' if self.by_hand else f'{TAPS} pulses'}"
 
     @property
     def is_well_damped(self) -> bool:
@@ -242,9 +239,8 @@ class Certificate:
     @property
     def seen(self) -> float | None:
         """Largest stiffness that was well damped, as all below it that swung; None when there is none."""
-        swung = [each for each in self.contacts if each.growth is not None]
-        damped = [each.stiffness for each in takewhile(lambda each: each.is_well_damped, swung)]
-        return damped[-1] if damped else None
+        swung = (each for each in self.contacts if each.growth is not None)
+        return max((each.stiffness for each in takewhile(lambda each: each.is_well_damped, swung)), default=None)
 
     @property
     def contradiction(self) -> str:
@@ -279,8 +275,8 @@ class Certificate:
         if found is not None:
             ends = {"value": found.value, "low": found.low, "high": found.high}
             onset = {key: value if math.isfinite(value) else None for key, value in ends.items()}
-            reason = f"; {found.reason}" if found.reason else ""
-            text = f"{with_interval(found.value, found.low, found.high, unit)}, extrapolated{reason}"
+            interval = with_interval(found.value, found.low, found.high, unit)
+            text = "; ".join(filter(None, [f"{interval}, extrapolated", found.reason]))
         yield OutputRow("onset", [text], "onset", onset)
         yield OutputRow("predicted", [f"onset {in_unit(self.predicted, unit)}"], "predicted", self.predicted)
         yield OutputRow("limit", [in_unit(self.limit, unit)], "limit", self.limit)

@@ -44,6 +44,10 @@ class Estimate:
         """Return half of the width of the interval."""
         return 0.5 * (self.high - self.low)
 
+    def to_json(self) -> dict[str, object]:
+        """Return the value with its interval; the reason is null where it can be separated."""
+        return {**vars(self), "reason": self.reason or None}
+
 
 def estimate_of(name: str, value: float, half: float) -> Estimate:
     """Return a value with its interval of this half width, which goes below 0 for a load alone."""
@@ -83,25 +87,16 @@ def reason_of(name: str, estimates: Mapping[str, Estimate], top: float) -> str:
 
 @dataclass(frozen=True)
 class ScaleCheck:
-    """An added inertia as it was measured, beside what it is; both at the motor shaft."""
+    """How many times as large as it is an added inertia was measured."""
 
-    known: float
-    """[kg·m²]"""
-    measured: Estimate
-    """[kg·m²]"""
+    ratio: Estimate
     gear: float | None
     """Gear ratio of the rig; None for a linear mechanism."""
 
     @property
-    def ratio(self) -> tuple[float, float, float]:
-        """Return how many times as large as it is the inertia was measured, with the ends of the interval of 95 %."""
-        low, high = self.measured.low / self.known, self.measured.high / self.known
-        return self.measured.value / self.known, low, high
-
-    @property
     def is_known(self) -> bool:
         """Return whether the added inertia was measured well enough."""
-        return 0.0 < self.measured.half_width <= LARGEST_SHARE * self.measured.value
+        return 0.0 < self.ratio.half_width <= LARGEST_SHARE * self.ratio.value
 
     @property
     def is_right(self) -> bool:
@@ -109,17 +104,11 @@ class ScaleCheck:
         return self.is_known and self._is(1.0)
 
     def _is(self, factor: float) -> bool:
-        value, low, high = self.ratio
-        return low <= factor <= high or abs(value / factor - 1.0) <= TOLERANCE
+        ratio = self.ratio
+        return ratio.low <= factor <= ratio.high or abs(ratio.value / factor - 1.0) <= TOLERANCE
 
-    def slips(self) -> Iterator[str]:
-        """Yield the slips that make such a ratio."""
-        for factor, slip in self._factors():
-            if self._is(factor):
-                yield slip
-
-    def _factors(self) -> Iterator[tuple[float, str]]:
-        """Yield factors, each with the slip that makes it."""
+    def _slips(self) -> Iterator[tuple[float, str]]:
+        """Yield factors of the ratio, each with the slip that makes it."""
         yield 0.25, "encoder_counts_per_revolution states lines; it is four times as many counts"
         yield 4.0, "encoder_counts_per_revolution is four times too large; it may be lines that were multiplied twice"
         yield 1e-3, "rated_torque or torque_constant is a thousand times too small; it may be mN·m divided twice"
@@ -130,9 +119,9 @@ class ScaleCheck:
 
     def _others(self) -> Iterator[str]:
         """Yield what any ratio can be."""
-        value, *_ = self.ratio
-        yield f"if gear and counts are right, the motor gives {rounded(1.0 / value, 2)} times the stated torque"
-        gear = math.sqrt(1.0 / value)
+        torque = 1.0 / self.ratio.value
+        yield f"if gear and counts are right, the motor gives {rounded(torque, 2)} times the stated torque"
+        gear = math.sqrt(torque)
         if self.gear == 1.0 and SMALLEST_GEAR <= gear <= LARGEST_GEAR:
             yield f"mechanism.gear_ratio leaves out a gear; it is {rounded(gear, 2)}"
 
@@ -140,28 +129,22 @@ class ScaleCheck:
         """Return the result in one sentence."""
         if not self.is_known:
             return "the added mass was too small beside the inertia of the bench to tell anything; add a larger one"
-        value, low, high = self.ratio
-        spread = percent(0.5 * (high - low) / value)
-        found = f"the added mass was measured {rounded(value)} times as large as it is (± {spread})"
+        spread = percent(self.ratio.half_width / self.ratio.value)
+        found = f"the added mass was measured {rounded(self.ratio.value)} times as large as it is (± {spread})"
         if self.is_right:
             return f"{found}: torque, gear and counts of the rig agree with it"
-        named = list(self.slips()) or self._others()
+        named = [slip for factor, slip in self._slips() if self._is(factor)] or self._others()
         return f"{found}: {'; or '.join(named)}"
 
     def to_json(self) -> dict[str, object]:
         """Return the ratio with its interval, and what it says; the ratio is null where it is not known."""
-        value, low, high = self.ratio if self.is_known else (None, None, None)
+        each = self.ratio
+        value, low, high = (each.value, each.low, each.high) if self.is_known else (None, None, None)
         return {"ratio": value, "low": low, "high": high, "right": self.is_right, "text": self.text()}
 
 
 def scale_check(without: Estimate, with_mass: Estimate, known: float, gear: float | None) -> ScaleCheck:
     """Return the check from the inertia without and with the added one; all at the motor shaft [kg·m²]."""
-    value, half = with_mass.value - without.value, math.hypot(without.half_width, with_mass.half_width)
-    return ScaleCheck(known, Estimate(value, value - half, value + half, without.unit), gear)
-
-
-NOT_CHECKED = (
-    "not checked: a wrong torque constant, gear or number of counts makes the values wrong, and no motion shows it; "
-    "fix a known mass to the handle and repeat with --with-mass or --with-inertia"
-)
-"""Told without an added mass."""
+    ratio = (with_mass.value - without.value) / known
+    half = math.hypot(without.half_width, with_mass.half_width) / known
+    return ScaleCheck(Estimate(ratio, ratio - half, ratio + half, ""), gear)

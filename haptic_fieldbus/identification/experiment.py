@@ -17,6 +17,7 @@ All quantities are in the workspace of the axis: m, N and kg, or rad, N·m and k
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
 
@@ -120,6 +121,8 @@ class Experiment:
         """Why the experiment ended early; empty if it did not."""
         self.mass = 0.0
         """Mass for the way to stop; 0 while it is unknown."""
+        self.place = 0.0
+        """Present position."""
         self._places: list[float] = []
         """Last positions, for the speed."""
         self._width = max(3, round(0.01 / bounds.period))
@@ -129,7 +132,7 @@ class Experiment:
 
     def effort(self, position: float) -> float:
         """Return the effort of this period."""
-        self.armed = False
+        self.armed, self.place = False, position
         self._places.append(position)
         del self._places[: -self._width - 1]
         try:
@@ -145,11 +148,6 @@ class Experiment:
         """Return the mean speed over the last 10 ms, or three periods."""
         places = self._places
         return (places[-1] - places[0]) / (max(len(places) - 1, 1) * self.bounds.period)
-
-    @property
-    def place(self) -> float:
-        """Return the present position."""
-        return self._places[-1]
 
     def _all(self) -> Stage:
         """Go through the stages."""
@@ -239,13 +237,12 @@ class Probe(Experiment):
                 )
 
     def _breakaway(self) -> Stage:
-        efforts: dict[int, list[float]] = {1: [], -1: []}
-        seen: dict[str, list[tuple[float, float]]] = {name: [] for name in DIRECTIONS}
+        efforts, seen = defaultdict[str, list[float]](list), defaultdict[str, list[tuple[float, float]]](list)
         rate, count, at_rest = self.bounds.effort / RAMP_TIME * self.bounds.period, self.bounds.resolution, True
-        for name in (*DIRECTIONS, *DIRECTIONS):
-            side, here, effort, moved = DIRECTIONS[name], self.place, 0.0, 0
-            while side * (self.place - here) < MOVED_COUNTS * count:
-                moved += side * (self.place - here) > STILL_COUNTS * count
+        for name, side in (*DIRECTIONS.items(), *DIRECTIONS.items()):
+            here, effort, moved = self.place, 0.0, 0
+            while (way := side * (self.place - here)) < MOVED_COUNTS * count:
+                moved += way > STILL_COUNTS * count
                 effort += rate
                 if effort > self.bounds.effort:
                     raise ExperimentError(
@@ -253,13 +250,13 @@ class Probe(Experiment):
                     )
                 yield side * effort
                 self._check()
-            efforts[side].append(effort)
+            efforts[name].append(effort)
             if at_rest:
                 seen[name].append((max(effort - rate * ((1.0 + SEEN_AFTER) * moved + SEEN_LATE), 0.0), effort))
             at_rest = yield from self._stop(effort)
-        self.friction = 0.5 * (min(efforts[1]) + min(efforts[-1]))
-        for name in (each for each in DIRECTIONS if seen[each]):
-            lows, highs = zip(*seen[name], strict=True)
+        self.friction = 0.5 * sum(min(each) for each in efforts.values())
+        for name, intervals in seen.items():
+            lows, highs = zip(*intervals, strict=True)
             # What holds for both pushes, or for one of them where friction has changed meanwhile.
             agreed = max(lows) <= min(highs)
             self.breakaway[name] = (max(lows), min(highs)) if agreed else (min(lows), max(highs))
@@ -275,8 +272,7 @@ class Probe(Experiment):
         slowest = 1.05 * self.friction or math.inf  # of an unknown friction, less effort moves nothing
         ways = {side: _PushEffort(first, 0.8 * bounds.effort) for side in (1, -1)}
         for _ in range(MOST_PULSES):
-            begin = self.place
-            side = 1 if begin < bounds.middle else -1
+            begin, side = self.place, 1 if self.place < bounds.middle else -1
             way = ways[side]
             pushed, fastest = yield from self._push(side, way.effort)
             is_short = abs(self.place - begin) < FEWEST_COUNTS * bounds.resolution
@@ -314,8 +310,7 @@ class GuidedMotion(Experiment):
 
     def __init__(self, bounds: Bounds, mass: float, friction: float, load: float, delay: float) -> None:
         super().__init__(bounds)
-        self.stage = "middle"
-        self.mass, self._friction, self._load = mass, friction, load
+        self.stage, self.mass, self._friction, self._load = "middle", mass, friction, load
         self._planned = (0.0, 0.0)
         """Planned position and speed of the last period."""
         # The mean speed is half its width old; the loop keeps a phase margin of 60° for all of it.
@@ -325,6 +320,12 @@ class GuidedMotion(Experiment):
         self._riding = self._lines(0), self._lines(1)
 
     def _all(self) -> Stage:
+        for effort in self._course():
+            yield effort
+            self._check()
+
+    def _course(self) -> Stage:
+        """Go through the stages; what stands after a `yield` has a position that was checked."""
         yield from self._lead(self.bounds.middle, shortest=0.5, share=0.5)
         self.stage = "motion"
         yield from self._motion(0, self._time)
@@ -338,12 +339,10 @@ class GuidedMotion(Experiment):
         begin, way, bounds = self.place, goal - self.place, self.bounds
         fastest = math.pi * abs(way) / (share * bounds.speed)
         time = max(shortest, fastest, 5.0 * math.sqrt(abs(way) / self._acceleration))
-        rate, count = math.pi / time, round(time / bounds.period)
+        half, rate, count = 0.5 * way, math.pi / time, round(time / bounds.period)
         for k in range(count):
-            turn = math.pi * k / count
-            place = begin + 0.5 * way * (1.0 - math.cos(turn))
-            yield self._led(place, 0.5 * way * rate * math.sin(turn), 0.5 * way * rate * rate * math.cos(turn))
-            self._check()
+            sine, cosine = math.sin(math.pi * k / count), math.cos(math.pi * k / count)
+            yield self._led(begin + half * (1.0 - cosine), half * rate * sine, half * rate * rate * cosine)
 
     def _halt(self) -> Stage:
         """Bring the handle to rest where it is going, from its planned motion: the speed of few counts is unsure."""
@@ -351,7 +350,6 @@ class GuidedMotion(Experiment):
         for k in range(round(time / self.bounds.period)):
             left = 1.0 - k * self.bounds.period / time
             yield self._led(begin + 0.5 * speed * time * (1.0 - left * left), speed * left, -speed / time)
-            self._check()
 
     @property
     def _acceleration(self) -> float:
@@ -371,31 +369,26 @@ class GuidedMotion(Experiment):
 
     def _motion(self, number: int, time: float) -> Stage:
         """Lead the handle to and fro, with oscillations on it; `number` chooses their phases."""
-        bounds, begin = self.bounds, self.place
-        amplitude, rate = self._slow_motion()
-        lines = self._riding[number]
+        bounds, begin, (amplitude, rate) = self.bounds, self.place, self._slow_motion()
         for k in range(round(time / bounds.period)):
             t = k * bounds.period
-            rise, turn = min(1.0, t * rate / math.pi), rate * t  # it begins gently, where the handle is
-            place = bounds.middle + (begin - bounds.middle) * (1.0 - rise) + rise * amplitude * math.sin(turn)
-            speed = rise * amplitude * rate * math.cos(turn)
-            bend = -rise * amplitude * rate * rate * math.sin(turn)
-            riding = rise * sum(effort * math.sin(turning * t + phase) for turning, effort, phase in lines)
-            yield self._led(place, speed, bend, riding)
-            self._check()
+            rise = min(1.0, t * rate / math.pi)  # it begins gently, where the handle is
+            sine, cosine = rise * amplitude * math.sin(rate * t), rise * amplitude * math.cos(rate * t)
+            place = bounds.middle + (begin - bounds.middle) * (1.0 - rise) + sine
+            riding = sum(effort * math.sin(turning * t + phase) for turning, effort, phase in self._riding[number])
+            yield self._led(place, rate * cosine, -rate * rate * sine, rise * riding)
 
     def _slow_motion(self) -> tuple[float, float]:
         """Return amplitude and angular frequency of the slow motion."""
         amplitude, strongest = MOTION_WAY * self.bounds.travel, MOTION_EFFORT * self._acceleration
-        rate = min(MOTION_SPEED * self.bounds.speed / amplitude, math.sqrt(strongest / amplitude), FASTEST_MOTION)
-        return amplitude, rate
+        fastest = MOTION_SPEED * self.bounds.speed / amplitude
+        return amplitude, min(fastest, math.sqrt(strongest / amplitude), FASTEST_MOTION)
 
     def _lines(self, number: int) -> list[tuple[float, float, float]]:
         """Return angular frequency [1/s], effort and phase of each oscillation."""
-        bounds = self.bounds
+        bounds, (amplitude, rate) = self.bounds, self._slow_motion()
         fastest = min(FASTEST_LINE, 0.2 / bounds.period)
         slowest = min(SLOWEST_LINE, 0.3 * fastest)
-        amplitude, rate = self._slow_motion()
         effort = RIDING_EFFORT * self._acceleration * self.mass / math.sqrt(LINES)
         # Together slower than the slow motion, so that friction mostly keeps its direction.
         most = min(RIDING_SPEED * bounds.speed, 0.7 * amplitude * rate) / math.sqrt(LINES)

@@ -24,7 +24,8 @@ noise, nor below the noise of an encoder that rounds.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -108,6 +109,10 @@ class ShaftRecord:
         acting = np.interp(samples - 0.5 - delay, samples, self.torques)
         return np.convolve(acting, triangle, "valid")[1:]
 
+    def part(self, first: int, last: int | None = None) -> "ShaftRecord":
+        """Return the samples from `first` up to `last`, without it."""
+        return replace(self, positions=self.positions[first:last], torques=self.torques[first:last])
+
     @property
     def top_speed(self) -> float:
         """Return the largest speed, of means over 10 ms or a period [rad/s]."""
@@ -140,62 +145,52 @@ def fit_shaft(records: Sequence[ShaftRecord], guess: ShaftModel | None = None) -
     if max(np.ptp(each.positions) / each.resolution for each in records) < 10.0:
         raise ValueError("the shaft moved by less than 10 counts; more torque is needed")
     begin = guess or first_guess(records)
-    problem = _Problem(records, begin)
-    cost, vector = problem.solved(problem.start)
-    resonance = None
-    if cost > ENCODER_NOISE**2 * problem.rows:
+    found, resonance = _Problem(records, begin).solved(), None
+    if found.cost > found.noise:
         # Beside an elastic shaft, further torques would only imitate its swing.
-        plain = _Problem(records, replace(begin, stribeck=0.0, waves=())) if problem.is_wider else problem
-        rough, alone = plain.solved(plain.start) if problem.is_wider else (cost, vector)
-        if resonance := plain.resonance(alone, rough):
-            problem, cost, vector = plain, rough, alone
-    if not resonance and cost > ENCODER_NOISE**2 * problem.rows:
+        plain = _Problem(records, replace(begin, stribeck=0.0, waves=())).solved() if found.is_wider else found
+        if resonance := plain.resonance():
+            found = plain
+    if not resonance and found.cost > found.noise:
         # Faster led, a model has fewer wrong minima, and the noise of what it lacks does not add up.
-        led = _Problem(records, begin, min(FASTER * LEADING, FASTEST_LEADING / problem.period))
-        problem, cost, vector = _best_led(*_widened(led, *led.solved(led.start)))
+        led = _Problem(records, begin, min(FASTER * LEADING, FASTEST_LEADING / found.period))
+        found = _best_led(_widened(led.solved()))
     if not resonance:
-        problem, cost, vector = _best_led(*_widened(problem, cost, vector))
-    for factor in STRIBECK_AGAIN if problem.guess.stribeck else ():
+        found = _best_led(_widened(found))
+    for factor in STRIBECK_AGAIN if found.guess.stribeck else ():
         # Its speed changes the sum of squares little, and with many kinks.
-        model = problem.model(vector)
-        other = _Problem(records, replace(model, stribeck_speed=factor * model.stribeck_speed), problem.leading)
-        after, found = other.solved(other.start)
-        if after < cost:
-            problem, cost, vector = other, after, found
-    _, vector = problem.solved(vector, enough=1e-6)
-    return problem.told(vector, resonance)
+        model = replace(found.model, stribeck_speed=factor * found.model.stribeck_speed)
+        found = min(found, _Problem(records, model, found.leading).solved(), key=lambda each: each.cost)
+    return found.solved(enough=1e-6).told(resonance)
 
 
-def _best_led(problem: "_Problem", cost: float, vector: Matrix) -> tuple["_Problem", float, Matrix]:
-    """Return the problem with the gain of the predictor that predicts best, its sum of squares, and its vector.
+def _best_led(found: "_Problem") -> "_Problem":
+    """Return the solution with the gain of the predictor that predicts best.
 
     Of gains that predict alike the smallest is taken: its errors tell more of slow torques. Below the noise of an
     encoder a larger gain would only predict how its counts round.
     """
-    noise = ENCODER_NOISE**2 * problem.rows
     for factor in (0.5, 2.0):
-        while LEADING <= factor * problem.leading <= FASTEST_LEADING / problem.period:
-            if factor > 1.0 and cost <= noise:
+        while LEADING <= factor * found.leading <= FASTEST_LEADING / found.period:
+            if factor > 1.0 and found.cost <= found.noise:
                 break
-            enough = max(cost, noise) / WORTH_LEADING if factor < 1.0 else WORTH_LEADING * cost
-            other = _Problem(problem.records, problem.model(vector), factor * problem.leading)
-            after, found = other.solved(other.start)
-            if not after < enough:
+            enough = max(found.cost, found.noise) / WORTH_LEADING if factor < 1.0 else WORTH_LEADING * found.cost
+            other = _Problem(found.records, found.model, factor * found.leading).solved()
+            if not other.cost < enough:
                 break
-            problem, cost, vector = other, after, found
-    return problem, cost, vector
+            found = other
+    return found
 
 
-def _widened(problem: "_Problem", cost: float, vector: Matrix) -> tuple["_Problem", float, Matrix]:
-    """Return the problem with all further torques that are worth it, its least sum of squares, and its vector."""
+def _widened(found: "_Problem") -> "_Problem":
+    """Return the solution with all further torques that are worth it."""
     for _ in range(MOST_WAVES + 1):
-        tries = [_Problem(problem.records, each, problem.leading) for each in problem.further(vector, cost)]
-        ends = [(*each.descended(each.start), each) for each in tries]
-        after, found, wider = min(ends, key=lambda each: each[0], default=(cost, vector, problem))
-        if not after < (1.0 - WORTH) * cost:
+        tries = [_Problem(found.records, each, found.leading).descended() for each in found.further()]
+        wider = min(tries, key=lambda each: each.cost, default=found)
+        if not wider.cost < (1.0 - WORTH) * found.cost:
             break
-        problem, cost, vector = wider, after, found
-    return problem, cost, vector
+        found = wider
+    return found
 
 
 # A first guess, by linear least squares of second differences.
@@ -210,11 +205,10 @@ def first_guess(records: Sequence[ShaftRecord]) -> ShaftModel:
     period = records[0].period
     found = []
     for width in dict.fromkeys(max(2, round(seconds / period)) for seconds in GUESS_WIDTHS):
-        for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5):
-            rows, force, _ = zip(*(_weak_form(each, width, float(delay)) for each in records), strict=True)
-            found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), float(delay)))
-    _, values, delay = min(found, key=lambda each: each[0])
-    inertia, damping, coulomb, load = values
+        for delay in np.arange(0.0, LONGEST_DELAY + 0.1, 0.5).tolist():
+            rows, force, _ = zip(*(_weak_form(each, width, delay) for each in records), strict=True)
+            found.append((*_non_negative(np.vstack(rows), np.concatenate(force)), delay))
+    _, (inertia, damping, coulomb, load), delay = min(found, key=lambda each: each[0])
     lag = max(0.2 * delay * period, 2e-4)
     return ShaftModel(inertia, damping, coulomb, max(delay * period - lag, 0.0), lag, load)
 
@@ -254,25 +248,22 @@ def torque_balance(model: ShaftModel, record: ShaftRecord) -> TorqueBalance:
     return TorqueBalance(places, speeds, left + load, np.array(friction) - left)
 
 
-def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, tuple[float, float, float, float]]:
+def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
     """Return (share of the torque that is left, values) of the least squares.
 
     The inertia is above 0, damping and friction are 0 or more. A share of infinity: the rows tell nothing.
     """
-    columns = [0, 1, 2, 3]
-    while True:
-        solved, *_ = np.linalg.lstsq(rows[:, columns], force, rcond=None)
-        below = [column for column, value in zip(columns, solved, strict=True) if column in (1, 2) and value < 0.0]
-        if not below:
-            break
-        columns.remove(below[0])
-    values = np.zeros(4)
-    values[columns] = solved
+    columns, below = [0, 1, 2, 3], [0]
+    while below:
+        values = np.zeros(4)
+        values[columns] = np.linalg.lstsq(rows[:, columns], force, rcond=None)[0]
+        below = [column for column in (1, 2) if values[column] < 0.0]
+        columns = [column for column in columns if column not in below[:1]]
     known = len(force) >= FEWEST_ROWS and values[0] > 0.0
     left = float(np.sum((rows @ values - force) ** 2) / max(np.sum(force**2), 1e-300)) if known else math.inf
     scale = float(np.std(force)) / max(float(np.std(rows[:, 0])), 1e-12)
-    inertia = float(values[0]) if values[0] > 0.0 else scale
-    return left, (max(inertia, 1e-3 * scale, 1e-12), float(values[1]), float(values[2]), float(values[3]))
+    values[0] = max(values[0] if values[0] > 0.0 else scale, 1e-3 * scale, 1e-12)
+    return left, values.tolist()
 
 
 def prediction_errors(model: ShaftModel, record: ShaftRecord, leading: float = LEADING) -> Matrix:
@@ -297,12 +288,28 @@ def unsettled_samples(record: ShaftRecord) -> int:
 # The problem in scaled values.
 
 
+def free_step(vector: Matrix, low: Matrix, high: Matrix, gradient: Matrix, hessian: Matrix, damping: float) -> Matrix:
+    """Return the step to take away, of the values that no bound holds (Levenberg and Marquardt)."""
+    held = ((vector <= low) & (gradient > 0.0)) | ((vector >= high) & (gradient < 0.0))
+    step, free = np.zeros(len(vector)), np.flatnonzero(~held)
+    inner = hessian[np.ix_(free, free)]
+    weight = np.diag(np.maximum(np.diag(inner), 1e-12 * float(np.trace(inner)) + 1e-300))
+    step[free] = np.linalg.lstsq(inner + damping * weight, gradient[free], rcond=None)[0]
+    return step
+
+
 class _Problem:
-    """Sum of squares over all records; a vector holds the scaled values of `NAMES`, then those of further torques."""
+    """Sum of squares over all records, and its solution.
+
+    A vector holds the scaled values of `NAMES`, then those of further torques.
+    """
 
     def __init__(self, records: Sequence[ShaftRecord], guess: ShaftModel, leading: float = LEADING) -> None:
         self.records, self.guess, self.period, self.leading = records, guess, records[0].period, leading
-        self.rows = sum(len(each.positions) - unsettled_samples(each) for each in records)
+        self.lengths = [len(each.positions) - unsettled_samples(each) for each in records]
+        """Numbers of residuals of the records."""
+        self.noise = ENCODER_NOISE**2 * sum(self.lengths)
+        """Sum of squares of a shaft that the model explains."""
         torque = float(np.sqrt(np.mean(np.concatenate([each.torques for each in records]) ** 2))) or 1.0
         self.top = max(each.top_speed for each in records) or 1.0
         self.way = max(float(np.ptp(each.positions)) for each in records)
@@ -319,15 +326,16 @@ class _Problem:
         for order, *sizes in guess.waves:
             rows += [(1.0 / self.way, order, 0.0, none), *((torque, size, -none, none) for size in sizes)]
         self.scales, *others = map(np.array, zip(*rows, strict=True))
-        self.start, self.low, self.high = (each / self.scales for each in others)
-        self.is_time = np.isin(np.arange(len(rows)), (DELAY, LAG))
+        self.vector, self.low, self.high = (each / self.scales for each in others)
+        self.cost, self.is_time = none, np.isin(np.arange(len(rows)), (DELAY, LAG))
+        self.is_wider = len(rows) > len(NAMES)
+        """Whether the model has torques beyond those of `NAMES`."""
 
     @property
-    def is_wider(self) -> bool:
-        """Return whether the model has torques beyond those of `NAMES`."""
-        return len(self.scales) > len(NAMES)
+    def model(self) -> ShaftModel:
+        return self._model_of(self.vector)
 
-    def model(self, vector: Matrix) -> ShaftModel:
+    def _model_of(self, vector: Matrix) -> ShaftModel:
         values = (vector * self.scales).tolist()
         base, further = values[: len(NAMES)], values[len(NAMES) :]
         stribeck, speed = (further.pop(0), further.pop(0)) if self.guess.stribeck else (0.0, 1.0)
@@ -336,64 +344,81 @@ class _Problem:
 
     # Torques that the model lacks.
 
-    def further(self, vector: Matrix, cost: float) -> list[ShaftModel]:
-        """Return models with one more torque, which may explain the residual better; `cost` is its sum of squares."""
-        residuals, model = self.residuals(vector), self.model(vector)
-        known, _ = np.linalg.qr(self.sensitivities(vector, residuals))
+    def _beside(self, responses: Callable[[ShaftRecord], Matrix]) -> tuple[Matrix, Matrix]:
+        """Return the residuals, and what responses to further torques have beside the sensitivities of the values."""
+        residuals, columns = self.residuals(self.vector), np.vstack([responses(each) for each in self.records])
+        known, _ = np.linalg.qr(self.sensitivities(self.vector, residuals))
+        return residuals, columns - known @ (known.T @ columns)
+
+    def further(self) -> list[ShaftModel]:
+        """Return models with one more torque, which may explain the residual better."""
+        model, cost = self.model, self.cost
         highest = min(HIGHEST_ORDER, math.tau / self.records[0].resolution / COUNTS_OF_A_WAVE)
         # A period more or less over the way is another wave; half of one is as good as any between.
         count = min(MOST_ORDERS, int(2.0 * highest * self.way / math.tau))
         orders: Matrix = np.array([math.pi / self.way * (number + 1) for number in range(count)])
         speeds: Matrix = np.array([self.top * each for each in (() if model.stribeck else STRIBECK_SHARES)])
-        columns = np.vstack([_further_responses(model, each, orders, speeds, self.leading) for each in self.records])
-        columns -= known @ (known.T @ columns)
+        residuals, columns = self._beside(lambda record: self._further_responses(record, orders, speeds))
         found: list[tuple[float, ShaftModel]] = []
-        for number, speed in enumerate(speeds):
+        for number, speed in enumerate(speeds.tolist()):
             gained, (size,) = _explained(residuals, columns[:, number : number + 1])
             if size > 0.0:
-                found.append((gained, replace(model, stribeck=size, stribeck_speed=float(speed))))
-        for number, order in enumerate(orders if len(model.waves) < MOST_WAVES else ()):
+                found.append((gained, replace(model, stribeck=size, stribeck_speed=speed)))
+        for number, order in enumerate(orders.tolist() if len(model.waves) < MOST_WAVES else ()):
             first = len(speeds) + 2 * number
             gained, (cosine, sine) = _explained(residuals, columns[:, first : first + 2])
-            found.append((gained, replace(model, waves=(*model.waves, (float(order), cosine, sine)))))
+            found.append((gained, replace(model, waves=(*model.waves, (order, cosine, sine)))))
         # Beside the best one stands one that is not its neighbour, because the residual is not yet that of one torque.
         found.sort(key=lambda each: each[0], reverse=True)
         best = [each for gained, each in found[: 1 + TRIED_BESIDE] if gained > WORTH * cost]
         tries = [*best[:1], *[each for each in best[TRIED_BESIDE:] if each.waves != model.waves]]
-        if len(speeds) and (tries or cost > ENCODER_NOISE**2 * self.rows or not self.inside(vector)):
+        if len(speeds) and (tries or cost > self.noise or not self._is_inside):
             # Far from its solution, friction that falls with speed looks like more Coulomb friction and less inertia.
             share = STRIBECK_SHARES[len(speeds) // 2] * self.top
             falling = replace(model, coulomb=0.6 * model.coulomb, stribeck=0.4 * model.coulomb, stribeck_speed=share)
             tries.append(replace(falling, inertia=1.6 * model.inertia))
         return tries
 
-    def resonance(self, vector: Matrix, cost: float) -> Estimate | None:
+    def _further_responses(self, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
+        """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then pairs of waves."""
+        model, leading, period = self.model, self.leading, record.period
+        angles, moved = predicted_motion(model, record.positions, record.torques, period, leading=leading)
+        turns, middles = np.outer(angles + 0.5 * period * moved, orders), np.outer(moved, 1.0 / speeds)
+        waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
+        waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * period * orders / math.pi)), 2, axis=1)
+        torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
+        span, near, pull = HeldSpan(model, period), 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
+        angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
+        for k, torque in enumerate(torques):
+            out[k] = angle
+            speed -= pull * angle
+            angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
+            speed = span.speed_left * speed + span.speed_of_force * torque
+        responses: Matrix = out[unsettled_samples(record) :] / record.resolution
+        return responses
+
+    def resonance(self) -> Estimate | None:
         """Return the frequency of a mode that explains a good part of the residual, as of an elastic shaft, or None.
 
         Beyond its rigid motion a shaft with a spring swings, by the ratio of both inertias times torque over inertia.
         """
-        residuals = self.residuals(vector)
-        known, _ = np.linalg.qr(self.sensitivities(vector, residuals))
-        model, highest = self.model(vector), min(HIGHEST_MODE, MODE_SHARE / self.period)
-        steps = math.ceil(math.log(highest / LOWEST_MODE) / MODE_STEP)
+        steps = math.ceil(math.log(min(HIGHEST_MODE, MODE_SHARE / self.period) / LOWEST_MODE) / MODE_STEP)
         frequencies = LOWEST_MODE * np.exp(MODE_STEP * np.arange(steps + 1))
         modes = np.array([(math.tau * each, ratio) for each in frequencies for ratio in MODE_DAMPING])
-        columns = np.vstack([_mode_responses(model, each, modes) for each in self.records])
-        columns -= known @ (known.T @ columns)
+        residuals, columns = self._beside(lambda record: _mode_responses(self.model, record, modes))
         found = [_explained(residuals, columns[:, number : number + 1]) for number in range(len(modes))]
-        shares = np.array([gained / cost if size > 0.0 else 0.0 for gained, (size,) in found])
+        shares = np.array([gained / self.cost if size > 0.0 else 0.0 for gained, (size,) in found])
         by_frequency = shares.reshape(len(frequencies), len(MODE_DAMPING)).max(axis=1)
         best = int(by_frequency.argmax())
         near = np.flatnonzero(by_frequency > MODE_NEAR * by_frequency[best])
         if by_frequency[best] < MODE_WORTH or best in (0, len(frequencies) - 1):  # the curve has no top
             return None
-        step = math.exp(MODE_STEP)
         low, top, high = (float(frequencies[each]) for each in (near[0], best, near[-1]))
-        return Estimate(top, low / step, high * step, "Hz")
+        return Estimate(top, low / math.exp(MODE_STEP), high * math.exp(MODE_STEP), "Hz")
 
     def residuals(self, vector: Matrix) -> Matrix:
         """Return the prediction errors of all records [counts], shape (n,)."""
-        model = self.model(vector)
+        model = self._model_of(vector)
         return np.concatenate([prediction_errors(model, each, self.leading) for each in self.records])
 
     def sensitivities(self, vector: Matrix, residuals: Matrix) -> Matrix:
@@ -405,35 +430,36 @@ class _Problem:
             columns.append((self.residuals(moved) - residuals) / step)
         return np.column_stack(columns)
 
-    def solved(self, start: Matrix, enough: float = 1e-3) -> tuple[float, Matrix]:
-        """Return the least sum of squares, and its vector."""
-        cost, vector = self.descended(start, enough)
+    def solved(self, enough: float = 1e-3) -> "_Problem":
+        """Return the problem at its least sum of squares."""
+        found = self.descended(enough)
         for share in LAG_SHARES:
-            if self.inside(vector):
+            if found._is_inside:
                 break
-            again, both = vector.copy(), vector[DELAY] + vector[LAG]
-            again[DELAY], again[LAG] = (1.0 - share) * both, share * both
-            cost, vector = min((cost, vector), self.descended(again, enough), key=lambda each: each[0])
-        return cost, vector
+            again, both = copy(found), found.vector[DELAY] + found.vector[LAG]
+            again.vector = found.vector.copy()
+            again.vector[[DELAY, LAG]] = (1.0 - share) * both, share * both
+            found = min(found, again.descended(enough), key=lambda each: each.cost)
+        return found
 
-    def inside(self, vector: Matrix) -> bool:
+    @property
+    def _is_inside(self) -> bool:
         """Return whether delay and lag are inside their bounds."""
-        return bool(np.all((self.low < vector) & (vector < self.high), where=self.is_time))
+        return bool(np.all((self.low < self.vector) & (self.vector < self.high), where=self.is_time))
 
-    def descended(self, start: Matrix, enough: float = 1e-3) -> tuple[float, Matrix]:
-        """Return the sum of squares at the end of the way down from a start, and the vector there.
-
-        It ends where a step lowers the sum by less than the share `enough`.
-        """
-        vector = np.clip(start, self.low, self.high)
+    def descended(self, enough: float = 1e-3) -> "_Problem":
+        """Go down to where a step lowers the sum of squares by less than the share `enough`; return the problem."""
+        vector = np.clip(self.vector, self.low, self.high)
         residuals = self.residuals(vector)
         cost, damping, slopes, is_fresh = float(residuals @ residuals), 1e-3, None, False
         for _ in range(MOST_STEPS):
             if slopes is None:
                 slopes, is_fresh = self.sensitivities(vector, residuals), True
-            gradient, curvature = slopes.T @ residuals, slopes.T @ slopes
+            gradient, hessian = slopes.T @ residuals, slopes.T @ slopes
             while damping < 1e7:
-                step = self._step(vector, gradient, curvature, damping)
+                step = free_step(vector, self.low, self.high, gradient, hessian, damping)
+                # An inertia changes by at most a factor of two in one step.
+                step[0] = max(-vector[0], min(0.5 * vector[0], step[0]))
                 moved = np.clip(vector - step, self.low, self.high)
                 after = self.residuals(moved)
                 if (new := float(after @ after)) < cost or not is_fresh:
@@ -449,41 +475,38 @@ class _Problem:
                     break
                 slopes = None
             is_fresh = False
-        return cost, vector
-
-    def _step(self, vector: Matrix, gradient: Matrix, curvature: Matrix, damping: float) -> Matrix:
-        """Return the step of the values that no bound holds."""
-        held = ((vector <= self.low) & (gradient > 0.0)) | ((vector >= self.high) & (gradient < 0.0))
-        free = np.flatnonzero(~held)
-        inner = curvature[np.ix_(free, free)]
-        step = np.zeros(len(vector))
-        weight = np.diag(np.maximum(np.diag(inner), 1e-12 * float(np.trace(inner)) + 1e-300))
-        step[free] = np.linalg.lstsq(inner + damping * weight, gradient[free], rcond=None)[0]
-        # An inertia changes by at most a factor of two in one step.
-        step[0] = max(-vector[0], min(0.5 * vector[0], step[0]))
-        return step
+        self.cost, self.vector = cost, vector
+        return self
 
     # What the solution says.
 
-    def told(self, vector: Matrix, resonance: Estimate | None) -> ShaftFit:
+    def told(self, resonance: Estimate | None) -> ShaftFit:
         """Return the fit with its intervals and reasons."""
-        residuals = self.residuals(vector)
+        model, vector, residuals = self.model, self.vector, self.residuals(self.vector)
         spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
-        model = self.model(vector)
-        found = dict(zip(NAMES, (vector * self.scales).tolist(), strict=False))
-        found["delay_and_lag"] = model.delay + model.lag
+        values = (*(vector * self.scales)[: len(NAMES)].tolist(), model.delay + model.lag)
         rms, slow = float(np.sqrt(np.mean(residuals**2))), _Problem(self.records, model)
-        left = float(np.sqrt(np.mean(slow.residuals(slow.start) ** 2)))
+        left = float(np.sqrt(np.mean(slow.residuals(slow.vector) ** 2)))
         # Above the noise of an encoder, a residual is a torque that the model lacks, and it may take sides.
-        unexplained = 1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0))
+        width = WIDTH * (1.0 + min(1.0, max(0.0, rms / ENCODER_NOISE - 1.0)))
         least = LEAST_SHARE_OF_PARTS if self.is_wider else LEAST_SHARE
         estimates = {
-            name: estimate_of(name, found[name], max(WIDTH * unexplained * spread, least * abs(found[name])))
-            for name, spread in zip((*NAMES, "delay_and_lag"), spreads, strict=True)
+            name: estimate_of(name, value, max(width * spread, least * abs(value)))
+            for name, value, spread in zip((*NAMES, "delay_and_lag"), values, spreads, strict=True)
         }
-        estimates["torque_lag"] = self._lag_interval(vector, WIDTH * unexplained)
-        told, warnings = with_reasons(estimates, self.top), tuple(self._warnings(left, resonance))
-        return ShaftFit(model, told, left, self.top, len(residuals), resonance, warnings)
+        estimates["torque_lag"] = self._lag_interval(vector, width)
+        warnings = list[str]()
+        if resonance:
+            frequency = f"{rounded_limit(resonance.value)} Hz, as with an elastic coupling"
+            warnings.append(
+                f"the shaft swings at about {frequency}, which the model does not have: damping and friction may be "
+                "wrong by a factor of two"
+            )
+        elif left > 3.0:
+            play = "play and an elastic coupling are not in it; the intervals are wider by this"
+            warnings.append(f"the model leaves {rounded(left)} counts unexplained: {play}")
+        told = with_reasons(estimates, self.top)
+        return ShaftFit(model, told, left, self.top, len(residuals), resonance, tuple(warnings))
 
     def _lag_interval(self, vector: Matrix, width: float) -> Estimate:
         """Return the lag with its interval, which is symmetric in its square.
@@ -504,55 +527,15 @@ class _Problem:
         """Return the standard deviation of each of `NAMES`, and then of the delay and the lag together."""
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-14)
         noise = max(float(residuals @ residuals) / max(len(residuals) - slopes.shape[1], 1), 1.0 / 12.0)
-        first, coloured = 0, np.zeros_like(inverse)
-        for record in self.records:
-            rows = slice(first, first + len(record.positions) - unsettled_samples(record))
-            first = rows.stop
-            block = max(1, round(BLOCK / record.period))
-            sums = np.add.reduceat(slopes[rows] * residuals[rows, np.newaxis], range(0, rows.stop - rows.start, block))
-            coloured += _long_run(sums, round(MEMORY / (block * record.period)))
-        forms = np.eye(len(NAMES) + 1, len(self.scales))
-        forms[-1] = 0.0
-        forms[-1, [DELAY, LAG]] = 1.0
-        forms = forms * self.scales
-        white = np.einsum("ij,jk,ik->i", forms, noise * inverse, forms)
-        wide = np.einsum("ij,jk,ik->i", forms, inverse @ coloured @ inverse, forms)
-        spreads: list[float] = (REPEATED * np.sqrt(np.maximum(np.maximum(white, wide), 0.0))).tolist()
+        block, coloured = max(1, round(BLOCK / self.period)), np.zeros_like(inverse)
+        for scores in np.split(slopes * residuals[:, np.newaxis], np.cumsum(self.lengths)[:-1]):
+            sums = np.add.reduceat(scores, range(0, len(scores), block))
+            coloured += _long_run(sums, round(MEMORY / (block * self.period)))
+        forms = np.vstack([np.eye(len(NAMES), len(self.scales)), self.is_time]) * self.scales
+        both = (noise * inverse, inverse @ coloured @ inverse)
+        variances = [np.einsum("ij,jk,ik->i", forms, each, forms) for each in both]
+        spreads: list[float] = (REPEATED * np.sqrt(np.max(variances, axis=0, initial=0.0))).tolist()
         return spreads
-
-    def _warnings(self, rms: float, resonance: Estimate | None) -> Iterator[str]:
-        """Yield what the fit cannot explain."""
-        if resonance:
-            yield (
-                f"the shaft swings at about {rounded_limit(resonance.value)} Hz, as with an elastic coupling, "
-                "which the model does not have: damping and friction may be wrong by a factor of two"
-            )
-        elif rms > 3.0:
-            yield (
-                f"the model leaves {rounded(rms)} counts unexplained: play and an elastic coupling are not in it; the "
-                "intervals are wider by this"
-            )
-
-
-def _further_responses(
-    model: ShaftModel, record: ShaftRecord, orders: Matrix, speeds: Matrix, leading: float
-) -> Matrix:
-    """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then cosine and sine waves."""
-    angles, moved = predicted_motion(model, record.positions, record.torques, record.period, leading=leading)
-    turns, middles = np.outer(angles + 0.5 * record.period * moved, orders), np.outer(moved, 1.0 / speeds)
-    waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
-    waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * record.period * orders / math.pi)), 2, axis=1)
-    torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
-    span, period = HeldSpan(model, record.period), record.period
-    near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
-    angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
-    for k, torque in enumerate(torques):
-        out[k] = angle
-        speed -= pull * angle
-        angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
-        speed = span.speed_left * speed + span.speed_of_force * torque
-    responses: Matrix = out[unsettled_samples(record) :] / record.resolution
-    return responses
 
 
 def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Matrix:

@@ -27,6 +27,7 @@ residual is the noise of the encoder, whatever the gain.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -39,6 +40,9 @@ PARTS, FALLEN = {0.15: 2, 0.5: 4, math.inf: 8}, 2.5
 which speed on it is 0; both speeds as multiples of that of the friction."""
 MOST_EVENTS = 8
 """Reversals and breakaways that are followed in one span."""
+Spans = list[tuple[float, int]]
+"""Pieces of a period with constant set-point: length [s], and how many set-points before its own act in the period
+before, 0 or 1."""
 _HALVINGS = 60
 REST_SHARE = 1e-10
 """Speed that counts as rest, as a share of those at both ends of a span."""
@@ -100,13 +104,10 @@ class HeldSpan:
         self.speed_of_torque = (self.speed_left - self.torque_left) / (rate - a) / model.inertia
         self.way_of_torque = (self.way + math.expm1(-h * rate) / rate) / (rate - a) / model.inertia
 
-    @property
-    def values(self) -> tuple[float, ...]:
-        """Return what a span does to the speed, to the angle and to the torque, in the order of `predicted_motion`."""
-        return (
-            self.speed_left, self.way, self.speed_of_force, self.speed_of_torque, self.way_of_force, self.way_of_torque,
-            self.torque_left,
-        )  # fmt: skip
+
+span_values = attrgetter("speed_left", "way", "speed_of_force", "speed_of_torque", "way_of_force", "way_of_torque",
+                         "torque_left")  # fmt: skip
+"""Return what a span does to the speed, to the angle and to the torque, in the order of `predicted_motion`."""
 
 
 def predicted_motion(
@@ -176,25 +177,14 @@ def predicted_motion(
     return np.array(out), np.array(speeds)
 
 
-def _pieces(
-    model: ShaftModel, spans: Sequence[tuple[float, int]], parts: int
-) -> list[tuple[tuple[float, ...], float, int]]:
+def _pieces(model: ShaftModel, spans: Spans, parts: int) -> list[tuple[tuple[float, ...], float, int]]:
     """Return the pieces of a period, divided into parts: what a part does, its length [s], and set-points ahead."""
-    return [
-        (HeldSpan(model, seconds / parts).values, seconds / parts, ahead)
-        for seconds, ahead in spans
-        for _ in range(parts)
-    ]
+    divided = [(seconds / parts, ahead) for seconds, ahead in spans for _ in range(parts)]
+    return [(span_values(HeldSpan(model, seconds)), seconds, ahead) for seconds, ahead in divided]
 
 
-def acting_torques(
-    model: ShaftModel, torques: Sequence[float], period: float
-) -> tuple[list[float], list[tuple[float, int]]]:
-    """Return set-points in the order in which they act, and the pieces of a period with constant set-point.
-
-    A piece has its length [s], and how many set-points before its own act in the period before: 0 or 1. The list begins
-    with 0 for those before the record.
-    """
+def acting_torques(model: ShaftModel, torques: Sequence[float], period: float) -> tuple[list[float], Spans]:
+    """Return set-points in the order in which they act, and the spans of a period; zeros stand before the record."""
     whole, part = divmod(model.delay, period)
     acting = [*[0.0] * (int(whole) + 1), *torques]
     return acting, [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]
@@ -207,14 +197,13 @@ class _Shaft:
         self.model, self.angle, self.speed, self.torque = model, angle, speed, 0.0
         self.load, self.friction = model.torque_at(angle), model.friction_at(speed)
         self.breakaway = model.coulomb + model.stribeck
-        self.side = self._start(speed)
+        self.side = self._start()
         """Direction of slipping: 1, −1, or 0 while the shaft sticks."""
 
-    def _start(self, speed: float) -> int:
-        if speed:
-            return 1 if speed > 0.0 else -1
+    def _start(self) -> int:
         pull = self.torque + self.load
-        return 0 if abs(pull) <= self.breakaway else 1 if pull > 0.0 else -1
+        sticks = not self.speed and abs(pull) <= self.breakaway
+        return 0 if sticks else int(math.copysign(1.0, self.speed or pull))
 
     def _after(self, span: HeldSpan, target: float) -> tuple[float, float]:
         """Return angle and speed of the slipping shaft after a span."""
@@ -233,9 +222,9 @@ class _Shaft:
             left -= until
             if left <= 0.0:
                 return
-            if self.side:
-                self.speed = 0.0
-            self.side = self._start(0.0) if self.side else 1 if self.torque + self.load > 0.0 else -1
+            self.speed = 0.0
+            # After a breakaway it slips, whatever rounding says.
+            self.side = self._start() if self.side else int(math.copysign(1.0, self.torque + self.load))
         self._go(left, target)
 
     def _go(self, seconds: float, target: float) -> None:

@@ -24,12 +24,13 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, LONGEST_DELAY, WIDTH, free_step
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.linear import Matrix, expm
@@ -84,15 +85,19 @@ class HoldingHand:
 
     def impulse(self, times: Matrix) -> Matrix:
         """Return the integral of the force up to each time [N·m·s]."""
-        omega, total = self.angular_frequency, np.zeros(len(times))
-        ends = [*(start for start, _, _ in self.pieces[1:]), math.inf]
-        for (start, force, slope), end in zip(self.pieces, ends, strict=True):
+        omega, total, end = self.angular_frequency, np.zeros(len(times)), math.inf
+        for start, force, slope in reversed(self.pieces):
             t = np.clip(times - start, 0.0, end - start)
             if omega:
                 total += force / omega * np.sin(omega * t) + slope / omega**2 * (1.0 - np.cos(omega * t))
             else:
                 total += force * t + 0.5 * slope * t * t
+            end = start
         return total
+
+
+NOBODY = HoldingHand(1.0, 0.0, 0.0)
+"""A hand without stiffness and force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,20 +114,15 @@ class RunRecord:
     """One encoder count [rad]."""
     usable: NDArray[np.bool_]
     """Whether the motion up to a sample is that of shaft and hand alone."""
-    hand: HoldingHand | None = None
-    """None: nobody holds the handle in the usable samples."""
+    hand: HoldingHand = NOBODY
+    """`NOBODY`: nobody holds the handle in the usable samples."""
     enabled: int = 0
     """Sample in whose period the hand starts."""
 
     def mean_force(self, start: float) -> Matrix:
         """Return the mean force of the hand in each period when it starts so long after `enabled` [s], shape (n,)."""
         times: Matrix = self.period * (np.arange(len(self.positions) + 1.0) - self.enabled) - start
-        return np.diff(self.held_by.impulse(times)) / self.period
-
-    @property
-    def held_by(self) -> HoldingHand:
-        """Return the hand, or one without stiffness and force."""
-        return self.hand or HoldingHand(1.0, 0.0, 0.0, ((0.0, 0.0, 0.0),))
+        return np.diff(self.hand.impulse(times)) / self.period
 
 
 @dataclass(frozen=True)
@@ -153,13 +153,15 @@ def fit_run(record: RunRecord, stated: ShaftModel) -> RunFit:
     used, unused = pieces.part(~rest), pieces.part(rest)
     values = np.array([stated.inertia, stated.damping, stated.coulomb, stated.delay + stated.lag, stated.lag,
                        0.0, 0.4 * record.period, 0.0, 1.0, 1.0])  # fmt: skip
-    free = [each for each in range(START if record.hand is None else TORQUE) if each != LAG]
+    is_held = record.hand is not NOBODY
+    free = [each for each in range(TORQUE if is_held else START) if each != LAG]
     fit, reasons = _Fit(used, values, free).solved(), {"torque_scale": ONLY_A_HAND}
-    if record.hand is not None:
+    if is_held:
         fit, reasons = _scaled(fit, values)
-    told = fit.told(_Fit(unused, fit.values, []).solved().rms if rest.any() else None)
-    named = {name: replace(told.values[name], reason=reason) for name, reason in reasons.items()}
-    return replace(told, values={**told.values, **named})
+    told = fit.told()
+    named = {name: replace(told[name], reason=reason) for name, reason in reasons.items()}
+    check = _Fit(unused, fit.values, []).solved().rms if rest.any() else None
+    return RunFit(told | named, fit.rms, check, fit.top, fit.seen.size * record.period)
 
 
 def _scaled(fit: "_Fit", values: Matrix) -> tuple["_Fit", dict[str, str]]:
@@ -177,7 +179,7 @@ def _scaled(fit: "_Fit", values: Matrix) -> tuple["_Fit", dict[str, str]]:
 
 def _is_wide(fit: "_Fit", name: str) -> bool:
     """Return whether the interval of a scale is too wide to be told."""
-    told = fit.told(None).values[name]
+    told = fit.told()[name]
     return told.half_width > KNOWN_SCALE * told.value
 
 
@@ -209,8 +211,7 @@ class _Pieces:
     """First sample of each piece, shape (s,)."""
     length: int
     led: Matrix
-    """Place and speed of the hand in each sample, led by the recorded positions, by a position of 1 rad and by its
-    force, shape (n, 2, 3)."""
+    """`_led` of the record."""
 
     @classmethod
     def of(cls, record: RunRecord) -> "_Pieces":
@@ -235,14 +236,6 @@ class _Pieces:
         """Samples of the pieces, shape (s, l)."""
         return self.first[:, np.newaxis] + np.arange(self.length)
 
-    @property
-    def weights(self) -> Matrix:
-        """Weights of the errors: samples with the same count, one after the other, tell as much as one of them."""
-        begins = np.append(np.flatnonzero(np.diff(self.record.positions, prepend=np.nan)), len(self.record.positions))
-        runs = np.diff(begins)
-        found: Matrix = 1.0 / np.sqrt(np.repeat(runs, runs)[self.samples])
-        return found
-
     def begun(self, scale: float) -> tuple[Matrix, Matrix]:
         """Return first angles and speeds by a parabola through the samples around."""
         width = max(3, round(MOVING_TIME / self.record.period))
@@ -253,8 +246,7 @@ class _Pieces:
 
     def predicted(self, values: Matrix, angle: Matrix, speed: Matrix) -> Matrix:
         """Return the predicted records, shape (p, s, l), of values (p, 10) from first angles and speeds (p, s)."""
-        hand = self.record.held_by
-        z, forces = self._start(values, angle, speed)
+        hand, (z, forces) = self.record.hand, self._start(values, angle, speed)
         spans, side, u = self._spans(values, hand), np.sign(speed), self.record.torques
         inertia, coulomb, load = (values[:, place, np.newaxis] for place in (INERTIA, FRICTION, LOAD))
         out = np.empty((*angle.shape, self.length))
@@ -286,13 +278,13 @@ class _Pieces:
         z[:, 0], z[:, 1] = angle, speed
         waned = np.exp((part[:, np.newaxis] - record.period) / lag)
         z[:, 2] = values[:, TORQUE, np.newaxis] * (last + (before - last) * waned)
-        starts = {start: record.mean_force(start) for start in values[:, START]}
+        forces = {start: record.mean_force(start) for start in values[:, START]}
         for row, (start, zero, scale) in enumerate(values[:, [START, ZERO, COUNTS]]):
             for state, (places, one, pushed) in enumerate(np.moveaxis(self.led, 0, -1)):
                 late = np.interp(first - start / record.period, np.arange(len(pushed)), pushed)
                 z[row, 3 + state] = (places[first] - zero * one[first]) / scale + late
         z[:, 3] -= angle
-        return z, np.stack([starts[start] for start in values[:, START]])
+        return z, np.stack([forces[start] for start in values[:, START]])
 
     def _spans(self, values: Matrix, hand: HoldingHand) -> list[tuple[Matrix, Matrix, Matrix, int]]:
         """Return the spans of a period: slipping and sticking (p, 5, 8), seconds (p, 1), age of the set-point."""
@@ -330,24 +322,23 @@ def _turn(z: Matrix, moved: Matrix, back: NDArray[np.bool_], seconds: Matrix, ac
 
 
 def _led(record: RunRecord) -> Matrix:
-    """Return `_Pieces.led`."""
-    hand, positions = record.held_by, record.positions
+    """Return place and speed of the hand in each sample, shape (n, 2, 3).
+
+    They are led by the recorded positions, by a position of 1 rad, and by the force of the hand.
+    """
+    hand, positions = record.hand, record.positions
     a = np.zeros((5, 5))
     a[0, 1] = a[2, 3] = 1.0
     a[1] = np.array([-hand.stiffness, -hand.damping, hand.stiffness, hand.damping, 1.0]) / hand.inertia
     step = expm(a * record.period)[:2]
     # Up to the first other count the shaft is where the hand was at its start, and not a part of a count beside it.
     begun = (np.cumsum(positions != positions[record.enabled]) > 0).astype(float)
-    places = np.stack([positions, begun, np.zeros(len(positions))])
-    forces = np.stack([0.0 * begun, 0.0 * begun, record.mean_force(0.0)])
+    none = np.zeros(len(positions))
+    places, forces = np.stack([positions, begun, none]), np.stack([none, none, record.mean_force(0.0)])
     slopes = np.diff(places, append=places[:, -1:]) / record.period
     drive = np.einsum("ij,jkn->nik", step[:, 2:], np.stack([places, slopes, forces]))
-    course: Matrix = np.zeros(drive.shape)
-    state = np.zeros((2, 3))
-    for number in range(len(drive)):
-        course[number] = state
-        state = step[:, :2] @ state + drive[number]
-    return course
+    states = accumulate(drive[:-1], lambda state, led: step[:, :2] @ state + led, initial=np.zeros((2, 3)))
+    return np.array(list(states))
 
 
 class _Fit:
@@ -357,7 +348,10 @@ class _Fit:
         self.pieces, self.values, self.free = pieces, start.copy(), list(free)
         self.expected = start if expected is None else expected
         record, self.seen = pieces.record, pieces.record.positions[pieces.samples]
-        self.weights = pieces.weights / record.resolution
+        # Samples with the same count, one after the other, tell as much as one of them.
+        begins = np.flatnonzero(np.diff(record.positions, prepend=np.nan))
+        alike = np.diff(begins, append=len(record.positions))
+        self.weights = 1.0 / np.sqrt(np.repeat(alike, alike)[pieces.samples]) / record.resolution
         self.angle, self.speed = pieces.begun(float(start[COUNTS]))
         self.top = max(float(np.abs(self.speed).max(initial=0.0)), 1e-9)
         torque, period, none = float(np.sqrt(np.mean(record.torques**2))) or 1e-6, record.period, math.inf
@@ -374,25 +368,24 @@ class _Fit:
     @property
     def rms(self) -> float:
         """Root mean square of the error [counts]."""
-        errors, weights = self.errors(self.values, self.angle, self.speed), self.weights * self.pieces.record.resolution
-        return math.sqrt(float(np.sum(errors**2) / np.sum(weights**2)))
+        errors = self.errors(self.values[np.newaxis], self.angle[np.newaxis], self.speed[np.newaxis])
+        return math.sqrt(float(np.sum(errors**2) / np.sum((self.weights * self.pieces.record.resolution) ** 2)))
 
     def errors(self, values: Matrix, angle: Matrix, speed: Matrix) -> Matrix:
-        """Return the weighted errors of a single set of values [counts], shape (s, l)."""
-        found = self.pieces.predicted(values[np.newaxis], angle[np.newaxis], speed[np.newaxis])[0]
-        errors: Matrix = (found - self.seen) * self.weights
+        """Return the weighted errors of sets of values [counts], shape (p, s, l)."""
+        errors: Matrix = (self.pieces.predicted(values, angle, speed) - self.seen) * self.weights
         return errors
 
     def total(self, values: Matrix, angle: Matrix, speed: Matrix) -> float:
-        """Return the sum of squares; an error of an encoder has a variance of 1/12."""
+        """Return the sum of squares of a set of values; an error of an encoder has a variance of 1/12."""
         before = ((values - self.expected) / self.spreads)[self.free]
-        return float(np.sum(self.errors(values, angle, speed) ** 2) + ROUNDING * (before @ before))
+        errors = self.errors(values[np.newaxis], angle[np.newaxis], speed[np.newaxis])
+        return float(np.sum(errors**2) + ROUNDING * (before @ before))
 
     def solved(self) -> "_Fit":
         """Descend to the least sum of squares."""
         if INERTIA in self.free:
-            inertia = [share * self.values[INERTIA] for share in FIRST_SHARES]
-            starts = [np.append(each, self.values[1:]) for each in inertia]
+            starts = [np.append(share * self.values[INERTIA], self.values[1:]) for share in FIRST_SHARES]
             self.values = min(starts, key=lambda each: self.total(each, self.angle, self.speed))
             # The delay at first as expected: from far away, the valley of damping and delay is long.
             free, self.free = self.free, [name for name in self.free if name != BOTH]
@@ -447,32 +440,28 @@ class _Fit:
         values[range(1, count + 1), self.free] += SMALL * self.scales[self.free]
         angle[-2] += steps[0]
         speed[-1] += steps[1]
-        found = (self.pieces.predicted(values, angle, speed) - self.seen) * self.weights
+        found = self.errors(values, angle, speed)
         moved = found[1:] - found[0]
         return found[0], moved[:count] / SMALL, np.moveaxis(moved[count:], 0, -1), steps
 
     def _moved(self, gradient: Matrix, damping: float) -> Matrix:
         """Return the values after a damped step of those that no bound holds; scales change by 2 at most."""
-        values, free = self.values.copy(), np.array(self.free, int)
-        at_low, at_high = values[free] <= self.low[free], values[free] >= self.high[free]
-        inner = np.flatnonzero(~(at_low & (gradient > 0.0) | at_high & (gradient < 0.0)))
-        square = self.slopes[np.ix_(inner, inner)]
-        step = np.linalg.lstsq(square + damping * np.diag(np.diag(square) + 1e-300), gradient[inner], rcond=None)[0]
-        values[free[inner]] -= step * self.scales[free[inner]]
+        values, free = self.values.copy(), self.free
+        step = free_step(values[free], self.low[free], self.high[free], gradient, self.slopes, damping)
+        values[free] -= step * self.scales[free]
         for name in (INERTIA, TORQUE, COUNTS):
             values[name] = np.clip(values[name], 0.5 * self.values[name], 2.0 * self.values[name])
         return np.clip(values, self.low, self.high)
 
-    def told(self, check: float | None) -> RunFit:
+    def told(self) -> dict[str, Estimate]:
         """Return the values with their intervals, and the reasons of those that the record does not tell."""
-        rms, inverse, values = self.rms, np.linalg.pinv(self.slopes, rcond=1e-14), dict[str, Estimate]()
+        inverse, values = np.linalg.pinv(self.slopes, rcond=1e-14), dict[str, Estimate]()
         sandwich = inverse @ self.scores.T @ self.scores @ inverse
         # Where values act alike, rounding can make a variance negative.
-        variances = np.maximum(np.abs(np.diag(sandwich)), np.abs(np.diag(inverse)) * max(rms**2, ROUNDING))
+        variances = np.maximum(np.abs(np.diag(sandwich)), np.abs(np.diag(inverse)) * max(self.rms**2, ROUNDING))
         deviations = dict(zip(self.free, np.sqrt(variances) * self.scales[self.free], strict=True))
         for name, place in TOLD.items():
             value = float(self.values[place])
             least = LEAST_TIME if place == BOTH else LEAST_SHARE * abs(value)
             values[name] = estimate_of(name, value, max(WIDTH * float(deviations.get(place, 0.0)), least))
-        seconds = self.seen.size * self.pieces.record.period
-        return RunFit(with_reasons(values, self.top), rms, check, self.top, seconds)
+        return with_reasons(values, self.top)

@@ -95,8 +95,7 @@ def known_bench(rig: Rig, name: str, profile: DriveProfile) -> KnownBench:
     if measured == Identified() or described:
         values = (axis.inertia, axis.viscous_damping, axis.coulomb_friction)
         return KnownBench(*values, (INERTIA_SHARES, DAMPING_SHARES, COULOMB_SHARES), Basis.STATED)
-    fault = _origin_fault(rig, name) or _fault(axis, profile)
-    if fault:
+    if fault := _fault(rig, name, profile):
         return KnownBench(None, None, None, (EXACT, EXACT, EXACT), Basis.STATED, fault=fault)
     (inertia, first), (damping, second), (coulomb, third) = (_known(axis, key) for key in MECHANICAL)
     is_stated = measured.viscous_damping is None or measured.digest is None
@@ -127,9 +126,10 @@ def only_simulated(bus: BusSection) -> bool:
     return (bus.simulated or bus.rehearsed) and not bus.stands_for_real
 
 
-def _origin_fault(rig: Rig, name: str) -> str:
-    """Return why the place of the measurement lets no value count; empty if it does."""
-    measured = rig.axis[name].identified
+def _fault(rig: Rig, name: str, profile: DriveProfile) -> str:
+    """Return why the measured values of an axis do not count; empty if they do."""
+    axis = rig.axis[name]
+    measured, coupling = axis.identified, axis.simulation.coupling
     if measured.simulated and not only_simulated(rig.bus[rig.axis[name].bus]):
         return "the values of [identified] were measured on a simulated bus"
     if measured.axis not in (None, name):
@@ -138,19 +138,12 @@ def _origin_fault(rig: Rig, name: str) -> str:
     others = [each for each, axis in rig.axis.items() if each != name and axis.identified.digest == measured.digest]
     if measured.axis is None and measured.digest is not None and others:
         return f"[identified] is that of the axis {others[0]} too"
-    return ""
-
-
-def _fault(axis: RigAxis, profile: DriveProfile) -> str:
-    """Return why the measured values of an axis do not count; empty if they do."""
-    measured = axis.identified
     if measured.resonance is not None:
         found = f"identify found a resonance of {rounded(measured.resonance)} Hz"
         return f"{found}, and simulation.coupling states no elastic shaft"
     if measured.profile is not None and measured.profile != profile.name:
         return f"the values of [identified] were measured with the profile {measured.profile}"
-    if measured.units is not None and measured.units != scaling_of(profile):
-        now = scaling_of(profile)
+    if measured.units is not None and measured.units != (now := scaling_of(profile)):
         return f"the profile {profile.name} had the units {measured.units} at the measurement, and has {now} now"
     if measured.digest is not None and measured.digest != digest_with(axis, measured):
         return "the axis or its [identified] was changed after the measurement"
@@ -158,13 +151,12 @@ def _fault(axis: RigAxis, profile: DriveProfile) -> str:
         value, interval = getattr(measured, key), getattr(measured, f"{key}_interval")
         if value is not None and not (interval is not None and 0.0 <= interval[0] <= value <= interval[1] < math.inf):
             return f"{key} of [identified] has no interval around it"
-    coupling = axis.simulation.coupling
-    if measured.inertia is not None and coupling is not None and measured.inertia <= coupling.load_inertia:
+    if measured.inertia is None or measured.inertia_interval is None:
+        return ""
+    if coupling is not None and measured.inertia <= coupling.load_inertia:
         return "the measured inertia is not above load_inertia of simulation.coupling"
-    if measured.inertia is not None and measured.inertia_interval is not None:
-        low, _ = widened(measured.inertia, measured.inertia_interval)
-        return "" if low > 0.0 else "the inertia was measured too roughly for a limit"
-    return ""
+    low, _ = widened(measured.inertia, measured.inertia_interval)
+    return "" if low > 0.0 else "the inertia was measured too roughly for a limit"
 
 
 def scaling_of(profile: DriveProfile) -> str:

@@ -6,6 +6,7 @@ import re
 import signal
 import tomllib
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.running.session import Session, Site
 
 BUSES = {
     "canopen": ("haptic_sim", "bench", 5, "maxon_epos4"),
@@ -378,19 +380,12 @@ def test_a_coarse_encoder_is_enough_for_inertia_and_friction(bench: Path, counts
 
 @pytest.mark.thorough("measures a bench")
 def test_samples_that_are_missing_too_often_end_it(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from haptic_fieldbus.api import identification
+    whole, counter = identification.conduct, iter(range(1_000_000))
 
-    taken = identification._Taken.period
-    counter = iter(range(1_000_000))
+    def gappy(session: Session, place: AbstractContextManager[Site], watch: Callable[[Session], bool]) -> Session:
+        return whole(session, place, lambda present: next(counter) % 20 != 7 and watch(present))
 
-    def gappy(self: identification._Taken, session: object) -> bool:
-        before = len(self.rows)
-        ended = taken(self, session)  # type: ignore[arg-type]
-        if len(self.rows) > before and before and next(counter) % 20 == 0:
-            self.rows.pop()
-        return ended
-
-    monkeypatch.setattr(identification._Taken, "period", gappy)
+    monkeypatch.setattr(identification, "conduct", gappy)
     with pytest.raises(SafetyTripError, match="of the samples are missing"):
         measured(bench, rig_text())
 

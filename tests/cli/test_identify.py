@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.api import identification
 from haptic_fieldbus.numerals import rounded_limit
 from haptic_fieldbus.recordings.provenance import digest
 from tests.api.test_identification import rig_text
@@ -116,14 +115,11 @@ def test_a_load_that_falls_is_told_and_nothing_is_written(rig: Path, command: Co
 def test_a_signal_ends_it_with_its_status_and_nothing_is_written(
     stage: str, number: int, status: int, rig: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun = identification._Bench.stage
-
-    def told(self: identification._Bench, name: str) -> None:
-        begun(self, name)
-        if name == stage:
+    def told(label: str, text: str) -> None:
+        if (label, text) == ("stage", stage):
             signal.raise_signal(number)
 
-    monkeypatch.setattr(identification._Bench, "stage", told)
+    monkeypatch.setattr("haptic_fieldbus.cli.identify._show_progress", told)
     before = rig.read_text(encoding="utf-8")
     ended = command("identify", "--rig", rig)
     assert ended.status == status

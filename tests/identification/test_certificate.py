@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_fieldbus.identification.certificate import Certificate, Swings, TappedContact, Tapping
+from haptic_fieldbus.identification.certificate import FIRST_COUNTS, Certificate, Swings, TappedContact, Tapping
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Experiment, Stage
 from haptic_fieldbus.identification.fit import ShaftRecord
@@ -48,10 +48,12 @@ class Contact(Experiment):
 
 def laid(bench: Bench, stiffness: float, side: float = 1.0) -> Tapping:
     model = bench.model
-    taps = Tapping(bench.bounds, model.inertia, model.coulomb, model.delay + model.lag)
-    taps.surface, taps.press = side * SURFACE, side * min(0.9 * bench.effort, 0.4 * stiffness * bench.bounds.high)
-    taps.least = max(taps.least, 10.0 * STEP * bench.effort / stiffness)
-    return taps
+    press = side * min(0.9 * bench.effort, 0.4 * stiffness * bench.bounds.high)
+    least = max(FIRST_COUNTS * bench.bounds.resolution, 10.0 * STEP * bench.effort / stiffness)
+    return Tapping(
+        bench.bounds, model.inertia, model.coulomb, model.delay + model.lag, surface=side * SURFACE, press=press,
+        least=least,
+    )  # fmt: skip
 
 
 def tapped(bench: Bench, stiffness: float, side: float = 1.0) -> tuple[Tapping, Course]:

@@ -9,8 +9,9 @@ from haptic_fieldbus.identification import Announcement, IdentifiedBench, furthe
 from haptic_fieldbus.identification.estimates import UNITS, Estimate
 from haptic_fieldbus.identification.fit import ShaftFit
 from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.signals import Workspace
 
-TOLD = Announcement("handle", -0.1, 0.1, 0.8, 12.5, 0.5, "m", "N", 0.25, 2.5, from_start=True)
+TOLD = Announcement("handle", -0.1, 0.1, 0.8, 12.5, 0.5, Workspace.LINEAR, 0.25, 2.5, from_start=True)
 
 
 @pytest.mark.parametrize(
@@ -32,7 +33,7 @@ def test_an_announcement_says_how_far_how_fast_and_how_strongly() -> None:
     assert "keep hands off" in lines[0]
     assert "at most 12.5 N (25 % of rated torque) and 0.8 m/s" in lines[1]
     assert "before that, pulses of up to 2.5 N test the motor direction" in lines[2]
-    fixed = Announcement("handle", -0.1, 0.1, 0.8, 12.5, 0.5, "m", "N", 0.25, 2.5, from_start=False)
+    fixed = Announcement("handle", -0.1, 0.1, 0.8, 12.5, 0.5, Workspace.LINEAR, 0.25, 2.5, from_start=False)
     assert "by the rig's zero" in next(fixed.lines())
 
 
@@ -44,20 +45,20 @@ def test_stribeck_friction_and_waves_are_told() -> None:
         "2 mN·m more friction at rest (Stribeck), which fades at 3 rad/s",
         "5 mN·m of cogging or weight, 12 times a turn",
     ]
-    found = IdentifiedBench("handle", fit, TOLD, 1000.0, 0.31, {}).to_json()
+    found = IdentifiedBench(TOLD, 1000.0, {}, fit=fit, check=0.31).to_json()
     assert found["stribeck"] == {"torque": 2e-3, "speed": 3.0}
     assert found["waves"] == [{"order": 12.0, "cosine": 3e-3, "sine": -4e-3}]
     little = replace(model, coulomb=0.51)
     for other in (ShaftModel(1, 1, 1, 1, 1), little):
         hidden = replace(fit, model=other)
         assert "nothing else seen above the 0.3 counts" in next(further_texts(hidden))
-        assert IdentifiedBench("handle", hidden, TOLD, 1000.0, 0.31, {}).to_json()["waves"] == []
+        assert IdentifiedBench(TOLD, 1000.0, {}, fit=hidden, check=0.31).to_json()["waves"] == []
 
 
 def test_json_holds_each_value_with_its_interval_and_what_the_rig_states() -> None:
     values = {name: Estimate(1.0, 0.9, 1.1, unit, "" if name == "inertia" else "why") for name, unit in UNITS.items()}
     fit = ShaftFit(ShaftModel(1.0, 1.0, 1.0, 1.0, 1.0), values, 0.3, 20.0, 8000)
-    found = IdentifiedBench("handle", fit, TOLD, 1000.0, 0.31, {"inertia": 2.0}, warnings=("a warning",))
+    found = IdentifiedBench(TOLD, 1000.0, {"inertia": 2.0}, warnings=("a warning",), fit=fit, check=0.31)
     told = json.loads(json.dumps(found.to_json()))
     assert told["values"]["inertia"] == {
         "value": 1.0, "low": 0.9, "high": 1.1, "unit": "kg·m²", "reason": None, "stated": 2.0,
