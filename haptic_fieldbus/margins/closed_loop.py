@@ -207,6 +207,14 @@ class ClosedLoop(ABC):
         ]
         return min(limits, default=None)
 
+    def _passive_limit(self, environment_of: EnvironmentOf, stable: float, smallest: float, precision: float) -> float:
+        """Return the largest stiffness up to which the dampings are enough; the arguments are those of `searched`."""
+        scale = self.scale(environment_of)
+        return searched(
+            lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0, scale, stable,
+            smallest=smallest, precision=precision,
+        )  # fmt: skip
+
     def scale(self, environment_of: EnvironmentOf) -> float:
         """Return the smallest m/T² + b/T of the devices [N/m or N·m/rad], referred to the varied stiffness."""
         return self._least(environment_of, lambda plant: plant.mass / self.period**2 + plant.damping / self.period)
@@ -276,13 +284,7 @@ class OneAxis(ClosedLoop):
         if not stable:
             return 0.0
         if isinstance(environment_of(1.0), Places) and not axis.plant.tachometer:
-            return searched(
-                lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
-                self.scale(environment_of),
-                stable,
-                smallest=1e-6,
-                precision=1e-9,
-            )
+            return self._passive_limit(environment_of, stable, smallest=1e-6, precision=1e-9)
         return passive_limit_of(axis.plant, self.period, axis.delay, environment_of, stable)
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:

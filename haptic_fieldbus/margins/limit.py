@@ -24,7 +24,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
@@ -32,6 +32,9 @@ from haptic_fieldbus.margins.plant import Basis, Plant, Ranges
 from haptic_fieldbus.numerals import rounded_down
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.margins.group import Group
 
 # Suggestion of stable values for an unstable scene.
 
@@ -73,13 +76,10 @@ def suggest(
     least = kept * limit_of(damping or 0.0)
     softer = rounded_down(least) if 0.0 < least < math.inf else None
     largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
-    for candidate in _round_values(largest):
-        if (
-            candidate > (damping or 0.0)
-            # One growth is much quicker to compute than a limit, and rules out most candidates.
-            and loop.growth(environment_of(asked, candidate)) <= 1.0
-            and (limit := limit_of(candidate)) >= asked
-        ):
+    for candidate in (each for each in _round_values(largest) if each > (damping or 0.0)):
+        # One growth is much quicker to compute than a limit, and rules out most candidates.
+        stable = loop.growth(environment_of(asked, candidate)) <= 1.0
+        if stable and (limit := limit_of(candidate)) >= asked:
             return Suggestion(softer, candidate, limit)
     return Suggestion(softer, None, None)
 
@@ -112,14 +112,8 @@ class Values:
 
     def to_json(self) -> dict[str, float]:
         """Return the values that were varied, in the workspace of the axis."""
-        plant = self.plant
-        return {
-            "mass": plant.mass,
-            "damping": plant.damping,
-            "torque_lag": plant.torque_lag,
-            "delay_s": self.delay,
-            "coupling_share": self.coupling,
-        }
+        told = {name: getattr(self.plant, name) for name in ("mass", "damping", "torque_lag")}
+        return {**told, "delay_s": self.delay, "coupling_share": self.coupling}
 
 
 @dataclass(frozen=True)
@@ -148,16 +142,6 @@ class Limit:
     """Values of each axis at which the loop has this limit; empty without a stiffness."""
     obstacle: Obstacle | None = None
     """Element that exceeds its own limit, so that the varied element can have no stiffness; None otherwise."""
-
-
-class VariedLoop(Protocol):
-    """A loop with other values of its axes."""
-
-    def rough_limit(self) -> float:
-        """Return its limit of stability [N/m or N·m/rad], to `PRECISION`."""
-
-    def bears(self, stiffness: float) -> bool:
-        """Return whether it is stable at this stiffness."""
 
 
 def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]]:
@@ -215,7 +199,7 @@ def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
 
 
 def least(
-    found: Iterable[tuple[tuple[Values, ...], VariedLoop]], limit: float = math.inf, at: tuple[Values, ...] = ()
+    found: Iterable[tuple[tuple[Values, ...], "Group"]], limit: float = math.inf, at: tuple[Values, ...] = ()
 ) -> tuple[float, tuple[Values, ...]]:
     """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
     for values, loop in found:

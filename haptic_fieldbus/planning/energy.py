@@ -14,7 +14,7 @@ from haptic_fieldbus.margins.group import connected
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, terrain
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE
+from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE, EffortLimits
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities, is_varying
 from haptic_fieldbus.signals import Signal
@@ -164,7 +164,7 @@ NEVER = 2**62
 
 def with_energy_limits(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> tuple[AxisPlan, ...]:
     """Return the axes with the energy that each may give together with the axes coupled with it."""
-    limits = {}
+    limits: dict[str, EffortLimits] = {}
     for group in _groups(axes, couplings):
         # The energy can be judged where there is an element, and each element is bounded.
         is_judged = any(axis.elements or axis.couplings for axis in group) and not any(map(unbounded, group))

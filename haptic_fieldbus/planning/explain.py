@@ -80,7 +80,7 @@ class LimitRow:
 
     def to_json(self, axis: AxisPlan) -> Json:
         """Return the object of `plan --json`."""
-        told = {"axis": axis.name, "limit": self.name, "value": self.value, "unit": self.unit}
+        told: dict[str, Json] = {"axis": axis.name, "limit": self.name, "value": self.value, "unit": self.unit}
         return {**told, "reaction": self.reaction.value, "after_s": self.time}
 
 

@@ -122,10 +122,10 @@ class AxisGuard:
 
     def to_json(self) -> dict[str, Json]:
         """Return the object of `plan --json`."""
-        proof, proved = self.proved, None
+        proof, proved = self.proved, dict[str, Json]()
         if proof is not None:
             proved = {"guard_ms": proof.guard_ms, "date": proof.date, "serial": proof.serial}
-        told: dict[str, Json] = {"axis": self.axis, "guard_ms": 1e3 * self.seconds, "proved": proved}
+        told: dict[str, Json] = {"axis": self.axis, "guard_ms": 1e3 * self.seconds, "proved": proved or None}
         stop = self.emergency_stop
         return {**told, "unproved": self.why_not or None, "capped": self.cap or None, "emergency_stop": stop}
 
