@@ -9,8 +9,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings, limit_of
 from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
@@ -32,6 +32,21 @@ USUAL = 1e-3
 # The elements of an axis in sustained contact as one discrete environment, with one stiffness that varies.
 
 Kind = TypeVar("Kind", bound=AnyElement)
+Asked = ParamSpec("Asked")
+Found = TypeVar("Found")
+
+
+def keeping(most: int, function: Callable[Asked, Found]) -> Callable[Asked, Found]:
+    """Return the function with its last `most` results kept."""
+    known: Any = lru_cache(maxsize=most)(function)
+
+    def call(*values: Asked.args, **named: Asked.kwargs) -> Found:
+        try:
+            return cast(Found, known(*values, **named))
+        except TypeError:  # an element of one's own without a hash
+            return function(*values, **named)
+
+    return call
 
 
 def stiffness_of(element: AnyElement) -> float:
@@ -174,12 +189,8 @@ class ClosedLoop(ABC):
 
     def limit(self, environment_of: EnvironmentOf, **search: float) -> float:
         """Return the stiffness [N/m or N·m/rad] up to which the loop is stable; 0, ∞ and `search` as in `limit_of`."""
-        return limit_of(
-            lambda stiffness: self.growth(environment_of(stiffness)),
-            self.scale(environment_of),
-            expected=self.crossings(environment_of),
-            **search,
-        )
+        scale, expected = self.scale(environment_of), self.crossings(environment_of)
+        return limit_of(lambda stiffness: self.growth(environment_of(stiffness)), scale, expected=expected, **search)
 
     @abstractmethod
     def crossings(self, environment_of: EnvironmentOf) -> list[float] | None:

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis, linearised
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings
-from haptic_fieldbus.margins.passivity import FADED, MOST_WEIGHTS, QUIET, spread_of
+from haptic_fieldbus.margins.passivity import FADED, LOSSLESS, MOST_WEIGHTS, QUIET, spread_of
 from haptic_fieldbus.margins.stiffness_map import Places
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel
@@ -76,8 +76,6 @@ from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 # Schenkel, J. Robotic Systems 14(1), 1997, 37, for one device). For equal axes, n = 1 and B = 0 it is K ≤ b/T, because
 # the difference of the handles meets 2·K.
 
-LOSSLESS = 1e-9
-"""Loss per period below which a mode counts as undamped; no damping makes an undamped mode passive."""
 COUPLED_PASSIVITY_ROUNDING, CANCELLED = 1e-9, 1e-13
 """Shares of the largest force at rest, and of the terms that cancel in it, that may be rounding."""
 

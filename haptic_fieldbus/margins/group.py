@@ -20,7 +20,6 @@ from haptic_fieldbus.margins.limit import (
     Suggestion,
     Values,
     corners,
-    least,
     least_friction,
     neighbours,
     suggest,
@@ -37,6 +36,9 @@ from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
+
+LOWER = (1.0, 0.6, 0.2)
+"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far."""
 
 
 @dataclass(frozen=True)
@@ -334,3 +336,18 @@ class Group:
 
     def _varied(self, **changes: float) -> EnvironmentOf:
         return lambda stiffness: self.environment(stiffness=stiffness, **changes)
+
+
+def least(
+    found: Iterable[tuple[tuple[Values, ...], Group]], limit: float = math.inf, at: tuple[Values, ...] = ()
+) -> tuple[float, tuple[Values, ...]]:
+    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
+    for values, loop in found:
+        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
+            continue
+        own = loop.rough_limit()
+        if own < limit or not at:
+            limit, at = own, values
+        if limit == 0.0:
+            break
+    return limit, at

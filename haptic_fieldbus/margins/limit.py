@@ -21,10 +21,9 @@ Automatica 40(8), 2004, 1429), and at the resonance of a lightly damped spring t
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
@@ -32,9 +31,6 @@ from haptic_fieldbus.margins.plant import Basis, Plant, Ranges
 from haptic_fieldbus.numerals import rounded_down
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement
-
-if TYPE_CHECKING:
-    from haptic_fieldbus.margins.group import Group
 
 # Suggestion of stable values for an unstable scene.
 
@@ -91,8 +87,6 @@ def _round_values(largest: float) -> list[float]:
     return [value for value in values if value <= largest]
 
 
-LOWER = (1.0, 0.6, 0.2)
-"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far."""
 MOST_MIXED = 3
 """Largest number of coupled axes whose masses are varied independently, at the worst corner for a spring."""
 WORST = (0, 1, 1)
@@ -196,18 +190,3 @@ def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay:
 def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
     """Return the values of all axes with the least friction."""
     return tuple(_at(plant, ranges, 0, 0, 0, 0, 0) for plant, ranges in axes)
-
-
-def least(
-    found: Iterable[tuple[tuple[Values, ...], "Group"]], limit: float = math.inf, at: tuple[Values, ...] = ()
-) -> tuple[float, tuple[Values, ...]]:
-    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
-    for values, loop in found:
-        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
-            continue
-        own = loop.rough_limit()
-        if own < limit or not at:
-            limit, at = own, values
-        if limit == 0.0:
-            break
-    return limit, at

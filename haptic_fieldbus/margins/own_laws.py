@@ -14,12 +14,13 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.margins.closed_loop import keeping
 from haptic_fieldbus.margins.stiffness_map import OwnLaw
 from haptic_fieldbus.scenes.element import Interval, Local, abilities, is_dynamic, is_sampled, is_shipped, is_varying
 from haptic_fieldbus.signals import Signal
@@ -146,17 +147,12 @@ class SampledLaw:
         return [0.5 * (places[row] + places[row + 1]) for row in rows.tolist()]
 
 
+_kept = keeping(128, SampledLaw)
+
+
 def read(element: Any, start: tuple[float, ...] = ()) -> SampledLaw:
     """Return the sampled law of an element; the samples of an equal element are reused."""
-    try:
-        return _kept(element, start)
-    except TypeError:  # an element of one's own without a hash
-        return SampledLaw(element, start)
-
-
-@lru_cache(maxsize=128)
-def _kept(element: Any, start: tuple[float, ...]) -> SampledLaw:
-    return SampledLaw(element, start)
+    return _kept(element, start)
 
 
 def _quotient(before: float, after: float, step: float) -> float:

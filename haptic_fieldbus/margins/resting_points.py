@@ -306,23 +306,8 @@ class AxisElements:
         return estimated(parallel(spaces), self.period, self.estimator) if spaces else None
 
 
-def axis_elements(
-    elements: tuple[Element, ...],
-    period: float,
-    method: str | None,
-    estimator: str | None,
-    effort: float,
-    travel: Interval,
-    loses_velocity: bool,
-) -> AxisElements:
-    """Return the elements of an axis; those of an equal axis are reused, because they do not depend on its device."""
-    try:
-        return _kept(elements, period, method, estimator, effort, travel, loses_velocity)
-    except TypeError:  # an element of one's own without a hash
-        return AxisElements(elements, period, method, estimator, effort, travel, loses_velocity)
-
-
-_kept = lru_cache(maxsize=KEPT_AXES)(AxisElements)
+axis_elements = closed_loop.keeping(KEPT_AXES, AxisElements)
+"""Return the elements of an axis; those of an equal axis are reused, because they do not depend on its device."""
 
 
 @dataclass(frozen=True, eq=False)

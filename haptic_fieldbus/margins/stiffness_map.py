@@ -179,11 +179,8 @@ def places_between(elements: Sequence[Varying], grid: Sequence[float], effort: f
         bounds = survey(elements, [(low, high) for (low, _), (high, _) in todo])
         may_hold = bounds.smallest_force <= effort * ROUNDED
         steeper = bounds.most_stiffness.sum(axis=0) > STEEPER * steepest
-        todo = [
-            (low, high)
-            for (low, high), may, is_steep in zip(todo, may_hold, steeper, strict=True)
-            if may and (is_steep or not (low[1] or high[1]))
-        ]
+        known = zip(todo, may_hold, steeper, strict=True)
+        todo = [(low, high) for (low, high), may, steep in known if may and (steep or not (low[1] or high[1]))]
         if not todo or len(more) + len(todo) > MOST_PLACES:
             break
         middles = [0.5 * (low + high) for (low, _), (high, _) in todo]

@@ -8,12 +8,13 @@ estimated.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Basis, Plant
+from haptic_fieldbus.margins.closed_loop import keeping
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.margins.plant import COUPLING_SHARES, Ranges, exact_bench
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
@@ -51,6 +52,8 @@ def ranges_of(profile: DriveProfile, delay: Delay, bench: KnownBench, *, complia
 
 KEPT = 64
 """Number of groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
+_known: Callable[[Group], Group] = keeping(KEPT, lambda group: group)
+"""Return the equal group of an earlier plan, with its verdicts; otherwise this group."""
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
@@ -81,19 +84,6 @@ def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
     members = [_member(axis, axis.plant) for axis in axes if axis.plant is not None]
     couplings = tuple(dict.fromkeys(each for axis in axes for each in axis.couplings))
     return groups_of(members, couplings, period)
-
-
-def _known(group: Group) -> Group:
-    """Return the equal group of an earlier plan, with its verdicts; otherwise this group."""
-    try:
-        return _kept(group)
-    except TypeError:  # an element of one's own without a hash
-        return group
-
-
-@lru_cache(maxsize=KEPT)
-def _kept(group: Group) -> Group:
-    return group
 
 
 def _member(axis: AxisPlan, plant: Plant) -> Member:
@@ -228,6 +218,7 @@ def compile_plan(
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
     seen = [on_bus(draft, traffic[draft.name], period) for draft in drafts]
     axes = with_energy_limits(with_verdicts(seen, period), timed.couplings)
+    steps = [(axis.name, step) for axis in axes for step in _steps(axis, period, controlled=timed.controlled)]
     return Plan(
         scene=timed,
         rig=rig,
@@ -236,37 +227,31 @@ def compile_plan(
         axes=axes,
         image=lay_out_image([axis.traffic for axis in axes]),
         left_out=tuple(_left_out(axes, rig)),
-        steps=tuple(
-            step
-            for axis in axes
-            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=timed.controlled)
-        ),
+        steps=tuple(f"{name}: {step}" if len(axes) > 1 else step for name, step in steps),
         modules=_modules(axes, period),
     )
 
 
-def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> Iterator[str]:
+def _steps(axis: AxisPlan, period: float, *, controlled: bool) -> Iterator[str]:
     """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
-    yield f"{prefix}link: trips on lost feedback, emergency or restart"
-    yield f"{prefix}power state: statusword → controlword"
-    yield from (f"{prefix}{step}" for step in (_integrated(axis) if axis.integrates else _estimated(axis)))
+    yield "link: trips on lost feedback, emergency or restart"
+    yield "power state: statusword → controlword"
+    yield from _integrated(axis) if axis.integrates else _estimated(axis)
     if axis.profile.echo is not None:
-        yield (
-            f"{prefix}echo: compares {axis.profile.echo.value} with the sent set-point; trips if they differ for "
-            f"{rounded(1e3 * axis.limits.echo)} ms"
-        )
+        differing = f"trips if they differ for {rounded(1e3 * axis.limits.echo)} ms"
+        yield f"echo: compares {axis.profile.echo.value} with the sent set-point; {differing}"
     probe = sign_probe(axis, period)
     if probe is not None:
-        yield f"{prefix}sign: {sign_text(axis, probe)}"
+        yield f"sign: {sign_text(axis, probe)}"
     if math.isfinite(axis.limits.energy):
-        yield f"{prefix}energy: trips when the loop puts out more than was stored plus the sampling leak"
+        yield "energy: trips when the loop puts out more than was stored plus the sampling leak"
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
-        yield f"{prefix}element: {element.name}{how}"
+        yield f"element: {element.name}{how}"
     if controlled:
-        yield f"{prefix}passivity controller: damps when the loop puts out more than was stored"
-    yield f"{prefix}limits: finite, fade-in, effort, slew"
-    yield f"{prefix}encode: {axis.workspace.effort_unit} → target torque"
+        yield "passivity controller: damps when the loop puts out more than was stored"
+    yield "limits: finite, fade-in, effort, slew"
+    yield f"encode: {axis.workspace.effort_unit} → target torque"
 
 
 def _estimated(axis: AxisPlan) -> Iterator[str]:

@@ -4,7 +4,7 @@ Golden files keep this text for each scene, and for each profile.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import cast
@@ -185,11 +185,8 @@ def plan_json(plan: Plan) -> dict[str, Json]:
 
 def summary_json(plan: Plan) -> dict[str, Json]:
     """Return the summary of a plan for `run --json`."""
-    return {
-        "mapped": list(plan.mapped),
-        "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
-        "assumed": list(plan.assumed),
-    }
+    left_out: list[Json] = [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out]
+    return {"mapped": list(plan.mapped), "left_out": left_out, "assumed": list(plan.assumed)}
 
 
 def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
@@ -242,14 +239,13 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     yield OutputRow("stability", verdict_texts(plan) if verbose else (), "stability", judged)
 
 
-def _traffic_json(plan: Plan) -> dict[str, Json]:
+def _traffic_json(plan: Plan) -> Mapping[str, Json]:
     """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
     # All keys are always present: they do not depend on the bench.
-    found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
+    found: dict[str, list[Json] | None] = dict.fromkeys(TRAFFIC_KEYS.values())
     for axis in plan.axes:
         for key, rows in axis.traffic.to_json(axis.rig.bus).items():
-            before = found.get(key)
-            found[key] = [*(before if isinstance(before, list) else ()), *rows]
+            found[key] = [*(found[key] or ()), *rows]
     return found
 
 

@@ -178,11 +178,6 @@ def _why_not(profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str
         return "the proof in the rig file was made by an earlier version and has no digest; run --prove makes a new one"
     if proved.digest != proved.digest_with(set_to.written):
         return "profile, reaction, bus, node or proof changed after the proof was saved in the rig file"
-    return _out_of_time(proved, set_to)
-
-
-def _out_of_time(proved: Proved, set_to: SetGuard) -> str:
-    """Return the reason why the measured time of a proof is not accepted at this rate; empty when it is."""
     low, high = 1e3 * set_to.earliest, 1e3 * (set_to.allowed + LONGEST_QUESTION)
     if proved.guard_ms is not None and low - _ROUNDED_MS <= proved.guard_ms <= high + _ROUNDED_MS:
         return ""

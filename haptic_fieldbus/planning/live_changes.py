@@ -170,7 +170,9 @@ def plan_change(
     if not (force and is_capped):
         check_stable(plan, running=True)
         _check_transition(last, plan)
-    return Change({setting: _value(plan.scene, setting) for setting in settings}, plan, time)
+    elements = {element.name: element for element in plan.scene.elements}
+    named = {setting: setting.rpartition(".") for setting in settings}
+    return Change({each: getattr(elements[name], key) for each, (name, _, key) in named.items()}, plan, time)
 
 
 def _compiled(running: Plan, scene: Scene) -> Plan:
@@ -222,10 +224,3 @@ def _check_transition(before: Plan, after: Plan) -> None:
 def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
     """Return all elements and couplings that act on an axis."""
     return (*axis.elements, *axis.couplings)
-
-
-def _value(scene: Scene, setting: str) -> Setting:
-    """Return the value of a setting in the scene, which must have it."""
-    name, _, parameter = setting.rpartition(".")
-    value: Setting = next(getattr(element, parameter) for element in scene.elements if element.name == name)
-    return value

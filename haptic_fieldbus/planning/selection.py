@@ -52,7 +52,10 @@ def settled(task: Task) -> tuple[Scene, str | None]:
     SceneError or UsageError.
     """
     values = parsed(task.settings)
-    part = _part_of_limit(values)
+    parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
+    if len(parts) > 1:
+        raise UsageError(f"only one setting may be a part of the limit, not {', '.join(parts)}")
+    part = parts[0] if parts else None
     found = with_settings(task.scene, {key: value for key, value in values.items() if key != part})
     if part is not None:
         _check_scales(part, values[part], found)
@@ -122,17 +125,6 @@ def _plain(key: str, value: Setting) -> Setting:
         return float(value) if isinstance(value, str) else value
     except ValueError:
         return value
-
-
-def _part_of_limit(values: Mapping[str, Setting]) -> str | None:
-    """Return the name of the setting that is a part of the limit, or None.
-
-    Raises UsageError for several of them.
-    """
-    parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
-    if len(parts) > 1:
-        raise UsageError(f"only one setting may be a part of the limit, not {', '.join(parts)}")
-    return parts[0] if parts else None
 
 
 def _check_scales(part: str, value: Setting, scene: Scene) -> None:
