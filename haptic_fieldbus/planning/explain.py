@@ -245,7 +245,7 @@ def _traffic_json(plan: Plan) -> Mapping[str, Json]:
     found: dict[str, list[Json] | None] = dict.fromkeys(TRAFFIC_KEYS.values())
     for axis in plan.axes:
         for key, rows in axis.traffic.to_json(axis.rig.bus).items():
-            found[key] = [*(found[key] or ()), *rows]
+            found[key] = [*(found.get(key) or ()), *rows]
     return found
 
 

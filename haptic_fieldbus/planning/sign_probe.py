@@ -248,9 +248,9 @@ def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
     """Return the direction test in words: torques, times, and motion of the handle."""
     force, first = axis.workspace.effort_unit, probe.stages[0].effort
     pulses = f"motor direction check with pulses of ±{in_unit(first, force)}"
-    if probe.largest > first:
-        share = percent(probe.largest / axis.rated_effort)
-        pulses += f", growing to ±{in_unit(probe.largest, force)} ({share} of rated torque) while nothing moves"
+    share = percent(probe.largest / axis.rated_effort)
+    grown = f", growing to ±{in_unit(probe.largest, force)} ({share} of rated torque) while nothing moves"
+    pulses += grown if probe.largest > first else ""
     time = f"takes at least {rounded(1e3 * probe.time)} ms{_hindered(axis, probe)}"
     return f"{pulses}; {_ways(axis, probe)}; {time}; until then at most {in_unit(probe.holding, force)}"
 
