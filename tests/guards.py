@@ -294,7 +294,7 @@ GUARDS = {
     ),
     "the cap of all axes after a doubt": _cycle(
         "sign",
-        "self._doubted()",
+        "self._owner.sign_doubted()",
         "pass",
         "test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left",
         of=TIED,
@@ -650,8 +650,8 @@ GUARDS = {
     ),
     "the cap without a guard": Guard(
         "haptic_fieldbus/planning/guards.py",
-        "    return unguarded(profile, axis)\n\n\ndef _failed(",
-        '    return ""\n\n\ndef _failed(',
+        "    return unguarded(profile, axis)\n\n\ndef check_guarded(",
+        '    return ""\n\n\ndef check_guarded(',
         (
             "tests/planning/test_guards.py::"
             "test_a_known_failure_is_refused_without_an_emergency_stop_and_capped_with_one",
@@ -702,8 +702,8 @@ GUARDS = {
     ),
     "the measured time of a proof": Guard(
         "haptic_fieldbus/planning/guards.py",
-        "return _out_of_time(proved, set_to)",
-        'return ""',
+        "if proved.guard_ms is not None and low -",
+        "if True or low -",
         ("tests/planning/test_guards.py::test_a_measured_time_counts_where_a_proof_at_this_rate_would_have_passed",),
     ),
     "a measured time that no proof accepts": Guard(

@@ -58,10 +58,8 @@ class Traces:
         lines |= {f"{VIRTUAL}{name}": states[:, 0] for name, states in points.virtual.items()}
         kept, seen = np.arange(len(points.times_ns)), np.arange(len(times_ns))
         if self._bin:
-            near_ns = self._near(points)
-            kept = extremes(
-                [*lines.values(), points.error], points.times_ns, round(self._bin * POINTS_PER_PERIOD), near_ns
-            )
+            near_ns, size = self._near(points), round(self._bin * POINTS_PER_PERIOD)
+            kept = extremes([*lines.values(), points.error], points.times_ns, size, near_ns)
             seen = extremes([samples], times_ns, self._bin, near_ns)
         self._lines.append({"times_ns": points.times_ns[kept]} | {name: line[kept] for name, line in lines.items()})
         self._samples.append((times_ns[seen], samples[seen]))
@@ -74,9 +72,7 @@ class Traces:
         # The force at which the first one began may have become small beside a later, far greater one.
         if not len(considerable) or (self._began and self._began >= CONSIDERABLE * self._greatest):
             return 0, 0
-        first = int(considerable[0])
-        self._began = float(force[first])
-        at_ns = int(points.times_ns[first])
+        self._began, at_ns = float(force[considerable[0]]), int(points.times_ns[considerable[0]])
         return at_ns - BEFORE * self._period_ns, at_ns + AFTER * self._period_ns
 
     def trace(self, axis: AxisPlan) -> Trace:
@@ -184,19 +180,12 @@ class AxisAssessment:
         found = self.figures
         if found is None or not found.touched:
             return None
-        seconds = found.scored * self._run.plan.period / POINTS_PER_PERIOD
-        if not found.ideal_rms_contact:
+        ideal, seconds = found.ideal_rms_contact, found.scored * self._run.plan.period / POINTS_PER_PERIOD
+        if not ideal:
             return FeltError(None, 0.0, 0.0, 0.0)
-        ideal = found.ideal_rms_contact
-        acting = (*self.axis.elements, *self.axis.couplings)
-        return FeltError(
-            found.error_rms_contact / ideal,
-            found.shape_rms_contact / ideal,
-            found.late,
-            seconds,
-            found.energy_generated,
-            by_event=all(abilities(each).by_event for each in acting),
-        )
+        by_event = all(abilities(each).by_event for each in (*self.axis.elements, *self.axis.couplings))
+        error, shape = found.error_rms_contact / ideal, found.shape_rms_contact / ideal
+        return FeltError(error, shape, found.late, seconds, found.energy_generated, by_event)
 
     @property
     def trace(self) -> Trace | None:
@@ -231,30 +220,20 @@ class AxisAssessment:
                 step=axis.effort_unit,
                 late=(axis.delay.transport, axis.delay.torque_loop),
             )
-        points = self._splitter.take(
-            *self._known_of(axis, part),
-            acted=self._spans(axis.elements, part, lambda plan: plan.elements),
-            ties=self._ties(part) if axis.couplings else (),
-        )
+        acted = self._spans(axis.elements, part, lambda plan: plan.elements)
+        ties = self._ties(part) if axis.couplings else ()
+        points = self._splitter.take(*self._known_of(axis, part), acted=acted, ties=ties)
         new = slice(part.overlap, None)
         self._traces.add(points, times_ns[new], part.columns[f"{axis.name}.position"][new])
 
     def _known_of(self, axis: AxisPlan, part: Part) -> tuple[Recording, TrueMotion, Conversion]:
         """Return the recording of an axis, the true motion of its shaft, and the conversion between both."""
-        columns = part.columns
-        recording = Recording(
-            times_ns=part.times_ns,
-            position=columns[f"{axis.name}.position"],
-            force=columns[f"{axis.name}.force"],
-            command=columns[f"{axis.name}.command"],
-            # The record always has the column; without an estimator no element used its value.
-            velocity=columns[f"{axis.name}.velocity"] if axis.estimator else None,
-            tachometer=axis.integrates,
-            overlap=part.overlap,
-            began_ns=part.began_ns,
-        )
-        world, mechanism = self._run.worlds[axis.rig.bus], axis.rig.mechanism
-        trajectory = world.so_far(axis.node)
+        names = ("position", "force", "command", "velocity")
+        position, force, command, velocity = (part.columns[f"{axis.name}.{name}"] for name in names)
+        # The record always has the column of the velocity; without an estimator no element used its value.
+        feedback = (position, force, command, velocity if axis.estimator else None)
+        recording = Recording(part.times_ns, *feedback, axis.integrates, part.overlap, part.began_ns)
+        trajectory, mechanism = self._run.worlds[axis.rig.bus].so_far(axis.node), axis.rig.mechanism
         if axis.name not in self._zeros:
             self._zeros[axis.name] = self._zero(axis, trajectory, part.times_ns)
         return recording, trajectory, Conversion(mechanism.ratio * mechanism.sign, self._zeros[axis.name])
@@ -270,11 +249,8 @@ class AxisAssessment:
         self, elements: tuple[Kind, ...], part: Part, of: Callable[[AxisPlan], tuple[Kind, ...]]
     ) -> list[Span[Kind]]:
         """Return the spans of elements or couplings, as `of` selects them, that act in new periods of the part."""
-        place = self._run.plan.axes.index(self.axis)  # a change keeps the axes and their order
-        exchanges = [
-            Handover(applied.after_ns, applied.periods, of(applied.change.plan.axes[place]))
-            for applied in self._run.report.changes
-        ]
+        place, changes = self._run.plan.axes.index(self.axis), self._run.report.changes  # a change keeps the order
+        exchanges = [Handover(each.after_ns, each.periods, of(each.change.plan.axes[place])) for each in changes]
         known = spans(elements, exchanges, part.times_ns, part.firsts, part.skipped)
         return [span for span in known if span.rows.stop > part.overlap]
 
@@ -282,10 +258,9 @@ class AxisAssessment:
         """Return the couplings of an axis, each with the recording and true motion of the axis at its other end."""
         from haptic_fieldbus.assessing.coupling_error import Tie
 
-        others = {each.name: each for each in self._run.plan.axes}
         found = []
         for span in self._spans(self.axis.couplings, part, lambda plan: plan.couplings):
             place = span.element.axes.index(self.axis.name)
-            other = others[span.element.axes[1 - place]]
+            other = self._run.plan.axis(span.element.axes[1 - place])
             found.append(Tie(span, place, *self._known_of(other, part)))
         return found

@@ -10,7 +10,7 @@ from itertools import starmap
 
 import numpy as np
 
-from haptic_fieldbus.assessing.element_forces import Key, PartState, Span, new_nodes, new_rows
+from haptic_fieldbus.assessing.element_forces import Key, PartState, Span, new_nodes, new_rows, part_of
 from haptic_fieldbus.assessing.recording import (
     Array,
     Conversion,
@@ -64,10 +64,8 @@ class Tie:
         sampled, _ = true_motion(self.recording.times_ns, self.trajectory, self.conversion)
         other = made_real(self.recording, with_time(sampled, self.recording.times_ns, self.recording))
         # This axis may have a stage that the other lacks, since it estimates a velocity for another element.
-        last = list(other.values())[-1]
-        return {
-            name: self._in_periods(name, own, other.get(name, last), period, carried) for name, own in feedback.items()
-        }
+        others = {name: other.get(name, list(other.values())[-1]) for name in feedback}
+        return {name: self._in_periods(name, own, others[name], period, carried) for name, own in feedback.items()}
 
     def replayed(self, own: Feedback, period: float, carried: PartState) -> Array:
         """Return the force on this axis in each new period, computed anew from the feedback of both axes.
@@ -93,11 +91,7 @@ class Tie:
         # The law takes the axes in the order of the element, and returns a force for each.
         both = (other, own) if self.place else (own, other)
         needs, place = self.span.element.needs, self.place
-        needed = [
-            column
-            for feedback in both
-            for column in columns_of(needs, {signal: values[part] for signal, values in feedback.items()})
-        ]
+        needed = [column for feedback in both for column in columns_of(needs, part_of(feedback, part))]
         pairs = starmap(law, zip(*needed, strict=True))
         count = len(own[Signal.POSITION][part])
         return np.fromiter((pair[place] for pair in pairs), dtype=np.float64, count=count)

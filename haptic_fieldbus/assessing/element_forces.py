@@ -90,13 +90,12 @@ def spans(
     """
     firsts = first_periods([each.after_ns for each in exchanges], times_ns) if firsts is None else firsts
     periods = np.arange(skipped, skipped + len(times_ns))
-    current = [
-        Span(element, (place, 0), 0, sys.maxsize, np.ones(len(periods))) for place, element in enumerate(elements)
-    ]
+    whole = np.ones(len(periods))
+    current = [Span(element, (place, 0), 0, sys.maxsize, whole) for place, element in enumerate(elements)]
     ended: list[Span[Kind]] = []
     for exchange, first in zip(exchanges, firsts, strict=False):
         # The first period of the ramp already has the share 1/periods, as in `cycle.laws.blended`.
-        new = np.clip((periods - first + 1) / exchange.periods, 0.0, 1.0) if first else np.ones(len(periods))
+        new = np.clip((periods - first + 1) / exchange.periods, 0.0, 1.0) if first else whole
         for place, element in enumerate(exchange.elements):
             old = current[place]
             if element == old.element:
@@ -191,9 +190,10 @@ def exact_forces(
 
     The force on imperfect inputs is the exact force plus the response to the input error alone.
     """
-    from haptic_fieldbus.assessing.virtual_states import ResponseToError, exact_response
+    from haptic_fieldbus.assessing.virtual_states import ExactResponse, ResponseToError
 
-    exact = exact_response(element, way_ns, way, carried.exact.get(span.key))
+    position, velocity = way[Signal.POSITION], way[Signal.VELOCITY]
+    exact = ExactResponse(element.dynamics, way_ns, position, velocity, carried.exact.get(span.key))
     carried.exact[span.key] = exact.states[-1]
     at_samples = exact.force_at(samples_ns, truth[Signal.POSITION], truth[Signal.VELOCITY])
     stages = {}
@@ -212,11 +212,10 @@ def stepped_forces(
     """
     element = span.element
     law = carried.law((*span.key, "ideal"), partial(law_of, element, period / POINTS_PER_PERIOD))
+    nodes = slice(1, None)
     # A law that goes on has had the first instant of its way already.
-    if begins(span, overlap):
-        ideal = forces_of(law, element, way)[1:]
-    else:
-        ideal = forces_of(law, element, part_of(way, slice(1, None)))
+    starts = begins(span, overlap)
+    ideal = forces_of(law, element, way)[nodes] if starts else forces_of(law, element, part_of(way, nodes))
     stages = {}
     for name, inputs in real.items():
         law = carried.law((*span.key, name), partial(law_of, element, period))

@@ -64,8 +64,7 @@ class Record:
 
         Raises ValueError for an unknown name.
         """
-        values: NDArray[np.float64] = self._table()[self._held(first), self.columns.index(name)]
-        return values
+        return np.asarray(self._table()[self._held(first), self.columns.index(name)])
 
     def since(self, first: int) -> NDArray[np.float64]:
         """Return a copy of the rows from number `first` on, counted from the first push; some may be overwritten."""

@@ -69,11 +69,8 @@ def passivities(plan: Plan, cycle: Cycle, cycles: int) -> Iterator[Passivity]:
         if plan.scene.controlled:
             unit = ledger.axes[0].workspace.effort_unit
             controller = Controlled(tally.taken, tally.strongest, tally.damped / cycles if cycles else 0.0, unit)
-        names = tuple(axis.name for axis in ledger.axes)
-        booked = ledger.booked
-        yield Passivity(
-            names, tally.largest, tally.limit, booked, controller, tally.most, tally.budget, tally.held_most
-        )
+        names, forgiven = tuple(axis.name for axis in ledger.axes), (tally.most, tally.budget)
+        yield Passivity(names, tally.largest, tally.limit, ledger.booked, controller, *forgiven, tally.held_most)
 
 
 def forgiven_text(found: Passivity) -> str | None:

@@ -111,18 +111,15 @@ def columns_of(needs: Sequence[Signal], feedback: Mapping[Signal, Array]) -> lis
 
     The laws are those of the loop, which take Python floats, never arrays.
     """
-    return [
-        (feedback[signal].astype(np.int64) if signal is Signal.ELAPSED_NS else feedback[signal]).tolist()
-        for signal in needs
-    ]
+    columns = ((signal, feedback[signal]) for signal in needs)
+    return [(each.astype(np.int64) if signal is Signal.ELAPSED_NS else each).tolist() for signal, each in columns]
 
 
 def target_in_force(trajectory: TrueMotion, times_ns: Times) -> Array:
     """Return the target torque that the drive follows at these times [N·m], `(n_times,)`; 0 before the first target."""
     target_ns, target = trajectory.targets()
     # With a 0 in front, the number of targets taken over so far is the index of the one in force.
-    values: Array = np.concatenate([[0.0], target])[np.searchsorted(target_ns, times_ns, side="right")]
-    return values
+    return np.asarray(np.concatenate([[0.0], target])[np.searchsorted(target_ns, times_ns, side="right")])
 
 
 class CommandDelay:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.assessing.loop_report import LoopReport, Percentiles, PeriodTimes, Timing
+from haptic_fieldbus.assessing.loop_report import SAMPLES, LoopReport, Percentiles, PeriodTimes, Timing
 from haptic_fieldbus.assessing.passivity import Passivity, cost_text, forgiven_text
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
@@ -316,9 +316,8 @@ class Result:
 
         picture = BytesIO()
         self.plot().savefig(picture, format="png")
-        return (
-            f'{text}<img src="data:image/png;base64,{b64encode(picture.getvalue()).decode()}" alt="picture of the run">'
-        )
+        encoded = b64encode(picture.getvalue()).decode()
+        return f'{text}<img src="data:image/png;base64,{encoded}" alt="picture of the run">'
 
     def to_json(self) -> dict[str, Json]:
         """Return the object that `run --json` prints; SI units, None for figures that do not apply."""
@@ -330,9 +329,8 @@ def result_rows(result: Result) -> Iterator[OutputRow]:
     plan, timing, error, stability = result.plan, result.timing, result.torque_error, result.stability
     proofs = filter(None, ["; ".join(map(str, result.proofs))])
     yield OutputRow("watchdog", proofs, "guards", [proof.to_json() for proof in result.proofs], cut=True)
-    yield from (
-        OutputRow(key=name, value=getattr(result, name)) for name in ("scene", "drive", "bus", "clock", "cycles")
-    )
+    names = ("scene", "drive", "bus", "clock", "cycles")
+    yield from (OutputRow(key=name, value=getattr(result, name)) for name in names)
     yield OutputRow(key="rate_hz", value=result.rate)
     yield OutputRow(key="missed_cycles", value=result.missed_cycles)
     yield OutputRow(key="duration_s", value=result.duration)
@@ -342,7 +340,8 @@ def result_rows(result: Result) -> Iterator[OutputRow]:
     ways = [each.to_json() for each in result.travel]
     yield OutputRow("result", map(travel_text, result.travel), "travel", ways, detail=True)
     yield OutputRow("result", _periods_texts(result), "timing", timing.to_json() if timing else None, detail=True)
-    sizes = [f"{error_sizes(error)}{_sources_text(error)}{_contact_text(error)}"] if error else []
+    seconds = f"; {error.contact_s:.2g} s of moving contact" if error and error.contact_s else ""
+    sizes = [f"{error_sizes(error)}{_sources_text(error)}{seconds}"] if error else []
     yield OutputRow("result", sizes, "torque_error", error.to_json() if error else None, detail=True)
     energy = filter(None, [energy_text(result.energy_generated)])
     yield OutputRow("result", energy, "energy_generated_j", result.energy_generated, detail=True)
@@ -386,20 +385,21 @@ def result_text(result: Result) -> str:
     if not result.cycles:
         return ""
     # Only a run that went to its end has a verdict, so nothing tripped.
-    ended = [] if result.verdict is None else ["no trip"]
-    return "; ".join(
-        [periods_text(result), *ended, *(_depth_text(each) or travel_text(each) for each in result.travel)]
-    )
+    parts = [periods_text(result), *([] if result.verdict is None else ["no trip"])]
+    for travel in result.travel:
+        deep = ", ".join(_depths(travel))
+        parts.append(f"{travel.axis} {deep}" if deep else travel_text(travel))
+    return "; ".join(parts)
 
 
 def _periods_texts(result: Result) -> Iterator[str]:
     """Yield load of the bus, speed of the simulation, and lateness of the periods; nothing without periods."""
     if not result.cycles:
         return
-    speed = ""
+    told = [load_text(result)]
     if result.clock == "virtual" and result.elapsed and result.duration:
-        speed = f"{rounded(result.duration)} s simulated in {rounded(result.elapsed)} s"
-    yield from filter(None, ["; ".join(filter(None, [load_text(result), speed]))])
+        told.append(f"{rounded(result.duration)} s simulated in {rounded(result.elapsed)} s")
+    yield from filter(None, ["; ".join(filter(None, told))])
     if result.clock != "virtual" and result.periods is not None and result.timing is not None:
         named = (("late by", result.timing.lateness_us), ("feedback age", result.timing.age_us))
         texts = [f"{name} {_percentiles_text(times)}" for name, times in named if times is not None]
@@ -416,18 +416,10 @@ def travel_text(travel: Travel) -> str:
     return ", ".join([f"{travel.axis} {way}", *_depths(travel)])
 
 
-def _depth_text(travel: Travel) -> str:
-    """Return the depth of a handle in each element; empty if it touched none."""
-    deep = ", ".join(_depths(travel))
-    return f"{travel.axis} {deep}" if deep else ""
-
-
 def _depths(travel: Travel) -> list[str]:
-    return [
-        f"{length(float(rounded(depth)), travel.workspace)} deep in {name}"
-        for name, depth in travel.depth.items()
-        if depth
-    ]
+    """Return the depth of a handle in each element that it touched."""
+    deep = {name: length(float(rounded(depth)), travel.workspace) for name, depth in travel.depth.items() if depth}
+    return [f"{depth} deep in {name}" for name, depth in deep.items()]
 
 
 def change_text(time: float, settings: Mapping[str, object]) -> str:
@@ -469,11 +461,6 @@ def error_sizes(error: TorqueError) -> str:
     return f"{name} error {in_unit(error.rms, error.unit)} rms, {in_unit(error.max, error.unit)} max"
 
 
-def _contact_text(error: TorqueError) -> str:
-    """Return the time of moving contact behind the verdict; empty without any."""
-    return f"; {error.contact_s:.2g} s of moving contact" if error.contact_s else ""
-
-
 def _sources_text(error: TorqueError) -> str:
     """Return the sources with a considerable share in brackets, the largest first; empty when there is none."""
     by_size = sorted(error.by_source.items(), key=lambda item: -abs(item[1]))
@@ -513,19 +500,11 @@ def known_before(
 
     `bus` is the name of the bus, or those of all buses.
     """
-    result = Result(
-        scene=plan.scene.name,
-        drive=plan.axes[0].profile.name,
-        bus=bus,
-        rate=plan.rate,
-        bus_load=plan.bus_load,
-        plan=plan,
-        stability=plan.stability,
-    )
+    result = Result(plan.scene.name, plan.axes[0].profile.name, bus, plan.rate, bus_load=plan.bus_load, plan=plan)
+    result = replace(result, stability=plan.stability)
     if report is None:
         return result
-    names = ("period_ns", "age_ns", "compute_ns", "lateness_ns")
-    period, age, compute, lateness = (Percentiles.of(report.sample(name)) for name in names)
+    period, age, compute, lateness = (Percentiles.of(report.sample(name)) for name in SAMPLES)
     foreign = report.foreign_load
     loads = [bus.traffic.load + max(foreign.get(axis, 0.0) for axis in bus.axes) for bus in plan.buses]
     return replace(

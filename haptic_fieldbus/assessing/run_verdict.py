@@ -95,13 +95,9 @@ def run_verdict(
     if ripple is not None and ripple >= FELT_SHARE:
         chatter = f"; the {scene} chatters: {percent(ripple)} ripple"
     # What matters least goes first, when all of it is too long for a line; a warning tells of the limit too.
-    told = (
-        f"{head}{noticed}{by}{chatter}{above}",
-        f"{head}{noticed}{chatter}{above}",
-        f"{head}{chatter}{above}",
-        f"{head}{chatter}",
-    )
-    return next((text for text in told if len(text) <= LONGEST), f"{head.partition(ADDED)[0]}; chatters")
+    rests = (f"{noticed}{by}{chatter}{above}", f"{noticed}{chatter}{above}", f"{chatter}{above}", chatter)
+    shortest = f"{head.partition(ADDED)[0]}; chatters"
+    return next((f"{head}{rest}" for rest in rests if len(head) + len(rest) <= LONGEST), shortest)
 
 
 def real_verdict(

@@ -18,8 +18,8 @@ from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.travel import Travels
+from haptic_fieldbus.cycle.axis import AxisCycle
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.safety import GapCounts
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -202,33 +202,7 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     applied = (change.change.plan for change in report.changes)
     yield from dict.fromkeys(text for each in (plan, *applied) for text in above_limit(each, caveat=False))
     for axis in plan.axes:
-        handle = cycle.axes[axis.name]
-        permission, gaps, sign = handle.permission, handle.permission.gaps, handle.sign
-        share = (permission.clipped - gaps.capped) / report.cycles if report.cycles else 0.0
-        if report.cycles and gaps.capped >= WORTH_TELLING * report.cycles:
-            yield _capped(axis, gaps.long, gaps.capped / report.cycles)
-        if report.cycles and gaps.shifted >= WORTH_TELLING * report.cycles:
-            yield _shifted(axis, gaps, gaps.shifted / report.cycles)
-        asked, stalls, doubts = permission.asked, handle.stalls, sign.doubts
-        # What a stall or a doubt capped is told by itself.
-        if share >= WORTH_TELLING and (not (stalls or doubts) or asked > axis.limits.effort):
-            yield _clipped(axis, share, asked)
-        if report.cycles and (unseen := sign.unseen) is not None:
-            yield _unseen(axis, unseen, sign.broken_off)
-        elif permission.checked >= WORTH_TELLING * report.cycles > 0:
-            yield (
-                f"axis {axis.name}: {_often(permission.checked / report.cycles)} the motor direction check took the "
-                f"place of the {axis.workspace.effort_name} of the scene. It lasts longer where feedback is missing"
-            )
-        if doubts:
-            yield (
-                f"axis {axis.name}: the handle moved against the torque {doubts} times, as after a blow; the "
-                f"{axis.workspace.effort_name} was then limited to "
-                f"{in_unit(axis.limits.before_sign, axis.workspace.effort_unit)} until the motor direction was "
-                "confirmed again and contact had ended"
-            )
-        if stalls:
-            yield _stood_still(axis, stalls, plan.period)
+        yield from (f"axis {axis.name}: {text}" for text in _axis_notices(axis, cycle.axes[axis.name], report, plan))
     if unmade := report.unmade:
         settings = ", ".join(dict.fromkeys(setting for change in unmade for setting in change.settings))
         was = f"the change of {settings} was" if len(unmade) == 1 else f"{len(unmade)} changes, of {settings}, were"
@@ -238,66 +212,62 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         )
 
 
+def _axis_notices(axis: AxisPlan, handle: AxisCycle, report: LoopReport, plan: Plan) -> Iterator[str]:
+    """Yield a sentence for each limit of an axis that acted during the run."""
+    limits, unit, effort = axis.limits, axis.workspace.effort_unit, axis.workspace.effort_name
+    permission, gaps, sign = handle.permission, handle.permission.gaps, handle.sign
+    periods = report.cycles or math.inf  # in no period nothing acted
+    if gaps.capped >= WORTH_TELLING * periods:
+        yield (
+            f"after {_times(gaps.long, 'long feedback gap')} the {effort} stayed limited to its value before the gap, "
+            f"{_often(gaps.capped / periods)}; the limit ends when the handle leaves contact"
+        )
+    if gaps.shifted >= WORTH_TELLING * periods:
+        yield (
+            f"after {_times(gaps.short + gaps.long, 'feedback gap')} the scene was displaced by up to "
+            f"{in_unit(gaps.farthest, axis.workspace.length_unit)}, {_often(gaps.shifted / periods)}; it moves back as "
+            "the handle gives way"
+        )
+    share, asked = (permission.clipped - gaps.capped) / periods, permission.asked
+    if share >= WORTH_TELLING and asked > limits.effort:
+        yield f"the motor applied {limits.effort:.3g} of the {asked:.3g} {unit} requested, {_often(share)}"
+    elif share >= WORTH_TELLING and not (handle.stalls or sign.doubts):  # what these capped is told by itself
+        yield f"{_often(share)} the scene requested more {effort} than the limit of {limits.effort:.3g} {unit}"
+    holding = in_unit(limits.before_sign, unit)
+    if report.cycles and sign.unseen is not None:
+        told = "the run was too short"
+        if sign.unseen:
+            told = "the handle moved neither with the torque nor against it: release it; friction may be larger than "
+            told += "in the rig"
+        elif sign.broken_off:
+            told = f"feedback gaps interrupted the check {sign.broken_off} times: look at late periods and feedback age"
+        yield f"motor direction not confirmed, so the {effort} was limited to {holding}; {told}"
+    elif permission.checked >= WORTH_TELLING * periods:
+        yield (
+            f"{_often(permission.checked / periods)} the motor direction check took the place of the {effort} of the "
+            "scene. It lasts longer where feedback is missing"
+        )
+    if sign.doubts:
+        yield (
+            f"the handle moved against the torque {sign.doubts} times, as after a blow; the {effort} was then limited "
+            f"to {holding} until the motor direction was confirmed again and contact had ended"
+        )
+    if handle.stalls:
+        yield (
+            f"the position did not change under {effort} for {exactly(limits.stall)} s, "
+            f"{'once' if handle.stalls == 1 else f'{handle.stalls} times'}. A leaning hand and a broken encoder cable "
+            f"look the same, and no test pulses were possible ({why_not_asked(axis, plan.period)}). The {effort} was "
+            f"then limited to {in_unit(limits.holding, unit)} until contact ended; a hand that pushes harder gets "
+            f"through. To allow more time, raise axis.{axis.name}.limits.stall in the rig"
+        )
+
+
 def _often(share: float) -> str:
     return f"in {100 * share:.0f} % of the periods"
 
 
-def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
-    unit, often = axis.workspace.effort_unit, _often(share)
-    if asked > axis.limits.effort:
-        return (
-            f"axis {axis.name}: the motor applied {axis.limits.effort:.3g} of the {asked:.3g} {unit} requested, {often}"
-        )
-    return (
-        f"axis {axis.name}: {often} the scene requested more {axis.workspace.effort_name} than the limit of "
-        f"{axis.limits.effort:.3g} {unit}"
-    )
-
-
-def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
-    often = "once" if stalls == 1 else f"{stalls} times"
-    return (
-        f"axis {axis.name}: the position did not change under {axis.workspace.effort_name} for "
-        f"{exactly(axis.limits.stall)} s, {often}. A leaning hand and a broken encoder cable look the same, and no "
-        f"test pulses were possible ({why_not_asked(axis, period)}). The {axis.workspace.effort_name} was then limited "
-        f"to {in_unit(axis.limits.holding, axis.workspace.effort_unit)} until contact ended; a hand that pushes harder "
-        f"gets through. To allow more time, raise axis.{axis.name}.limits.stall in the rig"
-    )
-
-
-def _shifted(axis: AxisPlan, gaps: GapCounts, share: float) -> str:
-    return (
-        f"axis {axis.name}: after {_times(gaps.short + gaps.long, 'feedback gap')} the scene was displaced by up to "
-        f"{in_unit(gaps.farthest, axis.workspace.length_unit)}, {_often(share)}; it moves back "
-        "as the handle gives way"
-    )
-
-
-def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
-    return (
-        f"axis {axis.name}: after {_times(gaps, 'long feedback gap')} the {axis.workspace.effort_name} stayed limited "
-        f"to its value before the gap, {_often(share)}; the limit ends when the handle leaves "
-        "contact"
-    )
-
-
 def _times(number: int, what: str) -> str:
     return f"a {what}" if number == 1 else f"{number} {what}s"
-
-
-def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
-    told = "the run was too short"
-    if failures:
-        told = (
-            "the handle moved neither with the torque nor against it: release it; friction may be larger than in "
-            "the rig"
-        )
-    elif broken_off:
-        told = f"feedback gaps interrupted the check {broken_off} times: look at late periods and feedback age"
-    return (
-        f"axis {axis.name}: motor direction not confirmed, so the {axis.workspace.effort_name} was limited to "
-        f"{in_unit(axis.limits.before_sign, axis.workspace.effort_unit)}; {told}"
-    )
 
 
 def _enabled(run: Run, column: str) -> Array:
@@ -308,12 +278,6 @@ def _enabled(run: Run, column: str) -> Array:
 
 def _recorded(axis: AxisPlan, run: Run) -> Trace:
     """Return the trace of an axis without a known error: the decoded motion and the command, as far as recorded."""
-    times_ns = _enabled(run, "t_ns")
-    start_ns = run.report.enabled_at_ns or 0
-    return Trace(
-        axis.name,
-        axis.workspace,
-        (times_ns - start_ns) * 1e-9,
-        _enabled(run, f"{axis.name}.position"),
-        _enabled(run, f"{axis.name}.command"),
-    )
+    times = (_enabled(run, "t_ns") - (run.report.enabled_at_ns or 0)) * 1e-9
+    position, command = (_enabled(run, f"{axis.name}.{name}") for name in ("position", "command"))
+    return Trace(axis.name, axis.workspace, times, position, command)

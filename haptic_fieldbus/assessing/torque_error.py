@@ -29,6 +29,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -220,12 +221,6 @@ class ErrorPoints:
     virtual: Mapping[str, Array]
     """Ideal virtual states by the name of their element, each `(n_points, order)`."""
 
-    @property
-    def contact(self) -> NDArray[np.bool_]:
-        """Mask of the points in contact, where the ideal is not zero, `(n_points,)`."""
-        mask: NDArray[np.bool_] = self.ideal != 0.0
-        return mask
-
 
 class Splitter:
     """Splits the error of one axis, part by part, from `begin_ns` to the last sample, at `POINTS_PER_PERIOD`.
@@ -292,9 +287,8 @@ class Splitter:
         levels = {name: stage[held] for name, stage in stages.items()}
         levels["torque step"] = target_in_force(trajectory, times_ns) / conversion.ratio
         levels["torque loop"] = force
-        sources, before = {}, ideal
-        for name, level in levels.items():
-            sources[name], before = level - before, level
+        steps = pairwise([("ideal", ideal), *levels.items()])
+        sources = {name: after - before for (_, before), (name, after) in steps}
         error = force - ideal
 
         speed = motion[Signal.VELOCITY][shown]
@@ -386,8 +380,7 @@ class Splitter:
             feedback[Signal.VELOCITY] = recording.velocity
         total = np.zeros(len(recording.position))
         for span in acted:
-            rows = new_rows(span, recording.overlap)
-            element = span.element
+            rows, element = new_rows(span, recording.overlap), span.element
             law = self._carried.law((*span.key, "replay"), partial(law_of, element, self._period, self._method))
             total[rows] += span.share[rows] * forces_of(law, element, part_of(feedback, rows))
         for tie in ties:

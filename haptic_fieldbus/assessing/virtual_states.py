@@ -45,8 +45,7 @@ def recursion(transition: Matrix, drive: Matrix, start: Array) -> Matrix:
     for block in range(blocks):
         starts[block + 1] = powers[length] @ starts[block] + own[block, length]
     states = own[:, :length] + np.einsum("lij,bj->bli", powers[:length], starts[:-1])
-    result: Matrix = np.vstack([states.reshape(-1, order), starts[-1:]])[: steps + 1]
-    return result
+    return np.asarray(np.vstack([states.reshape(-1, order), starts[-1:]])[: steps + 1])
 
 
 class SequenceResponse:
@@ -68,8 +67,7 @@ class SequenceResponse:
         moved = inputs - np.array([self._start, 0.0])
         states = recursion(system.a, moved @ system.b.T, self._state)
         self._state = states[-1]
-        output: Array = self._stiffness * self._start + states[:-1] @ system.c[0] + moved @ system.d[0]
-        return output
+        return np.asarray(self._stiffness * self._start + states[:-1] @ system.c[0] + moved @ system.d[0])
 
 
 class ExactResponse:
@@ -94,13 +92,9 @@ class ExactResponse:
         span = float(nodes_ns[-1] - nodes_ns[-2]) * 1e-9
         increment, gammas = polynomial_step(space.a, space.b, span, 3)
         x = _cubic(position[1:-1], velocity[1:-1], position[2:], velocity[2:], span)
-        drive: Matrix = sum(
-            (
-                derivative * span**power @ gamma.T
-                for power, (derivative, gamma) in enumerate(zip(x, gammas, strict=True))
-            ),
-            np.zeros((len(nodes_ns) - 2, space.order)),
-        )
+        drive: Matrix = np.zeros((len(nodes_ns) - 2, space.order))
+        for power, (derivative, gamma) in enumerate(zip(x, gammas, strict=True)):
+            drive = drive + derivative * span**power @ gamma.T
         self.states = np.vstack([start, recursion(increment + np.eye(space.order), drive, first)])
 
     @property
@@ -133,13 +127,11 @@ class ExactResponse:
             for power in range(1, TERMS_OF_A_PIECE):
                 term = term @ system.T * (span / (pieces * power))[:, None]
                 known = known + term
-        states: Matrix = known[:, : self._space.order]
-        return states
+        return np.asarray(known[:, : self._space.order])
 
     def _output(self, states: Matrix, position: Array, velocity: Array) -> Array:
         to_position, to_velocity = self._space.d[0]
-        force: Array = states @ self._space.c[0] + to_position * position + to_velocity * velocity
-        return force
+        return np.asarray(states @ self._space.c[0] + to_position * position + to_velocity * velocity)
 
 
 def _cubic(x: Array, v: Array, x_end: Array, v_end: Array, span: Array | float) -> list[Matrix]:
@@ -152,16 +144,6 @@ def _cubic(x: Array, v: Array, x_end: Array, v_end: Array, span: Array | float) 
     return [np.stack([rows[power], rows[power + 1]], axis=-1) for power in range(4)]
 
 
-def exact_response(
-    element: DynamicElement, times_ns: Times, motion: Mapping[Signal, Array], start: Array | None
-) -> ExactResponse:
-    """Return the solution in continuous time on a motion known at `times_ns`, `(n_times,)`, from rest or from `start`.
-
-    `start` are the states at the first time, `(order,)`.
-    """
-    return ExactResponse(element.dynamics, times_ns, motion[Signal.POSITION], motion[Signal.VELOCITY], start)
-
-
 class ResponseToError:
     """Force that a linear element adds for the error of its inputs, part by part.
 
@@ -170,8 +152,7 @@ class ResponseToError:
 
     def __init__(self, element: DynamicElement, period: float) -> None:
         space = element.dynamics
-        discrete = integrators.discrete(space, period, "exact-foh")
-        self._response = SequenceResponse(discrete, integrators.rest(space)[1])
+        self._response = SequenceResponse(integrators.discrete(space, period, "exact-foh"), rest(space)[1])
 
     def __call__(self, real: Mapping[Signal, Array], true: Mapping[Signal, Array]) -> Array:
         """Return the forces in the next periods, `(n_periods,)`, from their real and true inputs."""

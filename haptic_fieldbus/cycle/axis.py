@@ -34,7 +34,7 @@ from haptic_fieldbus.cycle.laws import (
 )
 from haptic_fieldbus.cycle.plausibility import bind_asked_echo, bind_other_masters, sign_watch, torque_echo
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Permission, Trip, TripKind, TripOff, bind_hold, bind_limiter
-from haptic_fieldbus.cycle.sign import Sign
+from haptic_fieldbus.cycle.sign import Sign, SignOwner
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import STILL, encoder_probe
@@ -62,31 +62,21 @@ _STALE = int(LinkFlag.STALE)
 _FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
 
 
-class CycleContext(Protocol):
+class CycleContext(SignOwner, Protocol):
     """The part of a cycle that its axes use."""
 
     trip: Trip | None
     enabled: bool
+    output: bytearray
 
     def update_enabled(self) -> None: ...
 
-    def sign_seen(self) -> None: ...
-
-    def sign_doubted(self) -> None: ...
-
 
 class AxisCycle:
-    """One axis of a running plan; `output` is the output image, shared by all axes."""
+    """One axis of a running plan; the output image of its owner is shared by all axes."""
 
     def __init__(
-        self,
-        owner: CycleContext,
-        axis: AxisPlan,
-        image: AxisImage,
-        output: bytearray,
-        period: float,
-        *,
-        controlled: bool,
+        self, owner: CycleContext, axis: AxisPlan, image: AxisImage, period: float, *, controlled: bool
     ) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
         self.forgive: Callable[[float], None] = lambda energy: None
@@ -95,9 +85,8 @@ class AxisCycle:
         """Number of times that the force limit fell because counts stood still under torque."""
         self._owner, self.axis, self.period = owner, axis, period
         self.watch = AxisWatch(axis, self.state, period, self._trip)
-        signs = self._trip, owner.sign_seen, owner.sign_doubted
-        self.sign = Sign(axis, period, self.state, self.permission, *signs)
-        self.image, self.output = image, output
+        self.sign = Sign(axis, period, self.state, self.permission, self._trip, owner)
+        self.image, self.output = image, owner.output
         self.largest_step = START_SHARE * axis.limits.effort
         """Largest force of a scene in its first period, and by a change [N or N·m]."""
         self._effort_unit, self._direction = axis.effort_unit, axis.rig.mechanism.sign
@@ -126,12 +115,8 @@ class AxisCycle:
         """Ramps that have begun, each by whether it is over."""
         self.field = self._summed()
         steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
-        self.place = LawPlace(
-            self.permission,
-            (1e-6 * axis.resolution, axis.limits.shift),
-            self._at_rest,
-            None if steps_alone else self._present,
-        )
+        present, bounds = None if steps_alone else self._present, (1e-6 * axis.resolution, axis.limits.shift)
+        self.place = LawPlace(self.permission, bounds, self._at_rest, present)
         self.limit = bind_limiter(axis.limits, period, self.permission, axis.effort_unit)
         self.echo = torque_echo(axis, self.state, period, self._trip, self._forgive)
         """Check of the echo of each period; None if the drive has none."""
@@ -367,8 +352,7 @@ class AxisCycle:
 
         Trips on a fault state, and when the drive leaves operation enabled.
         """
-        state, statusword = self.state, self.state.feedback[STATUSWORD]
-        table = self.axis.power
+        state, table, statusword = self.state, self.axis.power, self.state.feedback[STATUSWORD]
         before, state.power = state.power, table.state(statusword)
         state.controlword = table.answer(state.power)
         if state.power in FAULT_STATES:
@@ -401,11 +385,11 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        watched = render if self.sign_watch is None else self.sign_watch.bind(render)
+        proved = render if self.sign_watch is None else self.sign_watch.bind(render)
         if self.echo is None:
-            proved = bind_asked_echo(axis, state, self.period, self._trip, self._forgive, watched)
+            proved = bind_asked_echo(axis, state, self.period, self._trip, self._forgive, proved)
         else:
-            proved = self.echo.bind(watched)
+            proved = self.echo.bind(proved)
         return in_order([each for each in (self.look, proved, self.after) if each is not None])
 
     def not_finite(self) -> None:

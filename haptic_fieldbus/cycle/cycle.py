@@ -34,12 +34,8 @@ def decoded_columns(plan: Plan) -> tuple[str, ...]:
     The mapped signals of an axis stand in the order of their octets.
     """
     headers = [f"{axis.name}.{field}" for axis in plan.axes for field in AXIS_HEADER_FIELDS]
-    mapped = [
-        f"{axis.name}.{DECODED_NAMES.get(mapped.signal, mapped.signal.value)}"
-        for axis in plan.axes
-        for mapped in axis.traffic.incoming
-    ]
-    return ("t_ns", *headers, *mapped)
+    mapped = [(axis.name, each.signal) for axis in plan.axes for each in axis.traffic.incoming]
+    return ("t_ns", *headers, *(f"{axis}.{DECODED_NAMES.get(signal, signal.value)}" for axis, signal in mapped))
 
 
 def columns(plan: Plan) -> tuple[str, ...]:
@@ -68,9 +64,10 @@ class Cycle:
         """Exception that an element raised; torque is zero from then on."""
         self.enabled = False
         """True while every axis is in operation enabled and nothing has tripped."""
-        self._output = bytearray(plan.image.output_size)
+        self.output = bytearray(plan.image.output_size)
+        """Output image, shared by all axes."""
         self.axes = {
-            axis.name: AxisCycle(self, axis, image, self._output, plan.period, controlled=plan.scene.controlled)
+            axis.name: AxisCycle(self, axis, image, plan.period, controlled=plan.scene.controlled)
             for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         }
         # Every axis decodes the t_ns of the image, so any axis can serve.
@@ -104,7 +101,7 @@ class Cycle:
         return self.step(image)
 
     def _bind_full(self) -> Step:
-        output, observers = self._output, tuple(axis.observe for axis in self.axes.values())
+        output, observers = self.output, tuple(axis.observe for axis in self.axes.values())
 
         def step(image: bytes | bytearray) -> bytearray:
             try:
@@ -128,7 +125,7 @@ class Cycle:
         if not plain or axis.echo is None or axis.axis.integrates:
             return self.full
         self._account = PlainAccount(self.ledgers[0])
-        return bind_ordinary(self, axis, self._account, axis.echo, self._output, self.full)
+        return bind_ordinary(self, axis, self._account, axis.echo, self.output, self.full)
 
     @property
     def row(self) -> tuple[float, ...]:
@@ -239,16 +236,12 @@ class Cycle:
         if self._couplings:
             before.insert(0, self._share_gaps)
             before.append(self._uncouple)
-        renders = {name: axis.render for name, axis in self.axes.items()}
+        renders, account = {name: axis.render for name, axis in self.axes.items()}, self._account
         for ledger in self.ledgers:
             # Before any axis of the ledger renders, while the states still hold the last targets sent.
             first = ledger.axes[0].name
-            render = renders[first]
-            renders[first] = (
-                bind_ledger(ledger, render, controls=self._controlled)
-                if self._account is None
-                else self._account.bind(render)
-            )
+            render, controls = renders[first], self._controlled
+            renders[first] = account.bind(render) if account else bind_ledger(ledger, render, controls=controls)
         self._render = in_order((*before, *self._couplings, *renders.values()))
         self._render()
         for axis in axes:
@@ -258,10 +251,8 @@ class Cycle:
         """Set torque to zero from this period on, because a law of the scene raised `failure`."""
         self.failure, self.enabled = error, False
         if self.trip is None:
-            name = next(iter(self.axes))
-            self.trip = Trip(
-                TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=f"{type(error).__name__}: {error}"
-            )
+            name, detail = next(iter(self.axes)), f"{type(error).__name__}: {error}"
+            self.trip = Trip(TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=detail)
 
     def _ledger(self, plan: Plan, axes: Sequence[AxisPlan]) -> Ledger:
         """Return the ledger of axes that are judged together; an account above its limit trips the first axis."""

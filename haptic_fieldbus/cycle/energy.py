@@ -392,10 +392,7 @@ class Ledger:
 
     def _cut(self) -> int:
         """Return the number of periods so far in which a limit cut the force."""
-        periods = 0
-        for port in self.ports:
-            periods += port.permission.clipped
-        return periods
+        return sum([port.permission.clipped for port in self.ports])
 
     def _of_pulses(self) -> float:
         """Return the largest energy that encoder pulses may have given since the last call [J], and book it."""
@@ -414,9 +411,7 @@ class Ledger:
         placed = [each for each in own if is_placed(each)]
         self.exact = all(abilities(each).stored for each in (*placed, *couplings)) and all(map(is_static, placed))
         """Whether the stored energy is exactly the energy of the force."""
-        self.charges = (
-            all(map(is_placed, own)) or not memory_terms([each for each in own if not is_placed(each)], 1.0).silence
-        )
+        self.charges = not memory_terms([each for each in own if not is_placed(each)], 1.0).silence
         """Whether torque held in gaps is charged: a virtual mass without a place does not pause."""
         terms = [axis_terms(axis, of, couplings, self.period) for axis, of in zip(self.axes, elements, strict=True)]
         return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)

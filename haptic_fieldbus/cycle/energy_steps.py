@@ -83,10 +83,28 @@ class _Side:
 
 
 def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
-    """Return the shortest step that is enough for `ledger`: it judges the last period, and then renders."""
+    """Return the shortest step that is enough for `ledger`: it judges the last period, and then renders.
+
+    `controls` adds the controller's damping.
+    """
     if ledger.is_plain and not controls:
         return PlainAccount(ledger).bind(render)
-    return bind_tied(ledger, render, controls=controls)
+    sides = [_side(port, ledger) for port in ledger.ports]
+    account, control = _Account(ledger, sides), _Controller(ledger, sides) if controls else None
+
+    def step() -> None:
+        work = 0.0
+        for side in sides:
+            work += side.passed()
+        account.take(work)
+        if control is not None:
+            control.damp(work)
+        render()
+
+    ledger.reopen = account.reopen
+    for port in ledger.ports:
+        port.permission.loosened = account.loosen
+    return step
 
 
 class PlainAccount:
@@ -173,27 +191,6 @@ class PlainAccount:
 
     def _reopen(self) -> None:
         self.side, self._kept, self.settles = 0, self.side, True
-
-
-def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
-    """Return the step of all axes of `ledger`, followed by `render`; `controls` adds the controller's damping."""
-    sides = [_side(port, ledger) for port in ledger.ports]
-    account = _Account(ledger, sides)
-    control = _Controller(ledger, sides) if controls else None
-
-    def step() -> None:
-        work = 0.0
-        for side in sides:
-            work += side.passed()
-        account.take(work)
-        if control is not None:
-            control.damp(work)
-        render()
-
-    ledger.reopen = account.reopen
-    for port in ledger.ports:
-        port.permission.loosened = account.loosen
-    return step
 
 
 def _side(port: LedgerAxis, ledger: Ledger) -> _Side:

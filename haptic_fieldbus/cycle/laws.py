@@ -293,9 +293,7 @@ def bind_sense(
             sensed.torque_actual = state.feedback[place] * unit
 
         steps.append(torque)
-    if len(steps) < 2:
-        return (steps[0] if steps else None), estimator
-    return in_order(steps), estimator
+    return in_order(steps) if steps else None, estimator
 
 
 def _bind_velocity(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float) -> tuple[PeriodStep, bool]:

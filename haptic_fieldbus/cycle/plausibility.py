@@ -93,24 +93,54 @@ WORST_ERROR = 3.0
 """Largest error of the change of a second difference [counts]: readings with the weights 1, −2, 2 and −1."""
 
 
-def torque_echo(
-    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Callable[[float], None]
-) -> "TorqueEcho | None":
-    """Return the check of an echo that comes in each period; None if the drive has none.
+Forgive = Callable[[float], None]
+"""Function that gets the energy [J] of torque beyond the set-points during a doubt, if the hand got it."""
 
-    `forgive` takes the energy [J] of the torque beyond the set-points during a doubt.
-    """
+
+def torque_echo(
+    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Forgive
+) -> "TorqueEcho | None":
+    """Return the check of an echo that comes in each period; None if the drive has none."""
     echo = _echo_of(axis)
     return None if echo in (None, Signal.TARGET_ASKED) else TorqueEcho(axis, state, period, trip, forgive)
 
 
 def bind_asked_echo(
-    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Callable[[float], None], render: PeriodStep
+    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Forgive, render: PeriodStep
 ) -> PeriodStep:
-    """Return a step that checks a target that is read back, and then renders; `render` alone if none is read back."""
+    """Return a step that compares a target that is read back with those in force between question and answer.
+
+    Then it renders. It is `render` alone if none is read back.
+    """
     if _echo_of(axis) is not Signal.TARGET_ASKED:
         return render
-    return _bind_asked(axis, state, period, EchoMismatch(axis, state, period, ECHO_STEPS, trip, forgive), render)
+    doubt = EchoMismatch(axis, state, period, ECHO_STEPS, trip, forgive)
+    sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
+    place, asked = axis.place_of(Signal.TARGET_ASKED), axis.place_of(Signal.ASKED_PERIODS)
+    # If set-points act at a SYNC, the set-point before the question may still have been in force.
+    waits = axis.delay.transport > (1.0 - 1e-9) * period
+    remembered = math.ceil(axis.limits.echo / period) + 1
+    sent = deque([0] * remembered, maxlen=remembered)
+    heard_ns: int | None = None
+
+    def check() -> None:
+        nonlocal heard_ns
+        sent.appendleft(state.target)
+        now = state.feedback
+        periods, t_ns = now[asked], now[T_NS]
+        if periods:
+            heard_ns = t_ns
+            shown = sign * now[place]
+            nearest = min(islice(sent, periods + waits), key=lambda target: abs(target - shown))
+            if doubt.open or abs(nearest - shown) > doubt.tolerance:
+                doubt.look(t_ns, shown, nearest, tuple(islice(sent, periods + FEWEST_TARGETS - 1)))
+        elif heard_ns is None:
+            heard_ns = t_ns
+        elif t_ns - heard_ns > longest_ns:
+            doubt.unanswered(t_ns - heard_ns, sent[0])
+        render()
+
+    return check
 
 
 def _echo_of(axis: AxisPlan) -> Signal | None:
@@ -174,47 +204,13 @@ class OtherMaster:
             self._trip(TripKind.SET_POINTS_FOREIGN, shown * self._unit, most * self._unit, often)
 
 
-def _bind_asked(
-    axis: AxisPlan, state: AxisState, period: float, doubt: "EchoMismatch", render: PeriodStep
-) -> PeriodStep:
-    """Return a step that compares an answer with the targets in force between question and answer."""
-    sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
-    place, asked = axis.place_of(Signal.TARGET_ASKED), axis.place_of(Signal.ASKED_PERIODS)
-    # If set-points act at a SYNC, the set-point before the question may still have been in force.
-    waits = axis.delay.transport > (1.0 - 1e-9) * period
-    remembered = math.ceil(axis.limits.echo / period) + 1
-    sent = deque([0] * remembered, maxlen=remembered)
-    heard_ns: int | None = None
-
-    def check() -> None:
-        nonlocal heard_ns
-        sent.appendleft(state.target)
-        now = state.feedback
-        periods, t_ns = now[asked], now[T_NS]
-        if periods:
-            heard_ns = t_ns
-            shown = sign * now[place]
-            nearest = min(islice(sent, periods + waits), key=lambda target: abs(target - shown))
-            if doubt.open or abs(nearest - shown) > doubt.tolerance:
-                doubt.look(t_ns, shown, nearest, tuple(islice(sent, periods + FEWEST_TARGETS - 1)))
-        elif heard_ns is None:
-            heard_ns = t_ns
-        elif t_ns - heard_ns > longest_ns:
-            doubt.unanswered(t_ns - heard_ns, sent[0])
-        render()
-
-    return check
-
-
 class TorqueEcho:
     """Compares the echo of each period with the targets in force, behind the lag of the torque loop.
 
     A torque demand has no lag, but may be that of the nearer of two possible targets. Values in steps of target torque.
     """
 
-    def __init__(
-        self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Callable[[float], None]
-    ) -> None:
+    def __init__(self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff, forgive: Forgive) -> None:
         echo = axis.profile.echo or Signal.TORQUE_ACTUAL
         measured, shown = echo is Signal.TORQUE_ACTUAL, _shown_unit(axis, echo)
         tolerance = ECHO_STEPS * max(1.0, shown / axis.effort_unit)
@@ -275,13 +271,7 @@ class EchoMismatch:
     """Doubt whether set-points act, which may become a trip; values in steps of target torque."""
 
     def __init__(
-        self,
-        axis: AxisPlan,
-        state: AxisState,
-        period: float,
-        tolerance: float,
-        trip: TripOff,
-        forgive: Callable[[float], None],
+        self, axis: AxisPlan, state: AxisState, period: float, tolerance: float, trip: TripOff, forgive: Forgive
     ) -> None:
         self.tolerance = tolerance
         self.open = False

@@ -13,8 +13,8 @@ and a doubt about one axis limits all.
 """
 
 import math
-from collections.abc import Callable
 from operator import mul
+from typing import Protocol
 
 from haptic_fieldbus.cycle.laws import AxisState
 from haptic_fieldbus.cycle.safety import Permission, TripKind, TripOff
@@ -37,33 +37,34 @@ def thue_morse(number: int) -> float:
     return -1.0 if number.bit_count() % 2 else 1.0
 
 
+class SignOwner(Protocol):
+    """The part of a cycle that is told of motor directions."""
+
+    def sign_seen(self) -> None: ...
+
+    def sign_doubted(self) -> None: ...
+
+
 class Sign:
     """Motor direction of one axis: known, being tested, confirmed, or in doubt and tested again.
 
-    `seen` is called after each proof, `doubted` when a new proof begins while the scene runs, `trip` when the direction
-    is wrong.
+    `owner` is told of each proof, and of a new proof that begins while the scene runs; `trip` is called when the
+    direction is wrong.
     """
 
     def __init__(
-        self,
-        axis: AxisPlan,
-        period: float,
-        state: AxisState,
-        permission: Permission,
-        trip: TripOff,
-        seen: Callable[[], None],
-        doubted: Callable[[], None],
+        self, axis: AxisPlan, period: float, state: AxisState, permission: Permission, trip: TripOff, owner: SignOwner
     ) -> None:
         self.doubts = 0
         """Number of doubts: the motion went against the torque."""
         self._axis, self._period, self._state, self._permission = axis, period, state, permission
-        self._trip, self._seen, self._doubted = trip, seen, doubted
+        self._trip, self._owner = trip, owner
         probe = sign_probe(axis, period)
         self.proof = None if probe is None else self._prove(probe)
         """None if the motor direction is known."""
 
     def _prove(self, probe: SignProbe, *, again: bool = False) -> "SignProof":
-        proof = SignProof(self._axis, probe, self._state, self._trip, self._seen, again=again)
+        proof = SignProof(self._axis, probe, self._state, self._trip, self._owner, again=again)
         self._permission.proof = proof.give
         return proof
 
@@ -107,7 +108,7 @@ class Sign:
         self.doubts += 1
         self.proof = self._prove(probe_of(self._axis, self._period), again=True)
         self.proof.begin()
-        self._doubted()
+        self._owner.sign_doubted()
 
 
 class SignProof:
@@ -123,7 +124,7 @@ class SignProof:
         probe: SignProbe,
         state: AxisState,
         trip: TripOff,
-        seen: Callable[[], None],
+        owner: SignOwner,
         *,
         again: bool = False,
     ) -> None:
@@ -132,7 +133,7 @@ class SignProof:
         self.broken_off = 0
         """Number of restarts of a pair after missing feedback."""
         self.seen = False
-        self._axis, self._probe, self._state, self._trip, self._seen = axis, probe, state, trip, seen
+        self._axis, self._probe, self._state, self._trip, self._owner = axis, probe, state, trip, owner
         # The effect of a torque is visible this number of samples later.
         self._late = round((axis.delay.transport + axis.delay.torque_loop) / probe.period)
         self._pause = self._quiet = 0
@@ -212,7 +213,7 @@ class SignProof:
         if pulse == self._pulses:
             if here >= begun:  # the last pulse has stopped the handle again
                 self.seen = True
-                self._seen()
+                self._owner.sign_seen()
             return
         if here < begun + 2 * length + self._late:
             return

@@ -70,7 +70,9 @@ class Standstill:
         self._here = state.position
         if place >= probe.pair:
             permission.pulses = None
-            self._judge(force, moved=moved)
+            self.vain += not moved
+            if self.vain >= PAIRS:
+                self._trip(TripKind.ENCODER_STILL, force, self._probe.effort)
         return math.copysign(size + self._pulse(place, lowered), force)
 
     def _pulse(self, place: int, lowered: float) -> float:
@@ -81,10 +83,3 @@ class Standstill:
         if since >= 2 * self._length:
             return 0.0
         return (-probe.effort if since < self._length else probe.effort) - lowered
-
-    def _judge(self, force: float, *, moved: bool) -> None:
-        if moved:
-            return
-        self.vain += 1
-        if self.vain >= PAIRS:
-            self._trip(TripKind.ENCODER_STILL, force, self._probe.effort)

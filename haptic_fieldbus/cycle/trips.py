@@ -1,7 +1,7 @@
 """Conversion of a trip to an exception, whose class names the origin and whose message gives cause, value and time."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -33,18 +33,12 @@ def start_position(axis: AxisPlan, largest: float, here: float = 0.0) -> float |
 
     Each position is tried with elements that begin there, at rest. None if there is no such position nearby.
     """
-    for way in _ways(SEARCHED[axis.workspace.value] / PLACES):
+    step = SEARCHED[axis.workspace.value] / PLACES
+    for way in (side * place * step for place in range(1, PLACES + 1) for side in (1, -1)):
         fields = [field_of(element, PERIOD, axis.method, Sensed()) for element in axis.elements]
         if fields and abs(summed(fields)(here + way)) <= largest:
             return way
     return None
-
-
-def _ways(step: float) -> Iterator[float]:
-    """Yield distances from small to large, to both sides."""
-    for place in range(1, PLACES + 1):
-        yield place * step
-        yield -place * step
 
 
 TRIP_ERRORS: dict[TripKind, type[errors.HapticFieldbusError]] = {

@@ -64,9 +64,10 @@ def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
         raise UsageError("mass 0: expected a mass above 0 to attach bodies to")
     a = np.zeros((2 * len(bodies) + 2,) * 2)
     masses = [plant.mass, *(body.mass for body in bodies)]
+    to_ground = [(0.0, plant.damping), *((body.anchor, body.drag) for body in bodies)]
     for place, mass in enumerate(masses):
         a[2 * place, 2 * place + 1] = 1.0
-        a[2 * place + 1, 2 * place : 2 * place + 2] -= _to_ground(plant, bodies, place) / mass
+        a[2 * place + 1, 2 * place : 2 * place + 2] -= np.array(to_ground[place]) / mass
     # A link acts on both its ends, with opposite signs.
     for place, body in enumerate(bodies):
         for mass, here, there in ((masses[place], place, place + 1), (body.mass, place + 1, place)):
@@ -76,13 +77,6 @@ def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
     b = np.zeros((len(a), 1))
     b[1, 0] = 1.0 / plant.mass
     return a, b
-
-
-def _to_ground(plant: Plant, bodies: Sequence[HungBody], place: int) -> Matrix:
-    """Return (stiffness, damping) to the ground of one body, (2,)."""
-    if place == 0:
-        return np.array([0.0, plant.damping])
-    return np.array([bodies[place - 1].anchor, bodies[place - 1].drag])
 
 
 def sample_with(plant: Plant, bodies: Sequence[HungBody], period: float, delay: float) -> SampledPlant:
@@ -103,8 +97,5 @@ def limit_with(
 
     0 and ∞ have the meaning of `linear.limit_of`. Raises the errors of `sample_with`.
     """
-    device = sample_with(plant, bodies, period, delay)
-    return limit_of(
-        lambda stiffness: sampled.growth(device, environment_of(stiffness)),
-        plant.mass / period**2 + plant.damping / period,
-    )
+    device, scale = sample_with(plant, bodies, period, delay), plant.mass / period**2 + plant.damping / period
+    return limit_of(lambda stiffness: sampled.growth(device, environment_of(stiffness)), scale)

@@ -9,8 +9,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings, limit_of
 from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
@@ -32,6 +32,21 @@ USUAL = 1e-3
 # The elements of an axis in sustained contact as one discrete environment, with one stiffness that varies.
 
 Kind = TypeVar("Kind", bound=AnyElement)
+Asked = ParamSpec("Asked")
+Found = TypeVar("Found")
+
+
+def keeping(most: int, function: Callable[Asked, Found]) -> Callable[Asked, Found]:
+    """Return the function with its last `most` results kept."""
+    known: Any = lru_cache(maxsize=most)(function)
+
+    def call(*values: Asked.args, **named: Asked.kwargs) -> Found:
+        try:
+            return cast(Found, known(*values, **named))
+        except TypeError:  # an element of one's own without a hash
+            return function(*values, **named)
+
+    return call
 
 
 def stiffness_of(element: AnyElement) -> float:
@@ -174,12 +189,8 @@ class ClosedLoop(ABC):
 
     def limit(self, environment_of: EnvironmentOf, **search: float) -> float:
         """Return the stiffness [N/m or N·m/rad] up to which the loop is stable; 0, ∞ and `search` as in `limit_of`."""
-        return limit_of(
-            lambda stiffness: self.growth(environment_of(stiffness)),
-            self.scale(environment_of),
-            expected=self.crossings(environment_of),
-            **search,
-        )
+        scale, expected = self.scale(environment_of), self.crossings(environment_of)
+        return limit_of(lambda stiffness: self.growth(environment_of(stiffness)), scale, expected=expected, **search)
 
     @abstractmethod
     def crossings(self, environment_of: EnvironmentOf) -> list[float] | None:
@@ -206,6 +217,14 @@ class ClosedLoop(ABC):
             if (limit := quantisation_limit(axis.plant)) is not None and felt
         ]
         return min(limits, default=None)
+
+    def _passive_limit(self, environment_of: EnvironmentOf, stable: float, smallest: float, precision: float) -> float:
+        """Return the largest stiffness up to which the dampings are enough; the arguments are those of `searched`."""
+        scale = self.scale(environment_of)
+        return searched(
+            lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0, scale, stable,
+            smallest=smallest, precision=precision,
+        )  # fmt: skip
 
     def scale(self, environment_of: EnvironmentOf) -> float:
         """Return the smallest m/T² + b/T of the devices [N/m or N·m/rad], referred to the varied stiffness."""
@@ -276,13 +295,7 @@ class OneAxis(ClosedLoop):
         if not stable:
             return 0.0
         if isinstance(environment_of(1.0), Places) and not axis.plant.tachometer:
-            return searched(
-                lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
-                self.scale(environment_of),
-                stable,
-                smallest=1e-6,
-                precision=1e-9,
-            )
+            return self._passive_limit(environment_of, stable, smallest=1e-6, precision=1e-9)
         return passive_limit_of(axis.plant, self.period, axis.delay, environment_of, stable)
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis, linearised
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, crossings
-from haptic_fieldbus.margins.passivity import FADED, MOST_WEIGHTS, QUIET, searched, spread_of
+from haptic_fieldbus.margins.passivity import FADED, LOSSLESS, MOST_WEIGHTS, QUIET, spread_of
 from haptic_fieldbus.margins.stiffness_map import Places
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel
@@ -76,8 +76,6 @@ from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 # Schenkel, J. Robotic Systems 14(1), 1997, 37, for one device). For equal axes, n = 1 and B = 0 it is K ≤ b/T, because
 # the difference of the handles meets 2·K.
 
-LOSSLESS = 1e-9
-"""Loss per period below which a mode counts as undamped; no damping makes an undamped mode passive."""
 COUPLED_PASSIVITY_ROUNDING, CANCELLED = 1e-9, 1e-13
 """Shares of the largest force at rest, and of the terms that cancel in it, that may be rounding."""
 
@@ -98,10 +96,8 @@ def stores(environment: StateSpace) -> bool:
     stiffness = -(environment.c @ states + environment.d)
     # The force of a soft spring is the small rest of large damper terms that cancel.
     terms = np.abs(environment.c) @ np.abs(states) + np.abs(environment.d)
-    least = -max(
-        COUPLED_PASSIVITY_ROUNDING * float(np.abs(stiffness).max(initial=0.0)),
-        CANCELLED * float(terms.max(initial=0.0)),
-    )
+    largest, cancelled = float(np.abs(stiffness).max(initial=0.0)), float(terms.max(initial=0.0))
+    least = -max(COUPLED_PASSIVITY_ROUNDING * largest, CANCELLED * cancelled)
     bent = float(np.abs(stiffness - stiffness.T).max(initial=0.0))
     return bent <= -least and float(np.linalg.eigvalsh(stiffness + stiffness.T).min(initial=0.0)) >= 2.0 * least
 
@@ -112,12 +108,8 @@ def damping_share(environment: StateSpace, ports: Sequence[PassivityPort], perio
     The system is passive up to a share of 1. The environment maps positions (n_axes,) to forces (n_axes,); `ports`
     holds one device for each axis, `period` is in s.
     """
-    touched = [
-        bool(
-            any(np.any(part) for part in (environment.b[:, i], environment.c[i], environment.d[i], environment.d[:, i]))
-        )
-        for i in range(len(ports))
-    ]
+    b, c, d = environment.b, environment.c, environment.d
+    touched = [b[:, i].any() or c[i].any() or d[i].any() or d[:, i].any() for i in range(len(ports))]
     if spectral_radius(environment.a) > 1.0 - LOSSLESS or not stores(environment):
         return math.inf
     if any(is_touched and not port.damping for port, is_touched in zip(ports, touched, strict=True)):
@@ -130,8 +122,7 @@ def damping_share(environment: StateSpace, ports: Sequence[PassivityPort], perio
         along = np.stack([each.displacement for each in holds], axis=-1)[:, :, None] * force
         spread = 0.5 * np.sqrt(np.stack([each.spread for each in holds], axis=-1))[:, :, None] * force
         form = np.block([[0.5 * (along + _adjoint(along)), _adjoint(spread)], [spread, np.zeros_like(spread)]])
-        largest: Array = np.linalg.eigvalsh(form)[:, -1]
-        return largest
+        return np.asarray(np.linalg.eigvalsh(form)[:, -1])
 
     return worst(needed, environment)
 
@@ -164,11 +155,11 @@ class CoupledAxes(ClosedLoop):
         """Own elements of all axes together, at each combination of their places."""
         varying = sum(isinstance(axis.environment, Places) for axis in self.axes)
         most = round(MOST_TOGETHER ** (1.0 / max(varying, 1)))
-        each = [
-            [coupled.embedded(own, place, len(self.axes)) for own in _environments(axis.environment, most)]
-            for place, axis in enumerate(self.axes)
-            if axis.environment is not None
-        ]
+        each = []
+        for place, own in enumerate(axis.environment for axis in self.axes):
+            if own is not None:
+                spaces = own.environments(most) if isinstance(own, Places) else [own]
+                each.append([coupled.embedded(space, place, len(self.axes)) for space in spaces])
         nothing = gain(np.zeros((len(self.axes),) * 2).tolist())
         return [parallel(list(parts)) if parts else nothing for parts in product(*each)]
 
@@ -230,18 +221,13 @@ class CoupledAxes(ClosedLoop):
         left = [self._damping_left(axis) for axis in self.axes]
         if min(left) < 0.0:
             return math.inf
-        linear = [
-            coupled.embedded(axis.environment, place, len(self.axes))
-            for place, axis in enumerate(self.axes)
-            if axis.environment is not None and not isinstance(axis.environment, Places)
-        ]
+        own = [(place, axis.environment) for place, axis in enumerate(self.axes) if axis.environment is not None]
+        linear = [coupled.embedded(each, place, len(self.axes)) for place, each in own if not isinstance(each, Places)]
         whole = parallel([environment, *linear])
         if not self.is_linear:
             return self._share_when_cut(whole, np.array(left))
-        ports = [
-            PassivityPort(damping, axis.delay, axis.plant.torque_lag)
-            for damping, axis in zip(left, self.axes, strict=True)
-        ]
+        pairs = zip(left, self.axes, strict=True)
+        ports = [PassivityPort(damping, axis.delay, axis.plant.torque_lag) for damping, axis in pairs]
         return damping_share(whole, ports, self.period)
 
     def _share_when_cut(self, environment: StateSpace, dampings: Matrix) -> float:
@@ -298,34 +284,18 @@ class CoupledAxes(ClosedLoop):
         a matrix that is affine in the stiffness, which is convex. With an undamped virtual mode no stiffness is
         passive.
         """
-        return searched(
-            lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
-            self.scale(environment_of),
-            stable,
-            smallest=SMALLEST,
-            precision=PRECISION,
-        )
+        return self._passive_limit(environment_of, stable, SMALLEST, PRECISION)
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
         """Return the force at each handle per stiffness and position with the others held; 1 and n² for a shaft."""
-
         one, none = (np.abs(np.diag(_at_rest(environment_of(stiffness)))) for stiffness in (1.0, 0.0))
-        felt: list[float] = np.abs(one - none).tolist()
-        return felt
-
-
-def _environments(own: StateSpace | None, most: int) -> list[StateSpace]:
-    """Return the environments of own elements at their places, at most `most` of them."""
-    if isinstance(own, Places):
-        return own.environments(most)
-    return [] if own is None else [own]
+        return [float(each) for each in np.abs(one - none)]
 
 
 def _at_rest(environment: StateSpace) -> Matrix:
     """Return the forces per position at rest."""
     states = equilibrium(environment.a - np.eye(environment.order), environment.b)
-    found: Matrix = environment.c @ states + environment.d
-    return found
+    return np.asarray(environment.c @ states + environment.d)
 
 
 def _stiffnesses(environment: StateSpace) -> NDArray[np.float64]:
@@ -375,11 +345,8 @@ def between(
     `estimators` maps the name of each axis to its estimator and gives the order of the axes. Raises UsageError for a
     coupling with virtual states, and for an unknown estimator.
     """
-    places = list(estimators)
-    spaces = [
-        coupled.among(
-            linearised(each, changes if each is varied else {}), [places.index(name) for name in each.axes], len(places)
-        )
-        for each in couplings
-    ]
+    places, spaces = list(estimators), []
+    for each in couplings:
+        own = linearised(each, changes if each is varied else {})
+        spaces.append(coupled.among(own, [places.index(name) for name in each.axes], len(places)))
     return coupled.environment(parallel(spaces), period=period, method=None, estimators=list(estimators.values()))

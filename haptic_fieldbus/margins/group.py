@@ -8,10 +8,10 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from haptic_fieldbus.margins import closed_loop
-from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, Kind, OneAxis
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.limit import (
     FACTOR,
     PRECISION,
@@ -20,7 +20,6 @@ from haptic_fieldbus.margins.limit import (
     Suggestion,
     Values,
     corners,
-    least,
     least_friction,
     neighbours,
     suggest,
@@ -28,7 +27,7 @@ from haptic_fieldbus.margins.limit import (
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.plant import Basis, Plant, Ranges, exact_bench, weakened
 from haptic_fieldbus.margins.resting_points import AxisElements, axis_elements
-from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, OwnLaw
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import TACHOMETER
@@ -37,6 +36,9 @@ from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
+
+LOWER = (1.0, 0.6, 0.2)
+"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +79,9 @@ class Member:
 
     def at(self, values: Values) -> "Member":
         """Return the same axis with these values; the mass of further bodies scales with that of the plant."""
-        share = values.plant.mass / self.plant.mass if self.plant.mass else 1.0
-        bodies = tuple(
-            replace(body, mass=share * body.mass, stiffness=values.coupling * body.stiffness) for body in self.bodies
-        )
-        return replace(self, plant=values.plant, delay=values.delay, bodies=bodies)
+        share, spring = values.plant.mass / self.plant.mass if self.plant.mass else 1.0, values.coupling
+        bodies = (replace(each, mass=share * each.mass, stiffness=spring * each.stiffness) for each in self.bodies)
+        return replace(self, plant=values.plant, delay=values.delay, bodies=tuple(bodies))
 
 
 def connected(names: Iterable[str], couplings: Sequence[CouplingElement]) -> Iterator[tuple[str, ...]]:
@@ -145,17 +145,12 @@ class Group:
         stiffness = None if self.stiffest is None else closed_loop.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, closed_loop.damping_of(self.varied))
         unit = next(member.unit for member in self.members if member.name == self.reference_axis)
-        return {
-            member.name: replace(
-                verdict, unit=unit, effort=member.effort, own_laws=self._own_laws, find_limit=self.limit_over_ranges
-            )
-            for member, verdict in zip(self.members, verdicts, strict=True)
-        }
-
-    @cached_property
-    def _own_laws(self) -> tuple[OwnLaw, ...]:
-        """Stability check of each element that states no bounds, on all axes."""
-        return tuple(law for member in self.members for law in self._axle_of(member).own_laws)
+        laws = tuple(law for member in self.members for law in self._axle_of(member).own_laws)
+        found = {}
+        for member, verdict in zip(self.members, verdicts, strict=True):
+            known = replace(verdict, unit=unit, effort=member.effort, own_laws=laws)
+            found[member.name] = replace(known, find_limit=self.limit_over_ranges)
+        return found
 
     @property
     def stability(self) -> Stability:
@@ -179,7 +174,10 @@ class Group:
             return Limit(0.0 if grown else math.inf, basis)
         found, at = least((values, self._at(values)) for values in corners(ranges))
         before = math.inf
-        while self._may_differ and 0.0 < found < before:
+        # Springs alone between free handles have no worst corner for each axis of its own.
+        is_more = any(member.elements or member.bodies for member in self.members)
+        may_differ = is_more or any(Signal.VELOCITY in each.needs for each in self.couplings)
+        while self.couplings and may_differ and 0.0 < found < before:
             before = found
             found, at = least(((values, self._at(values)) for values in neighbours(ranges, at)), found, at)
         # The delay and lag of the plan lie inside their ranges, so no corner has these values.
@@ -187,12 +185,6 @@ class Group:
         rough = self._at(least_friction(ranges))
         obstacle = None if found else self._obstacle(self.stiffest)
         return Limit(found, basis, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
-
-    @property
-    def _may_differ(self) -> bool:
-        """Whether each axis may have a worst corner of its own: not where springs alone couple free handles."""
-        is_more = any(member.elements or member.bodies for member in self.members)
-        return bool(self.couplings) and (is_more or any(Signal.VELOCITY in each.needs for each in self.couplings))
 
     def _obstacle(self, varied: AnyElement) -> Obstacle | None:
         """Return the stiffest other element if it exceeds its limit without `varied`; None with couplings."""
@@ -233,8 +225,7 @@ class Group:
         return low
 
     def _bears_age(self, further: float) -> bool:
-        members = tuple(replace(member, delay=member.delay + further) for member in self.members)
-        older = replace(self, members=members)
+        older = replace(self, members=tuple(replace(each, delay=each.delay + further) for each in self.members))
         return older.loop.bears(older.environment())
 
     def uncoupled(self) -> tuple["Group", ...]:
@@ -243,8 +234,7 @@ class Group:
 
     def weakened(self, share: float) -> "Group":
         """Return the same axes with this share of their friction."""
-        members = tuple(replace(member, plant=weakened(member.plant, share)) for member in self.members)
-        return replace(self, members=members)
+        return replace(self, members=tuple(replace(each, plant=weakened(each.plant, share)) for each in self.members))
 
     def growth(self) -> float:
         """Return the largest modulus of the loop's eigenvalues, free shifts of the handles left out."""
@@ -260,9 +250,9 @@ class Group:
 
     def rough_margin(self) -> float:
         """Return `rough_limit` divided by the stiffness (by 1 for a stiffness of 0); ∞ without a stiffness to vary."""
-        return (
-            math.inf if self.stiffest is None else self.rough_limit() / (closed_loop.stiffness_of(self.stiffest) or 1.0)
-        )
+        if self.stiffest is None:
+            return math.inf
+        return self.rough_limit() / (closed_loop.stiffness_of(self.stiffest) or 1.0)
 
     def passive_limit(self, damping: float, stable: float) -> float:
         """Return the limit of passivity [N/m or N·m/rad] with this damping; `stable` bounds it."""
@@ -290,53 +280,38 @@ class Group:
         own = getattr(self.stiffest, "damping", None)
         return (self if own is None or damping == own else self._damped(damping)).limit_over_ranges().value
 
-    def with_stiffness(self, element: AnyElement, stiffness: float) -> "Group":
-        """Return the same single axis with this stiffness [N/m or N·m/rad] of one of its elements."""
-        (alone,) = self.members
-        changed = tuple(
-            closed_loop.with_parameters(each, {"stiffness": stiffness}) if each is element else each
-            for each in alone.elements
-        )
-        return replace(self, members=(replace(alone, elements=changed),))
-
     def _damped(self, damping: float) -> "Group":
         """Return the same axes with this damping of the stiffest."""
-        if self.couplings:
-            return replace(self, couplings=self._with_damping(self.couplings, damping))
-        (alone,) = self.members
-        return replace(self, members=(replace(alone, elements=self._with_damping(alone.elements, damping)),))
+        return self if self.stiffest is None else self._changed(self.stiffest, damping=damping)
 
-    def _with_damping(self, elements: tuple[Kind, ...], damping: float) -> tuple[Kind, ...]:
-        """Return the elements with this damping of the stiffest."""
-        # An element that has a damping is a dataclass.
-        return tuple(
-            replace(each, damping=damping) if each is self.stiffest else each  # type: ignore[type-var]
-            for each in elements
-        )
+    def with_stiffness(self, element: AnyElement, stiffness: float) -> "Group":
+        """Return the same single axis with this stiffness [N/m or N·m/rad] of one of its elements."""
+        return self._changed(element, stiffness=stiffness)
+
+    def _changed(self, element: AnyElement, **changes: float) -> "Group":
+        """Return the same axes after `changes` to one of the elements that may vary."""
+        varied: Any = self.varied
+        varied = tuple(closed_loop.with_parameters(each, changes) if each is element else each for each in varied)
+        if self.couplings:
+            return replace(self, couplings=varied)
+        (alone,) = self.members
+        return replace(self, members=(replace(alone, elements=varied),))
 
     @cached_property
     def loop(self) -> ClosedLoop:
         """The axes under their delayed holds, with the elements that do not vary."""
-        own = [
-            self._axle_of(member).environment() if self.couplings and member.elements else None
-            for member in self.members
-        ]
-        axes = [
-            Axis(member.plant, member.delay, each, member.bodies)
-            for member, each in zip(self.members, own, strict=True)
-        ]
+        axes = []
+        for member in self.members:
+            own = self._axle_of(member).environment() if self.couplings and member.elements else None
+            axes.append(Axis(member.plant, member.delay, own, member.bodies))
         if len(axes) == 1:
             return OneAxis(axes, self.period)
         from haptic_fieldbus.margins import coupled  # a scene without couplings does without it
 
-        efforts = {member.name: member.effort for member in self.members}
-        return coupled.CoupledAxes(
-            axes,
-            self.period,
-            coupled.may_slacken(self.couplings),
-            coupled.are_linear(self.couplings, efforts),
-            coupled.has_potential(self.couplings, efforts, not any(member.elements for member in self.members)),
-        )
+        ties, efforts = self.couplings, {member.name: member.effort for member in self.members}
+        are_alone = not any(member.elements for member in self.members)
+        is_linear, has_potential = coupled.are_linear(ties, efforts), coupled.has_potential(ties, efforts, are_alone)
+        return coupled.CoupledAxes(axes, self.period, coupled.may_slacken(ties), is_linear, has_potential)
 
     @cached_property
     def _axle(self) -> AxisElements:
@@ -361,3 +336,18 @@ class Group:
 
     def _varied(self, **changes: float) -> EnvironmentOf:
         return lambda stiffness: self.environment(stiffness=stiffness, **changes)
+
+
+def least(
+    found: Iterable[tuple[tuple[Values, ...], Group]], limit: float = math.inf, at: tuple[Values, ...] = ()
+) -> tuple[float, tuple[Values, ...]]:
+    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
+    for values, loop in found:
+        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
+            continue
+        own = loop.rough_limit()
+        if own < limit or not at:
+            limit, at = own, values
+        if limit == 0.0:
+            break
+    return limit, at

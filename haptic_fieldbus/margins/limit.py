@@ -21,10 +21,9 @@ Automatica 40(8), 2004, 1429), and at the resonance of a lightly damped spring t
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Protocol
 
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
@@ -73,13 +72,10 @@ def suggest(
     least = kept * limit_of(damping or 0.0)
     softer = rounded_down(least) if 0.0 < least < math.inf else None
     largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
-    for candidate in _round_values(largest):
-        if (
-            candidate > (damping or 0.0)
-            # One growth is much quicker to compute than a limit, and rules out most candidates.
-            and loop.growth(environment_of(asked, candidate)) <= 1.0
-            and (limit := limit_of(candidate)) >= asked
-        ):
+    for candidate in (each for each in _round_values(largest) if each > (damping or 0.0)):
+        # One growth is much quicker to compute than a limit, and rules out most candidates.
+        stable = loop.growth(environment_of(asked, candidate)) <= 1.0
+        if stable and (limit := limit_of(candidate)) >= asked:
             return Suggestion(softer, candidate, limit)
     return Suggestion(softer, None, None)
 
@@ -91,8 +87,6 @@ def _round_values(largest: float) -> list[float]:
     return [value for value in values if value <= largest]
 
 
-LOWER = (1.0, 0.6, 0.2)
-"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far."""
 MOST_MIXED = 3
 """Largest number of coupled axes whose masses are varied independently, at the worst corner for a spring."""
 WORST = (0, 1, 1)
@@ -112,14 +106,8 @@ class Values:
 
     def to_json(self) -> dict[str, float]:
         """Return the values that were varied, in the workspace of the axis."""
-        plant = self.plant
-        return {
-            "mass": plant.mass,
-            "damping": plant.damping,
-            "torque_lag": plant.torque_lag,
-            "delay_s": self.delay,
-            "coupling_share": self.coupling,
-        }
+        told = {name: getattr(self.plant, name) for name in ("mass", "damping", "torque_lag")}
+        return {**told, "delay_s": self.delay, "coupling_share": self.coupling}
 
 
 @dataclass(frozen=True)
@@ -148,16 +136,6 @@ class Limit:
     """Values of each axis at which the loop has this limit; empty without a stiffness."""
     obstacle: Obstacle | None = None
     """Element that exceeds its own limit, so that the varied element can have no stiffness; None otherwise."""
-
-
-class VariedLoop(Protocol):
-    """A loop with other values of its axes."""
-
-    def rough_limit(self) -> float:
-        """Return its limit of stability [N/m or N·m/rad], to `PRECISION`."""
-
-    def bears(self, stiffness: float) -> bool:
-        """Return whether it is stable at this stiffness."""
 
 
 def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]]:
@@ -212,18 +190,3 @@ def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay:
 def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
     """Return the values of all axes with the least friction."""
     return tuple(_at(plant, ranges, 0, 0, 0, 0, 0) for plant, ranges in axes)
-
-
-def least(
-    found: Iterable[tuple[tuple[Values, ...], VariedLoop]], limit: float = math.inf, at: tuple[Values, ...] = ()
-) -> tuple[float, tuple[Values, ...]]:
-    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
-    for values, loop in found:
-        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
-            continue
-        own = loop.rough_limit()
-        if own < limit or not at:
-            limit, at = own, values
-        if limit == 0.0:
-            break
-    return limit, at

@@ -97,8 +97,7 @@ def crossings(matrices: Sequence[Matrix], step: float) -> list[float] | None:
     z = np.exp(1j * np.array([0.0, math.pi, *(2.0 * np.arcsin(np.sqrt(0.5 / inverse)))]))
     moving = np.polyval(change, z)
     found = -(np.polyval(poles, z) * moving.conj()).real / np.where(moving == 0.0, math.nan, np.abs(moving) ** 2)
-    finite: list[float] = (step * found[np.isfinite(found)]).tolist()
-    return finite
+    return list((step * found[np.isfinite(found)]).tolist())
 
 
 def crossing(excess: Callable[[float], float], low: float, high: float, precision: float) -> float:
@@ -183,11 +182,8 @@ def pattern_limit(plant: Plant, period: float, delay: float, environment_of: Env
 
     0 and ∞ have the meaning of `linear.limit_of`. Raises UsageError for impossible times [s].
     """
-    device = sample(plant, period, delay)
-    return limit_of(
-        lambda stiffness: pattern_growth(device, environment_of(stiffness), pattern),
-        plant.mass / period**2 + plant.damping / period,
-    )
+    device, scale = sample(plant, period, delay), plant.mass / period**2 + plant.damping / period
+    return limit_of(lambda stiffness: pattern_growth(device, environment_of(stiffness), pattern), scale)
 
 
 def pattern_bound(damping: float, period: float, pattern: Pattern) -> float:

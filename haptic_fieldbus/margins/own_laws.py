@@ -14,12 +14,13 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.margins.closed_loop import keeping
 from haptic_fieldbus.margins.stiffness_map import OwnLaw
 from haptic_fieldbus.scenes.element import Interval, Local, abilities, is_dynamic, is_sampled, is_shipped, is_varying
 from haptic_fieldbus.signals import Signal
@@ -63,8 +64,7 @@ class SampledLaw:
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        found: tuple[Signal, ...] = self.element.needs
-        return found
+        return tuple(self.element.needs)
 
     def linearised(self) -> Any:
         return self.element.linearised()
@@ -75,17 +75,15 @@ class SampledLaw:
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
         """Return the sampled places within the travel, closest together where force or slope changes."""
-        if (lower, upper, effort) not in self._found:
-            self._found[lower, upper, effort] = self._places(*reach(lower, upper, effort), effort)
-        return self._found[lower, upper, effort]
-
-    def _places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        few = FEW if self.start else MANY
-        found = sorted({*uneven(lower, upper, few), *(each for each in self.start if lower <= each <= upper)})
-        found = [each for each in found if math.isfinite(self.at(each).force[0])]
-        while 1 < len(found) < MOST[few] and (more := self._halved(found, effort, MOST[few] - len(found))):
-            found = sorted({*found, *more})
-        return tuple(found)
+        asked = lower, upper, effort
+        if asked not in self._found:
+            (lower, upper), few = reach(*asked), FEW if self.start else MANY
+            places = sorted({*uneven(lower, upper, few), *(each for each in self.start if lower <= each <= upper)})
+            places = [each for each in places if math.isfinite(self.at(each).force[0])]
+            while 1 < len(places) < MOST[few] and (more := self._halved(places, effort, MOST[few] - len(places))):
+                places = sorted({*places, *more})
+            self._found[asked] = tuple(places)
+        return self._found[asked]
 
     def at(self, place: float) -> Local:
         """Return force, slopes to both sides, and damping for a handle at rest; not-a-number without a force."""
@@ -149,17 +147,12 @@ class SampledLaw:
         return [0.5 * (places[row] + places[row + 1]) for row in rows.tolist()]
 
 
+_kept = keeping(128, SampledLaw)
+
+
 def read(element: Any, start: tuple[float, ...] = ()) -> SampledLaw:
     """Return the sampled law of an element; the samples of an equal element are reused."""
-    try:
-        return _kept(element, start)
-    except TypeError:  # an element of one's own without a hash
-        return SampledLaw(element, start)
-
-
-@lru_cache(maxsize=128)
-def _kept(element: Any, start: tuple[float, ...]) -> SampledLaw:
-    return SampledLaw(element, start)
+    return _kept(element, start)
 
 
 def _quotient(before: float, after: float, step: float) -> float:
@@ -214,9 +207,8 @@ def own_laws(elements: Sequence[Any], travel: Interval, effort: float) -> tuple[
 
 
 def _is_told(element: Any, runs_off: bool) -> bool:
-    if is_shipped(element):
-        return is_sampled(element)
-    return is_sampled(element) or not _is_bounded(element) or (runs_off and _is_static(element))
+    is_own = not is_shipped(element)
+    return is_sampled(element) or (is_own and (not _is_bounded(element) or (runs_off and _is_static(element))))
 
 
 def _own_law(element: Any, travel: Interval, effort: float, runs_off: bool) -> OwnLaw:

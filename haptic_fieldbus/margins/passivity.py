@@ -63,10 +63,9 @@ class Increments:
         """Return the damping of a device that is passive with this law [N·s/m or N·m·s/rad]; times in s."""
         if not math.isfinite(self.slope + self.damping):
             return math.inf
-        spread = spread_of(period, delay, lag)
         along = self.slope * (0.5 * period + delay + lag) + self.damping
         # A contact without an end is as steep as a float can be, and its square is beyond all floats.
-        return 0.5 * (along + math.hypot(along, self.slope * math.sqrt(spread)))
+        return 0.5 * (along + math.hypot(along, self.slope * math.sqrt(spread_of(period, delay, lag))))
 
     def rounding_is_bridged(self, plant: Plant, period: float) -> bool:
         """Return whether Coulomb friction absorbs the energy that the rounding of the encoder may give."""
@@ -129,8 +128,7 @@ def passive_limit(plant: Plant, period: float, delay: float) -> float:
     """
     check_times(period, delay)
     centre = 0.5 * period + delay + plant.torque_lag
-    spread = float(hold(np.array([SMALLEST_ANGLE]), period, delay, plant.torque_lag).spread[0])
-    return 2.0 * plant.damping / (centre + math.sqrt(centre**2 + spread))
+    return 2.0 * plant.damping / (centre + math.sqrt(centre**2 + spread_of(period, delay, plant.torque_lag)))
 
 
 def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf, stable: float) -> float:

@@ -203,9 +203,8 @@ class AxisElements:
 
     def _beside(self, changes: Mapping[str, float]) -> "ElementStates":
         """Return the elements that act in parallel with the places."""
-        if not changes or (self._varies and set(changes) == {"stiffness"}):
-            return self._nominal_beside
-        return self._beside_of(self._changed(changes))
+        is_nominal = not changes or (self._varies and set(changes) == {"stiffness"})
+        return self._nominal_beside if is_nominal else self._beside_of(self._changed(changes))
 
     @cached_property
     def _nominal_beside(self) -> "ElementStates":
@@ -245,10 +244,7 @@ class AxisElements:
 
     def _resting(self, ground: StiffnessMap | None) -> "Resting":
         """Return position, stiffness and damping of the places where the motor can hold the handle, (n,) each."""
-        if ground is None or not len(ground.position):
-            return np.array([math.nan]), np.zeros(1), np.zeros(1)
-        within = ground.places.smallest_force <= self._held * ROUNDED
-        if not within.any():
+        if ground is None or not (within := ground.places.smallest_force <= self._held * ROUNDED).any():
             return np.array([math.nan]), np.zeros(1), np.zeros(1)
         either = [
             (each.sum(axis=0)[within], ground.places.damping_at(each, self._held)[within])
@@ -259,16 +255,13 @@ class AxisElements:
 
     def _stated(self, places: "Resting", changes: Mapping[str, float]) -> "Resting":
         """Return the places, and the linear models of elements without bounds as one place each."""
-        sampled = [each for each in self._changed(changes) if is_sampled(each)]
-        stated = [
-            -closed_loop.linearised(each, {}).d[0] for each in sampled if not closed_loop.linearised(each, {}).order
-        ]
+        spaces = [closed_loop.linearised(each, {}) for each in self._changed(changes) if is_sampled(each)]
+        stated = [-space.d[0] for space in spaces if not space.order]
         if not stated:
             return places
         stiffness, damping = np.array(stated, dtype=float).T
-        found = np.full(len(stated), math.nan), stiffness, damping
-        position, stiffness, damping = (np.concatenate(each) for each in zip(places, found, strict=True))
-        return position, stiffness, damping
+        position = np.concatenate([places[0], np.full(len(stated), math.nan)])
+        return position, np.concatenate([places[1], stiffness]), np.concatenate([places[2], damping])
 
     def _discrete(self, element: Element) -> StateSpace:
         method = self.method if is_dynamic(element) else None
@@ -313,23 +306,8 @@ class AxisElements:
         return estimated(parallel(spaces), self.period, self.estimator) if spaces else None
 
 
-def axis_elements(
-    elements: tuple[Element, ...],
-    period: float,
-    method: str | None,
-    estimator: str | None,
-    effort: float,
-    travel: Interval,
-    loses_velocity: bool,
-) -> AxisElements:
-    """Return the elements of an axis; those of an equal axis are reused, because they do not depend on its device."""
-    try:
-        return _kept(elements, period, method, estimator, effort, travel, loses_velocity)
-    except TypeError:  # an element of one's own without a hash
-        return AxisElements(elements, period, method, estimator, effort, travel, loses_velocity)
-
-
-_kept = lru_cache(maxsize=KEPT_AXES)(AxisElements)
+axis_elements = closed_loop.keeping(KEPT_AXES, AxisElements)
+"""Return the elements of an axis; those of an equal axis are reused, because they do not depend on its device."""
 
 
 @dataclass(frozen=True, eq=False)

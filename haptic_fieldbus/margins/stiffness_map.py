@@ -79,9 +79,8 @@ class Survey:
 
     def lossy_damping(self, effort: float) -> Array:
         """Return the damping of all elements when the motor gives at most `effort` [N or N·m], (n,)."""
-        forces = np.where(
-            self.one_sided & np.isfinite(effort), np.minimum(self.largest_forces, effort), self.largest_forces
-        )
+        limited = np.minimum(self.largest_forces, effort)
+        forces = np.where(self.one_sided & np.isfinite(effort), limited, self.largest_forces)
         with np.errstate(invalid="ignore"):
             return np.asarray((self.damping + np.where(self.loss > 0.0, self.loss * forces, 0.0)).sum(axis=0))
 
@@ -180,11 +179,8 @@ def places_between(elements: Sequence[Varying], grid: Sequence[float], effort: f
         bounds = survey(elements, [(low, high) for (low, _), (high, _) in todo])
         may_hold = bounds.smallest_force <= effort * ROUNDED
         steeper = bounds.most_stiffness.sum(axis=0) > STEEPER * steepest
-        todo = [
-            (low, high)
-            for (low, high), may, is_steep in zip(todo, may_hold, steeper, strict=True)
-            if may and (is_steep or not (low[1] or high[1]))
-        ]
+        known = zip(todo, may_hold, steeper, strict=True)
+        todo = [(low, high) for (low, high), may, steep in known if may and (steep or not (low[1] or high[1]))]
         if not todo or len(more) + len(todo) > MOST_PLACES:
             break
         middles = [0.5 * (low + high) for (low, _), (high, _) in todo]
@@ -226,13 +222,8 @@ class RestingPlace:
     """Number of different places that were tried."""
 
     def to_json(self) -> dict[str, float | None]:
-        return {
-            "position": self.position,
-            "stiffness": self.stiffness,
-            "virtual_damping": self.damping,
-            "growth": self.growth,
-            "ideal_growth": self.ideal,
-        }
+        told = {"position": self.position, "stiffness": self.stiffness, "virtual_damping": self.damping}
+        return {**told, "growth": self.growth, "ideal_growth": self.ideal}
 
 
 @dataclass(frozen=True)
@@ -261,17 +252,9 @@ class OwnLaw:
         return self.places > 0 and self.steepest > STEEPER * max(self.stated, 0.0) + 1e-12
 
     def to_json(self) -> dict[str, object]:
-        read = self.places > 0
-        return {
-            "element": self.element,
-            "places": self.places,
-            "travel": list(self.travel) if read else None,
-            "steepest": self.steepest if read else None,
-            "position": self.position if read else None,
-            "stated": self.stated,
-            "beyond": list(self.beyond),
-            "runs_off": self.runs_off,
-        }
+        read = {"travel": list(self.travel), "steepest": self.steepest, "position": self.position}
+        told = {"element": self.element, "places": self.places, **(read if self.places else dict.fromkeys(read))}
+        return {**told, "stated": self.stated, "beyond": list(self.beyond), "runs_off": self.runs_off}
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,14 +295,12 @@ class ParallelStates:
 
     def at(self, stiffness: float, damping: float) -> StateSpace:
         """Return the environment with this spring and damper."""
+        free, spring, damper = self.free, self.spring, self.damper
         if not (stiffness or damping):
-            return self.free
-        return StateSpace(
-            self.free.a,
-            self.free.b,
-            self.free.c + stiffness * (self.spring.c - self.free.c) + damping * (self.damper.c - self.free.c),
-            self.free.d + stiffness * (self.spring.d - self.free.d) + damping * (self.damper.d - self.free.d),
-        )
+            return free
+        c = free.c + stiffness * (spring.c - free.c) + damping * (damper.c - free.c)
+        d = free.d + stiffness * (spring.d - free.d) + damping * (damper.d - free.d)
+        return StateSpace(free.a, free.b, c, d)
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,9 +368,8 @@ class Places(StateSpace):
             return None
         found: list[float] = []
         for together, damping in product(self.together, dict.fromkeys(self.damping.tolist())):
-            free, spring, damper = (
-                sampled.loop_matrix(device, each) for each in (together.free, together.spring, together.damper)
-            )
+            systems = together.free, together.spring, together.damper
+            free, spring, damper = (sampled.loop_matrix(device, each) for each in systems)
             damped = free + damping * (damper - free)
             slopes = crossings([damped + multiple * step * (spring - free) for multiple in (1.0, 2.0, 3.0)], step)
             if slopes is None:
@@ -410,9 +390,8 @@ class Places(StateSpace):
         growths = self._growths(device, together)
         at, growth = int(self._tried[growths.argmax()]), float(growths.max())
         stiffness, damping = float(self.stiffness[at]), float(self.damping[at])
-        return RestingPlace(_known(self.position[at]), stiffness, damping, growth, among=len(growths)), together.at(
-            stiffness, damping
-        )
+        place = RestingPlace(_known(self.position[at]), stiffness, damping, growth, among=len(growths))
+        return place, together.at(stiffness, damping)
 
     @cached_property
     def _tried(self) -> NDArray[np.intp]:

@@ -141,10 +141,7 @@ class Stability:
         limits = asdict(self.stiffness_limit) | {"cautious": self.limit.value if has_limit else None}
         # The values at which the limit was found, one object for each axis; places at the values of rig and profile.
         values = [each.to_json() for each in self.limit.judged_at] or [{}]
-        places = {
-            name: None if place is None else place.to_json()
-            for name, place in (("place", self.place), ("crest", self.crest))
-        }
+        places = {"place": self.place and self.place.to_json(), "crest": self.crest and self.crest.to_json()}
         return {
             "period_s": self.period_s,
             "delay_s": self.delay_s,

@@ -203,11 +203,8 @@ def draft_axis(
     couplings = tuple(coupling for coupling in scene.couplings if scene_axis.name in coupling.axes)
     _check_coupled(scene_axis.name, couplings, profile)
     incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
-    effort_unit, rated, steps = (
-        torque_unit(Signal.TARGET_TORQUE, profile, axis),
-        rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
-        position_steps(profile, axis),
-    )
+    effort_unit = torque_unit(Signal.TARGET_TORQUE, profile, axis)
+    rated, steps = rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit), position_steps(profile, axis)
     simulated = only_simulated(rig.bus[axis.bus])
     bench = with_evidence(known_bench(rig, scene_axis.name, profile), axis, simulated=simulated)
     protocol, plant = _protocol(profile, rig, axis), plant_of(bench, axis, profile, steps)
@@ -220,6 +217,8 @@ def draft_axis(
             f"expected at most the limit of the axis, {rounded(limits.effort)} {effort}, or no force is possible"
         )
     check_places(scene, scene_axis.name, rig, elements, limits)
+    needs_velocity = any(Signal.VELOCITY in each.needs for each in (*elements, *couplings))
+    velocity_from = (estimator or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
     return AxisPlan(
         name=scene_axis.name,
         node=axis.node,
@@ -230,7 +229,7 @@ def draft_axis(
         traffic=protocol.axis_traffic(axis, rig.bus[axis.bus], profile, incoming, ALWAYS_OUT),
         elements=elements,
         couplings=couplings,
-        estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
+        estimator=velocity_from if needs_velocity else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
         limits=limits,
         forced=forced,
@@ -262,11 +261,10 @@ def _bench_values(axis: RigAxis) -> tuple[object, ...]:
 
 
 def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None:
-    if axis.mechanism.workspace is not scene_axis.workspace:
-        message = (
-            f"the scene is {scene_axis.workspace.value} ({scene_axis.workspace.effort_unit}, "
-            f"{scene_axis.workspace.length_unit}) but the rig's mechanism is {axis.mechanism.kind}"
-        )
+    wanted = scene_axis.workspace
+    if axis.mechanism.workspace is not wanted:
+        units = f"({wanted.effort_unit}, {wanted.length_unit})"
+        message = f"the scene is {wanted.value} {units} but the rig's mechanism is {axis.mechanism.kind}"
         raise SceneError(scene.source or scene.name, [Fault(f"axis.{scene_axis.name}.workspace", message)])
 
 
@@ -274,10 +272,9 @@ def _check_zero(name: str, rig: Rig, profile: DriveProfile) -> None:
     """Refuse an encoder count as zero for a drive without a position: an integrated position has its own start."""
     zero = rig.axis[name].mechanism.zero
     if not _offers_position(profile) and zero != "start":
-        message = (
-            f'{zero}; expected "start": {profile.title} reports velocity only, so it has no encoder count for the zero'
-        )
-        raise RigError(rig.source or "the rig", [Fault(f"axis.{name}.mechanism.zero", message)])
+        why = f"{profile.title} reports velocity only, so it has no encoder count for the zero"
+        fault = Fault(f"axis.{name}.mechanism.zero", f'{zero}; expected "start": {why}')
+        raise RigError(rig.source or "the rig", [fault])
 
 
 def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: DriveProfile) -> None:
@@ -289,16 +286,8 @@ def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: D
         )
 
 
-def _estimator(name: str | None, profile: DriveProfile) -> str:
-    return (name or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
-
-
 def _offers_position(profile: DriveProfile) -> bool:
     return Signal.POSITION in profile.offers()
-
-
-def _needed(elements: tuple[AnyElement, ...], signal: Signal) -> bool:
-    return any(signal in element.needs for element in elements)
 
 
 def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:

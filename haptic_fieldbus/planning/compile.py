@@ -7,13 +7,14 @@ estimated.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
+from functools import partial
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
-from haptic_fieldbus.drive.rig import BusSection, Rig
+from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Basis, Plant
+from haptic_fieldbus.margins.closed_loop import keeping
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.margins.plant import COUPLING_SHARES, Ranges, exact_bench
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
@@ -28,7 +29,6 @@ from haptic_fieldbus.planning.known_bench import KnownBench, lags_of, measured_t
 from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time, load_of
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.sign_probe import check_steps, sign_probe, sign_text
-from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import BusTraffic, Delay
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
@@ -52,24 +52,19 @@ def ranges_of(profile: DriveProfile, delay: Delay, bench: KnownBench, *, complia
 
 KEPT = 64
 """Number of groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
+_known = keeping(KEPT, Group)
+"""Return the equal group of an earlier plan, with its verdicts; otherwise a new one."""
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
     """Return the axis with the values that follow from its bus: delay, limits of age and echo, plant."""
-    echo = echo_time(draft.profile.echo, period)
-    limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
-    delay, plant = traffic.delay(draft.name), _seen(draft, period)
-    others = traffic.other_masters(draft.name)
-    found = replace(draft, traffic=traffic.of(draft.name), delay=delay, limits=limits, plant=plant)
-    return replace(found, other_masters=others)
-
-
-def _seen(axis: AxisPlan, period: float) -> Plant | None:
-    """Return the plant as the loop samples it; None when it is unknown."""
-    if axis.plant is None or not axis.integrates:
-        return axis.plant
-    # At rest an integrated position is a multiple of one velocity step times one period.
-    return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
+    age, echo, plant = AGE_SHARE * traffic.guard(draft.name), echo_time(draft.profile.echo, period), draft.plant
+    if plant is not None and draft.integrates:
+        # At rest an integrated position is a multiple of one velocity step times one period.
+        plant = replace(plant, resolution=abs(draft.velocity_unit) * period, tachometer=True)
+    found = replace(draft, traffic=traffic.of(draft.name), delay=traffic.delay(draft.name), plant=plant)
+    limits = replace(draft.limits, age=age, echo=echo)
+    return replace(found, limits=limits, other_masters=traffic.other_masters(draft.name))
 
 
 def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
@@ -79,7 +74,7 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        for name, verdict in _known(each).stabilities().items():
+        for name, verdict in _known(each.members, each.couplings, each.period).stabilities().items():
             found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 
@@ -89,19 +84,6 @@ def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
     members = [_member(axis, axis.plant) for axis in axes if axis.plant is not None]
     couplings = tuple(dict.fromkeys(each for axis in axes for each in axis.couplings))
     return groups_of(members, couplings, period)
-
-
-def _known(group: Group) -> Group:
-    """Return the equal group of an earlier plan, with its verdicts; otherwise this group."""
-    try:
-        return _kept(group)
-    except TypeError:  # an element of one's own without a hash
-        return group
-
-
-@lru_cache(maxsize=KEPT)
-def _kept(group: Group) -> Group:
-    return group
 
 
 def _member(axis: AxisPlan, plant: Plant) -> Member:
@@ -139,20 +121,10 @@ def _estimator(axis: AxisPlan) -> str:
 
 Drafts = Callable[[float | None], list[AxisPlan]]
 """Function from a period [s], or None for no period, to the drafts of all axes."""
+Ways = Callable[[float | None, float], Sequence[BusTraffic]]
+"""Function from a rate [Hz], or None, and the time for which feedback waits [s] to the ways of exchange of a bus."""
 _ROUNDS = 2
 """Number of iterations for the waits of several buses."""
-
-
-@dataclass(frozen=True)
-class _Bus:
-    """One bus with its axes."""
-
-    protocol: FieldbusProtocol
-    section: BusSection
-    members: Members
-
-    def ways(self, rate: float | None, waiting: float) -> Sequence[BusTraffic]:
-        return self.protocol.ways(self.section, self.members, rate, waiting)
 
 
 def plan_buses(drafts_at: Drafts, rig: Rig, rate: float | None) -> tuple[BusPlan, ...]:
@@ -163,10 +135,10 @@ def plan_buses(drafts_at: Drafts, rig: Rig, rate: float | None) -> tuple[BusPlan
     BusOverloadError when a bus cannot carry this.
     """
     drafts = drafts_at(None)
-    buses = {
-        name: _Bus(protocol_named(rig.bus[name].protocol), rig.bus[name], _members(name, drafts))
-        for name in dict.fromkeys(draft.rig.bus for draft in drafts)
-    }
+    buses: dict[str, Ways] = {}
+    for name in dict.fromkeys(draft.rig.bus for draft in drafts):
+        members = {draft.name: (draft.profile, draft.traffic) for draft in drafts if draft.rig.bus == name}
+        buses[name] = partial(protocol_named(rig.bus[name].protocol).ways, rig.bus[name], members)
     # First without a wait: the waits follow from the feedback times, and these can change with a wait.
     together = _together(buses, dict.fromkeys(buses, 0.0), drafts_at, rate)
     for _ in range(_ROUNDS):
@@ -182,24 +154,19 @@ def plan_buses(drafts_at: Drafts, rig: Rig, rate: float | None) -> tuple[BusPlan
     )
 
 
-def _members(name: str, drafts: Sequence[AxisPlan]) -> Members:
-    return {draft.name: (draft.profile, draft.traffic) for draft in drafts if draft.rig.bus == name}
-
-
 def _together(
-    buses: Mapping[str, _Bus], waits: Mapping[str, float], drafts_at: Drafts, rate: float | None
+    buses: Mapping[str, Ways], waits: Mapping[str, float], drafts_at: Drafts, rate: float | None
 ) -> dict[str, BusTraffic]:
-    """Return the traffic of each bus; `waits` is the time for which its feedback waits for other buses [s]."""
+    """Return the traffic of each bus with the largest stability margin; of equal ones the first.
+
+    `waits` is the time for which the feedback of a bus waits for other buses [s].
+    """
     if rate is None and len(buses) > 1:
-        slowest = min(bus.ways(None, waits[name])[0].rate for name, bus in buses.items())
+        slowest = min(ways(None, waits[name])[0].rate for name, ways in buses.items())
         rate = 1e3 / math.ceil(1e3 / slowest)  # a period in whole milliseconds, which every drive accepts
-    return _stiffest({name: bus.ways(rate, waits[name]) for name, bus in buses.items()}, drafts_at)
-
-
-def _stiffest(ways: Mapping[str, Sequence[BusTraffic]], drafts_at: Drafts) -> dict[str, BusTraffic]:
-    """Return the exchange of each bus with the largest stability margin; of equal ones the first."""
-    chosen = {name: each[0] for name, each in ways.items()}
-    for name, each in ways.items():
+    possible = {name: ways(rate, waits[name]) for name, ways in buses.items()}
+    chosen = {name: each[0] for name, each in possible.items()}
+    for name, each in possible.items():
         if len(each) > 1:
             margins = [_margin({**chosen, name: way}, drafts_at) for way in each]
             chosen[name] = each[margins.index(max(margins))]
@@ -251,6 +218,7 @@ def compile_plan(
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
     seen = [on_bus(draft, traffic[draft.name], period) for draft in drafts]
     axes = with_energy_limits(with_verdicts(seen, period), timed.couplings)
+    steps = [(axis.name, step) for axis in axes for step in _steps(axis, period, controlled=timed.controlled)]
     return Plan(
         scene=timed,
         rig=rig,
@@ -259,37 +227,31 @@ def compile_plan(
         axes=axes,
         image=lay_out_image([axis.traffic for axis in axes]),
         left_out=tuple(_left_out(axes, rig)),
-        steps=tuple(
-            step
-            for axis in axes
-            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=timed.controlled)
-        ),
+        steps=tuple(f"{name}: {step}" if len(axes) > 1 else step for name, step in steps),
         modules=_modules(axes, period),
     )
 
 
-def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> Iterator[str]:
+def _steps(axis: AxisPlan, period: float, *, controlled: bool) -> Iterator[str]:
     """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
-    yield f"{prefix}link: trips on lost feedback, emergency or restart"
-    yield f"{prefix}power state: statusword → controlword"
-    yield from (f"{prefix}{step}" for step in (_integrated(axis) if axis.integrates else _estimated(axis)))
+    yield "link: trips on lost feedback, emergency or restart"
+    yield "power state: statusword → controlword"
+    yield from _integrated(axis) if axis.integrates else _estimated(axis)
     if axis.profile.echo is not None:
-        yield (
-            f"{prefix}echo: compares {axis.profile.echo.value} with the sent set-point; trips if they differ for "
-            f"{rounded(1e3 * axis.limits.echo)} ms"
-        )
+        differing = f"trips if they differ for {rounded(1e3 * axis.limits.echo)} ms"
+        yield f"echo: compares {axis.profile.echo.value} with the sent set-point; {differing}"
     probe = sign_probe(axis, period)
     if probe is not None:
-        yield f"{prefix}sign: {sign_text(axis, probe)}"
+        yield f"sign: {sign_text(axis, probe)}"
     if math.isfinite(axis.limits.energy):
-        yield f"{prefix}energy: trips when the loop puts out more than was stored plus the sampling leak"
+        yield "energy: trips when the loop puts out more than was stored plus the sampling leak"
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
-        yield f"{prefix}element: {element.name}{how}"
+        yield f"element: {element.name}{how}"
     if controlled:
-        yield f"{prefix}passivity controller: damps when the loop puts out more than was stored"
-    yield f"{prefix}limits: finite, fade-in, effort, slew"
-    yield f"{prefix}encode: {axis.workspace.effort_unit} → target torque"
+        yield "passivity controller: damps when the loop puts out more than was stored"
+    yield "limits: finite, fade-in, effort, slew"
+    yield f"encode: {axis.workspace.effort_unit} → target torque"
 
 
 def _estimated(axis: AxisPlan) -> Iterator[str]:
@@ -315,10 +277,8 @@ def _linear_note(axis: AxisPlan) -> str:
     # Imported here, because a plan without velocity needs no estimator.
     from haptic_fieldbus.numerics.estimators import linear_stand_in
 
-    other = linear_stand_in(_estimator(axis))
-    still = (
-        ", and with the velocity 0" if axis.group and any(each.loses_velocity for each in axis.group.members) else ""
-    )
+    other, group = linear_stand_in(_estimator(axis)), axis.group
+    still = ", and with the velocity 0" if group and any(each.loses_velocity for each in group.members) else ""
     return "" if other is None else f" (not linear: stability is checked with {other}{still})"
 
 
@@ -338,17 +298,17 @@ def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
     if not any(mapped.signal is Signal.TORQUE_ACTUAL for axis in axes for mapped in axis.incoming):
         yield LeftOut("torque actual", "no element needs it")
     for axis in axes:
-        if _asks(axis, rig):
+        bus = rig.bus[axis.rig.bus]
+        is_generic = axis.profile.drive.evidence == STANDARD
+        if is_generic and not bus.simulated and protocol_named(bus.protocol).fits_profiles:
             why = "is a generic profile: the run reads the drive's objects and plans with those"
             yield LeftOut("objects that the drive lacks", f"{axis.profile.title} {why}")
         if axis.profile.echo is None:
             why = "does not return its set-points (torque.echo of its profile)"
             yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {CAPPED}")
-        why = unguarded(axis.profile, axis.rig)
-        if why:
-            yield LeftOut(
-                "guard", f"{why}; {CAPPED}, and an emergency stop must cut the power (emergency_stop of the rig)"
-            )
+        if why := unguarded(axis.profile, axis.rig):
+            stop = "and an emergency stop must cut the power (emergency_stop of the rig)"
+            yield LeftOut("guard", f"{why}; {CAPPED}, {stop}")
     for name in dict.fromkeys(name for axis in axes for name in unbounded(axis)):
         yield LeftOut("energy ledger", f"{name} can apply any force by itself, so the energy has no limit")
     if not any(axis.method for axis in axes):
@@ -359,12 +319,6 @@ def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
             yield LeftOut("virtual states", "no element has any")
 
 
-def _asks(axis: AxisPlan, rig: Rig) -> bool:
-    """Return True when a run asks the drive which objects of its profile it has."""
-    bus, drive = rig.bus[axis.rig.bus], axis.profile.drive
-    return drive.evidence == STANDARD and not bus.simulated and protocol_named(bus.protocol).fits_profiles
-
-
 def _estimates(axis: AxisPlan) -> bool:
     """Return True when the velocity is estimated from the position, and not read from the drive."""
     return axis.estimator is not None and not axis.integrates
@@ -373,12 +327,10 @@ def _estimates(axis: AxisPlan) -> bool:
 def _modules(axes: tuple[AxisPlan, ...], period: float) -> tuple[str, ...]:
     """Return the names of the optional modules of this package that the plan imports, sorted."""
     modules = {type(element).__module__ for axis in axes for element in (*axis.elements, *axis.couplings)}
-    if any(_estimates(axis) for axis in axes):
-        modules.add("haptic_fieldbus.numerics.estimators")
-    if any(axis.integrates for axis in axes):
-        modules.add("haptic_fieldbus.cycle.tachometer")
-    if any(encoder_probe(axis, period) for axis in axes):
-        modules.add("haptic_fieldbus.cycle.standstill")
-    if any(axis.method for axis in axes):
-        modules.add("haptic_fieldbus.numerics.integrators")
-    return tuple(sorted(modules))
+    optional = {
+        "numerics.estimators": map(_estimates, axes),
+        "numerics.integrators": (axis.method for axis in axes),
+        "cycle.tachometer": (axis.integrates for axis in axes),
+        "cycle.standstill": (encoder_probe(axis, period) for axis in axes),
+    }
+    return tuple(sorted({*modules, *(f"haptic_fieldbus.{name}" for name, needed in optional.items() if any(needed))}))

@@ -51,8 +51,7 @@ def first_enabling(profile: DriveProfile) -> str:
 def enabling_lines(axes: Iterable[AxisPlan]) -> Iterator[str]:
     """Yield the warning of each axis that has one."""
     for axis in axes:
-        warning = first_enabling(axis.profile)
-        if warning:
+        if warning := first_enabling(axis.profile):
             yield f"{axis.name}: {warning}"
 
 
@@ -89,8 +88,7 @@ class TorqueDeadline:
 
     def to_json(self) -> dict[str, Json]:
         """Return the object of `plan --json`; the time is None when the event is not detected."""
-        stated = 1e3 * self.seconds if math.isfinite(self.seconds) else None
-        return {"cause": self.cause.value, "stated_ms": stated}
+        return {"cause": self.cause.value, "stated_ms": 1e3 * self.seconds if math.isfinite(self.seconds) else None}
 
 
 def torque_deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
@@ -151,35 +149,26 @@ def _of_axis(
     yield TorqueDeadline(EndCause.DISCONNECTED, max(guard + end, lost if untied or shared else 0.0), by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.STOPPED, guard + end, by_guard)
-    yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, after_trip))
+    echo, how = axis.limits.echo, "not detected: the drive does not return its set-points"
+    if math.isfinite(echo):  # a constant set-point shows no difference
+        how = f"trip when not followed for {rounded(1e3 * echo)} ms after a change, then {BESIDE}, or {after_trip}"
+    yield TorqueDeadline(EndCause.NO_EFFECT, echo + period + guard + end, how)
     if axis.other_masters is not None:
-        yield TorqueDeadline(EndCause.OTHER_MASTER, _replaced(axis.other_masters, period) + seen, _shown(axis))
+        acting, how = _replaced(axis.other_masters, period)
+        yield TorqueDeadline(EndCause.OTHER_MASTER, acting + seen, how)
     yield TorqueDeadline(EndCause.END, seen, "zero torque sent at once")
 
 
-def _unfollowed(axis: AxisPlan, after_trip: str) -> str:
-    """Return how a set-point without effect is detected, in words; a constant set-point shows no difference."""
-    if math.isinf(axis.limits.echo):
-        return "not detected: the drive does not return its set-points"
-    waited = rounded(1e3 * axis.limits.echo)
-    return f"trip when not followed for {waited} ms after a change, then {BESIDE}, or {after_trip}"
-
-
-def _replaced(others: OtherMasters, period: float) -> float:
-    """Return the total time for which set-points of another master act until enough of them are detected [s].
+def _replaced(others: OtherMasters, period: float) -> tuple[float, str]:
+    """Return how long set-points of another master act until enough of them are detected [s], and by which signal.
 
     Each acts until our set-point replaces it. The content of a gateway may be a period old.
     """
-    return math.inf if others.shown_by is None else FOREIGN_TIMES * foreign_gap(period, others.every) + period
-
-
-def _shown(axis: AxisPlan) -> str:
-    if axis.other_masters is None or axis.other_masters.shown_by is None:
-        return "not detected: no register shows them before ours replace them"
-    return (
-        f"sum of the times until ours replace them; {axis.other_masters.shown_by.value} shows them; {FOREIGN_TIMES} "
-        f"within {exactly(FOREIGN_WITHIN)} s are a trip"
-    )
+    if others.shown_by is None:
+        return math.inf, "not detected: no register shows them before ours replace them"
+    shown = f"{others.shown_by.value} shows them; {FOREIGN_TIMES} within {exactly(FOREIGN_WITHIN)} s are a trip"
+    acting = FOREIGN_TIMES * foreign_gap(period, others.every) + period
+    return acting, f"sum of the times until ours replace them; {shown}"
 
 
 def unseen_text(axis: AxisPlan, period: float) -> str:

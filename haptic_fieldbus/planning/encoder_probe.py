@@ -120,21 +120,18 @@ def _probe(axis: AxisPlan, period: float) -> EncoderProbe | str:
     if not longest:
         return f"a pulse of one period is longer than {exactly(1e3 * LONGEST_PULSE)} ms"
     lost = axis.delay.torque_loop * (1.0 + math.log(EXCESS_RATIO)) + 2.0 * FELT_SHARE * limits.effort / limits.slew
-    way = ASKED_COUNTS * axis.resolution
-    moved = travel(plant, HAND[axis.workspace], longest * period - lost)
+    way, hand = ASKED_COUNTS * axis.resolution, HAND[axis.workspace]
+    moved = travel(plant, hand, longest * period - lost)
     needed = max(FRICTIONS * plant.coulomb, plant.coulomb + way / moved) if moved else math.inf
     if needed > FELT_SHARE * limits.effort - step:
         force = axis.workspace.effort_unit
         asked = f"pulses of ±{in_unit(needed, force)}" if moved else "longer pulses"
-        return (
-            f"{asked} are needed, but pulses above {percent(FELT_SHARE)} of {in_unit(limits.effort, force)} can be felt"
-        )
+        felt = f"{percent(FELT_SHARE)} of {in_unit(limits.effort, force)}"
+        return f"{asked} are needed, but pulses above {felt} can be felt"
     effort = max(1, math.ceil(needed / step - 1e-9)) * step
     enough = way / (effort - plant.coulomb)
-    periods = next(
-        (each for each in range(1, longest) if travel(plant, HAND[axis.workspace], each * period - lost) >= enough),
-        longest,
-    )
+    ways = ((each, travel(plant, hand, each * period - lost)) for each in range(1, longest))
+    periods = next((each for each, moved in ways if moved >= enough), longest)
     least, lead = max(limits.holding, effort / FELT_SHARE), max(1, round(LEAD / period))
     probe = EncoderProbe(effort, periods, least, lead, math.ceil(axis.delay.total / period) + 1, period)
     if limits.stall < probe.time:

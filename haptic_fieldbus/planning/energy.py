@@ -14,7 +14,7 @@ from haptic_fieldbus.margins.group import connected
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, terrain
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE
+from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE, EffortLimits
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, abilities, is_varying
 from haptic_fieldbus.signals import Signal
@@ -164,19 +164,14 @@ NEVER = 2**62
 
 def with_energy_limits(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> tuple[AxisPlan, ...]:
     """Return the axes with the energy that each may give together with the axes coupled with it."""
-    granted = {axis.name: _granted(group) for group in _groups(axes, couplings) for axis in group}
-    return tuple(
-        replace(axis, limits=replace(axis.limits, energy=energy, forgiven=forgiven))
-        for axis in axes
-        for energy, forgiven in (granted[axis.name],)
-    )
-
-
-def _granted(group: Sequence[AxisPlan]) -> tuple[float, float]:
-    """Return the energy that axes judged together may give, and the energy forgiven within a second [J]."""
-    if not has_ledger(group):
-        return math.inf, math.inf
-    return max(map(energy_limit, group)), sum(map(forgiven_limit, group))
+    limits: dict[str, EffortLimits] = {}
+    for group in _groups(axes, couplings):
+        # The energy can be judged where there is an element, and each element is bounded.
+        is_judged = any(axis.elements or axis.couplings for axis in group) and not any(map(unbounded, group))
+        energy = max(map(energy_limit, group)) if is_judged else math.inf
+        forgiven = sum(map(forgiven_limit, group)) if is_judged else math.inf
+        limits |= {axis.name: replace(axis.limits, energy=energy, forgiven=forgiven) for axis in group}
+    return tuple(replace(axis, limits=limits[axis.name]) for axis in axes)
 
 
 def judged_groups(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> list[tuple[AxisPlan, ...]]:
@@ -196,11 +191,6 @@ def ledger_elements(
     names = {axis.name for axis in axes}
     couplings = tuple(each for each in plan.scene.couplings if names & {*each.axes})
     return [plan.axis(axis.name).elements for axis in axes], couplings
-
-
-def has_ledger(axes: Sequence[AxisPlan]) -> bool:
-    """Return whether the energy of these axes can be judged: they have an element, and each is bounded."""
-    return any(axis.elements or axis.couplings for axis in axes) and not any(unbounded(axis) for axis in axes)
 
 
 def unbounded(axis: AxisPlan) -> list[str]:

@@ -4,7 +4,7 @@ Golden files keep this text for each scene, and for each profile.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import cast
@@ -78,24 +78,38 @@ class LimitRow:
     reaction: Reaction
     time: float = 0.0
 
+    def to_json(self, axis: AxisPlan) -> Json:
+        """Return the object of `plan --json`."""
+        told: dict[str, Json] = {"axis": axis.name, "limit": self.name, "value": self.value, "unit": self.unit}
+        return {**told, "reaction": self.reaction.value, "after_s": self.time}
+
 
 def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
     """Yield the finite limits of this axis, in the order in which they act on a force."""
     limits, force, length = axis.limits, axis.workspace.effort_unit, axis.workspace.length_unit
     judged = 1.0 if math.isfinite(limits.energy) else math.inf
     jump = math.inf if axis.integrates else limits.jump(period, axis.resolution)
+    sign, encoder = sign_probe(axis, period), encoder_probe(axis, period)
+    largest, holding = (sign.largest, sign.holding) if sign else (math.inf, math.inf)
+    asking, asked, asked_time = (encoder.effort, encoder.least, encoder.time) if encoder else (math.inf,) * 3
+    # Largest cost if a fifth of the samples is missing, in gaps as long as the largest age of feedback.
+    most = 1.0 + LARGEST_MISSING_SHARE * limits.age / (0.5 * period + axis.delay.total)
+    stretch = axis.largest_stretch if axis.largest_stretch < most else math.inf
+    lowest, highest = limits.position or (-math.inf, math.inf)
     rows = (
         LimitRow("force at the start", START_SHARE * limits.effort, force, Reaction.REFUSE),
-        *_unproved(axis, period),
+        LimitRow("pulses that show the sign", largest, force, Reaction.CLAMP),
+        LimitRow("force until the sign is seen", holding, force, Reaction.CLAMP),
         LimitRow("fade-in of the limit", limits.fade_in, "s", Reaction.CLAMP),
         LimitRow("force", limits.effort, force, Reaction.CLAMP),
         LimitRow("slew", limits.slew, f"{force}/s", Reaction.CLAMP),
         LimitRow("force at standstill", limits.holding, force, Reaction.CLAMP, limits.stall),
-        *_asked(axis, period),
+        LimitRow("pulses that ask the encoder", asking, force, Reaction.CLAMP),
+        LimitRow("force on an encoder that stands still", asked, force, Reaction.DISABLE, asked_time),
         LimitRow("feedback missing", 2.0 * period, "s", Reaction.FADE),
         LimitRow("scene beside its place after gaps", limits.shift, length, Reaction.CLAMP),
         LimitRow("age of feedback", limits.age, "s", Reaction.DISABLE),
-        *_gaps(axis, period),
+        LimitRow("gaps that divide the stiffness limit by", stretch, "", Reaction.DISABLE),
         LimitRow("speed", limits.speed, f"{length}/s", Reaction.DISABLE),
         LimitRow("acceleration", limits.acceleration, f"{length}/s²", Reaction.DISABLE),
         LimitRow("jump in a period", jump, length, Reaction.DISABLE),
@@ -104,38 +118,11 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("energy forgiven in a second", limits.forgiven, "J", Reaction.DISABLE),
         LimitRow("energy of torque held in gaps", judged * HELD_ENERGY, "J", Reaction.DISABLE),
         LimitRow("power of torque held in gaps", judged * HELD_POWER, "W", Reaction.DISABLE),
-        *_range(axis),
+        LimitRow("lowest position", lowest, length, Reaction.DISABLE),
+        LimitRow("highest position", highest, length, Reaction.DISABLE),
         LimitRow("drift", limits.drift if axis.integrates else math.inf, length, Reaction.DISABLE),
     )
     return (row for row in rows if math.isfinite(row.value) and math.isfinite(row.time))
-
-
-def _unproved(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
-    probe = sign_probe(axis, period)
-    if probe is not None:
-        force = axis.workspace.effort_unit
-        yield LimitRow("pulses that show the sign", probe.largest, force, Reaction.CLAMP)
-        yield LimitRow("force until the sign is seen", probe.holding, force, Reaction.CLAMP)
-
-
-def _asked(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
-    probe = encoder_probe(axis, period)
-    if probe is not None:
-        force = axis.workspace.effort_unit
-        yield LimitRow("pulses that ask the encoder", probe.effort, force, Reaction.CLAMP)
-        yield LimitRow("force on an encoder that stands still", probe.least, force, Reaction.DISABLE, probe.time)
-
-
-def _gaps(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
-    # Largest cost if a fifth of the samples is missing, in gaps as long as the largest age of feedback.
-    most = 1.0 + LARGEST_MISSING_SHARE * axis.limits.age / (0.5 * period + axis.delay.total)
-    if axis.largest_stretch < most:
-        yield LimitRow("gaps that divide the stiffness limit by", axis.largest_stretch, "", Reaction.DISABLE)
-
-
-def _range(axis: AxisPlan) -> Iterator[LimitRow]:
-    for name, place in zip(("lowest position", "highest position"), axis.limits.position or (), strict=False):
-        yield LimitRow(name, place, axis.workspace.length_unit, Reaction.DISABLE)
 
 
 def limit_lines(axis: AxisPlan, period: float) -> Iterator[str]:
@@ -198,11 +185,8 @@ def plan_json(plan: Plan) -> dict[str, Json]:
 
 def summary_json(plan: Plan) -> dict[str, Json]:
     """Return the summary of a plan for `run --json`."""
-    return {
-        "mapped": list(plan.mapped),
-        "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
-        "assumed": list(plan.assumed),
-    }
+    left_out: list[Json] = [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out]
+    return {"mapped": list(plan.mapped), "left_out": left_out, "assumed": list(plan.assumed)}
 
 
 def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
@@ -210,10 +194,9 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     summary, ways, ages, axes = summary_json(plan), way_limits(plan), plan.coupling_ages, plan.axes
     yield OutputRow("scene", [f"{plan.scene.name}: {plan.scene.description}"])
     for axis in axes:
+        drive = f"{axis.name}: {axis.profile.title}, node {axis.node}"
         effort = f"at most {in_unit(axis.limits.effort, axis.workspace.effort_unit)}"
-        yield OutputRow(
-            "axis", [f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"]
-        )
+        yield OutputRow("axis", [f"{drive}, {axis.workspace.value}, {effort}"])
     for bus in plan.buses:
         # Its name and axes are given only when the plan has several buses.
         name, on_it = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
@@ -228,16 +211,15 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     prefixes = [f"{axis.name}: " if len(axes) > 1 else "" for axis in axes]
     for prefix, axis in zip(prefixes, axes, strict=True):
         yield OutputRow("limits", [prefix + line for line in limit_lines(axis, plan.period)])
-    yield OutputRow(key="limits", value=[row for axis in axes for row in _limits_json(axis, plan.period)])
+    yield OutputRow(key="limits", value=[row.to_json(axis) for axis in axes for row in limit_rows(axis, plan.period)])
     yield OutputRow(key="sign", value=[_sign_json(axis, plan.period) for axis in axes])
     if plan.rig.source:  # the shipped bench has no file for them
         yield OutputRow("advice", filter(None, map(recommended_limits, axes)))
     for prefix, axis in zip(prefixes, axes, strict=True):
         yield OutputRow("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
     guards = plan.guards
-    yield OutputRow(
-        "watchdog", guard_lines(guards, simulated=plan.simulated), "guards", [guard.to_json() for guard in guards]
-    )  # fmt: skip
+    watchdogs = [guard.to_json() for guard in guards]
+    yield OutputRow("watchdog", guard_lines(guards, simulated=plan.simulated), "guards", watchdogs)
     yield OutputRow("enabling", enabling_lines(axes))
     parts = {name: getattr(plan.delay, name) for name in ("bus", "compute", "drive", "torque_loop", "total")}
     yield OutputRow("delay", [delay_text(plan.delay, plan.period)], "delay_s", parts)
@@ -257,14 +239,13 @@ def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     yield OutputRow("stability", verdict_texts(plan) if verbose else (), "stability", judged)
 
 
-def _traffic_json(plan: Plan) -> dict[str, Json]:
+def _traffic_json(plan: Plan) -> Mapping[str, Json]:
     """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
     # All keys are always present: they do not depend on the bench.
-    found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
+    found: dict[str, list[Json] | None] = dict.fromkeys(TRAFFIC_KEYS.values())
     for axis in plan.axes:
         for key, rows in axis.traffic.to_json(axis.rig.bus).items():
-            before = found.get(key)
-            found[key] = [*(before if isinstance(before, list) else ()), *rows]
+            found[key] = [*(found.get(key) or ()), *rows]
     return found
 
 
@@ -283,32 +264,10 @@ def _sign_json(axis: AxisPlan, period: float) -> dict[str, Json]:
     }
 
 
-def _limits_json(axis: AxisPlan, period: float) -> list[Json]:
-    return [
-        {
-            "axis": axis.name,
-            "limit": row.name,
-            "value": row.value,
-            "unit": row.unit,
-            "reaction": row.reaction.value,
-            "after_s": row.time,
-        }
-        for row in limit_rows(axis, period)
-    ]
-
-
 def delay_text(delay: Delay, period: float) -> str:
     """Return a delay budget in one line [ms]; parts of 0 are left out."""
-    parts = [
-        f"{name} {rounded(1e3 * part)}"
-        for name, part in (
-            ("bus", delay.bus),
-            ("compute", delay.compute),
-            ("drive", delay.drive),
-            ("torque loop", delay.torque_loop),
-        )
-        if part
-    ]
+    named = {"bus": delay.bus, "compute": delay.compute, "drive": delay.drive, "torque loop": delay.torque_loop}
+    parts = [f"{name} {rounded(1e3 * part)}" for name, part in named.items() if part]
     told = f": {', '.join(parts)}" if len(parts) > 1 else ""
     # 500·T is T/2 in ms.
     return f"{rounded(1e3 * delay.total)} ms{told}; the hold adds T/2 = {rounded(500 * period)}"

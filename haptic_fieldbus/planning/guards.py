@@ -34,7 +34,10 @@ def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
     proved = axis.proved
     if proved is None or proved.guard == "proved" or proved.profile != profile.name:
         return ""
-    return f"the watchdog of {profile.title} {_failed(proved)} in the test on {proved.date} (rig file)"
+    fired = "did not fire"
+    if proved.guard_ms is not None:
+        fired = f"fired after {rounded(proved.guard_ms)} ms instead of {exactly(proved.asked_ms)} ms"
+    return f"the watchdog of {profile.title} {fired} in the test on {proved.date} (rig file)"
 
 
 def cap_reason(profile: DriveProfile, axis: RigAxis, unknown: str) -> str:
@@ -44,12 +47,6 @@ def cap_reason(profile: DriveProfile, axis: RigAxis, unknown: str) -> str:
     if profile.echo is None:
         return f"{profile.title} does not return its set-points (torque.echo of its profile)"
     return unguarded(profile, axis)
-
-
-def _failed(proved: Proved) -> str:
-    if proved.guard_ms is None:
-        return "did not fire"
-    return f"fired after {rounded(proved.guard_ms)} ms instead of {exactly(proved.asked_ms)} ms"
 
 
 def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
@@ -125,17 +122,12 @@ class AxisGuard:
 
     def to_json(self) -> dict[str, Json]:
         """Return the object of `plan --json`."""
-        proved = self.proved
-        return {
-            "axis": self.axis,
-            "guard_ms": 1e3 * self.seconds,
-            "proved": None
-            if proved is None
-            else {"guard_ms": proved.guard_ms, "date": proved.date, "serial": proved.serial},
-            "unproved": self.why_not or None,
-            "capped": self.cap or None,
-            "emergency_stop": self.emergency_stop,
-        }
+        proof, proved = self.proved, dict[str, Json]()
+        if proof is not None:
+            proved = {"guard_ms": proof.guard_ms, "date": proof.date, "serial": proof.serial}
+        told: dict[str, Json] = {"axis": self.axis, "guard_ms": 1e3 * self.seconds, "proved": proved or None}
+        stop = self.emergency_stop
+        return {**told, "unproved": self.why_not or None, "capped": self.cap or None, "emergency_stop": stop}
 
     def text(self, *, simulated: bool) -> str:
         """Return the guard in words, and whether it is proved before force on this bench."""
@@ -143,8 +135,10 @@ class AxisGuard:
             return f"{self.cap}; {CAPPED}"
         asked = f"{exactly(1e3 * self.seconds)} ms"
         if self.proved is not None:
-            measured = "" if self.proved.guard_ms is None else f"{rounded(self.proved.guard_ms)} ms measured "
-            return f"{asked}; {measured}on {self.proved.date}{_serial(self.proved)}"
+            measured, serial = self.proved.guard_ms, self.proved.drive.serial
+            time = "" if measured is None else f"{rounded(measured)} ms measured "
+            drive = "" if serial is None else f", drive with serial number {serial:#010x}"
+            return f"{asked}; {time}on {self.proved.date}{drive}"
         if simulated:
             return f"{asked} (not tested; `run --prove` tests it)"
         return f"{asked} (to be tested at zero torque before force is applied: {self.why_not})"
@@ -162,11 +156,6 @@ def to_prove(
     if not any(reasons.values()):
         return {}
     return {each.axis: reasons[each.axis] for each in guards if each.exists and (reasons[each.axis] or not each.cap)}
-
-
-def _serial(proved: Proved) -> str:
-    serial = proved.drive.serial
-    return "" if serial is None else f", drive with serial number {serial:#010x}"
 
 
 def guard_of(name: str, profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str) -> AxisGuard:
@@ -189,11 +178,6 @@ def _why_not(profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str
         return "the proof in the rig file was made by an earlier version and has no digest; run --prove makes a new one"
     if proved.digest != proved.digest_with(set_to.written):
         return "profile, reaction, bus, node or proof changed after the proof was saved in the rig file"
-    return _out_of_time(proved, set_to)
-
-
-def _out_of_time(proved: Proved, set_to: SetGuard) -> str:
-    """Return the reason why the measured time of a proof is not accepted at this rate; empty when it is."""
     low, high = 1e3 * set_to.earliest, 1e3 * (set_to.allowed + LONGEST_QUESTION)
     if proved.guard_ms is not None and low - _ROUNDED_MS <= proved.guard_ms <= high + _ROUNDED_MS:
         return ""
@@ -213,17 +197,14 @@ def unproved(guard: AxisGuard, recorded: Proved | None, drive: Identity) -> str:
     known = Identity() if recorded is None else recorded.drive
     other = known.difference(drive)
     if other and known.serial is not None and drive.serial is not None:
-        before, now = (_hexadecimal(getattr(each, other)) for each in (known, drive))
+        numbers = (getattr(each, other) for each in (known, drive))
+        before, now = ("unknown" if number is None else f"{number:#010x}" for number in numbers)
         return f"the proof in the rig file is for another drive: {other} {before}, this drive has {now}"
     if guard.cap:
         return ""
     if drive.serial is None:
         return "the drive reports no serial number, so the proof cannot be assigned to it"
     return "the proof in the rig file names no drive" if other else ""
-
-
-def _hexadecimal(number: int | None) -> str:
-    return "unknown" if number is None else f"{number:#010x}"
 
 
 def guard_lines(guards: Sequence[AxisGuard], *, simulated: bool) -> Iterator[str]:

@@ -80,24 +80,16 @@ class ImageLayout:
 
 def lay_out_image(axes: Sequence[AxisTraffic]) -> ImageLayout:
     """Return the layout: the axes in sequence, and the signals of each axis in sequence."""
-    header = HEADER.size
-    inputs_at = HEADER.size + len(axes) * AXIS_HEADER.size
-    outputs_at = 0
+    header, inputs_at, outputs_at = HEADER.size, HEADER.size + len(axes) * AXIS_HEADER.size, 0
     images = []
     for axis in axes:
         inputs, outputs = (inputs_at, size_of(axis.incoming)), (outputs_at, size_of(axis.outgoing))
         # Pad octets in place of the other axes let one call decode t_ns, this header and these signals together.
         before, between = header - HEADER.size, inputs_at - header - AXIS_HEADER.size
         start = f"{HEADER.format}{before}x{AXIS_HEADER.format[1:]}{between}x"
-        images.append(
-            AxisImage(
-                header,
-                inputs,
-                outputs,
-                _codec(start, axis.incoming, canonical(axis.incoming)),
-                _codec("<", axis.outgoing, canonical(axis.outgoing)),
-            )
-        )
+        decoding = _codec(start, axis.incoming, canonical(axis.incoming))
+        encoding = _codec("<", axis.outgoing, canonical(axis.outgoing))
+        images.append(AxisImage(header, inputs, outputs, decoding, encoding))
         header, inputs_at, outputs_at = header + AXIS_HEADER.size, sum(inputs), sum(outputs)
     headers = HEADER.format + AXIS_HEADER.format[1:] * len(axes)
     incoming = [mapped for axis in axes for mapped in axis.incoming]

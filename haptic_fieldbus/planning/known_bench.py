@@ -184,9 +184,8 @@ def digest_with(axis: RigAxis, measured: Identified | Contradicted) -> str:
 
 def evidence_digest(axis: RigAxis, note: Contradicted) -> str:
     """Return the digest of a note about an earlier run and of the values that it contradicts."""
-    return digest_of(
-        (digest_with(axis, note), str(axis.identified), *(_text(getattr(axis, key)) for key in MECHANICAL))
-    )
+    known = [_text(getattr(axis, key)) for key in MECHANICAL]
+    return digest_of((digest_with(axis, note), str(axis.identified), *known))
 
 
 def standing_note(axis: RigAxis) -> Contradicted | None:

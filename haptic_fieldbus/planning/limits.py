@@ -50,9 +50,8 @@ def effort_step(unit: str, profile: DriveProfile, axis: RigAxis) -> float:
         raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
     step = torque_step(unit, axis, profile.full_scale)
     if step is None:
-        raise PlanError(
-            f"node {axis.node}: {needed_for(unit, axis)} is missing in the rig; it is needed to scale the torque"
-        )
+        missing = f"{needed_for(unit, axis)} is missing in the rig"
+        raise PlanError(f"node {axis.node}: {missing}; it is needed to scale the torque")
     return step / axis.mechanism.ratio
 
 

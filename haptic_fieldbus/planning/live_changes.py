@@ -45,23 +45,19 @@ class Faded:
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        needs: tuple[Signal, ...] = self.element.needs
-        return needs
+        return tuple(self.element.needs)
 
     @property
     def name(self) -> str:
-        name: str = self.element.name
-        return name
+        return str(self.element.name)
 
     @property
     def axis(self) -> str:
-        axis: str = self.element.axis
-        return axis
+        return str(self.element.axis)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        axes: tuple[str, ...] = self.element.axes
-        return axes
+        return tuple(self.element.axes)
 
     def linearised(self) -> StateSpace:
         return scaled(self.element.linearised(), self.share)
@@ -88,8 +84,7 @@ class FadedVarying(Faded):
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
         """Return the places of the element."""
-        found: tuple[float, ...] = self.element.places(lower, upper, effort)
-        return found
+        return tuple(self.element.places(lower, upper, effort))
 
 
 def _kind_of(element: AnyElement) -> type[Faded]:
@@ -175,7 +170,9 @@ def plan_change(
     if not (force and is_capped):
         check_stable(plan, running=True)
         _check_transition(last, plan)
-    return Change({setting: _value(plan.scene, setting) for setting in settings}, plan, time)
+    elements = {element.name: element for element in plan.scene.elements}
+    named = {setting: setting.rpartition(".") for setting in settings}
+    return Change({each: getattr(elements[name], key) for each, (name, _, key) in named.items()}, plan, time)
 
 
 def _compiled(running: Plan, scene: Scene) -> Plan:
@@ -211,14 +208,10 @@ def _check_transition(before: Plan, after: Plan) -> None:
     """Raise UnstableSceneError when a mix of two stable sets of elements, old and new, is unstable."""
     changing = {new.name for old, new in zip(before.axes, after.axes, strict=True) if _forces(old) != _forces(new)}
     for share in SHARES:
-        axes = [
-            replace(
-                new,
-                elements=mixed(old.elements, new.elements, share),
-                couplings=mixed(old.couplings, new.couplings, share),
-            )
-            for old, new in zip(before.axes, after.axes, strict=True)
-        ]
+        axes = []
+        for old, new in zip(before.axes, after.axes, strict=True):
+            couplings = mixed(old.couplings, new.couplings, share)
+            axes.append(replace(new, elements=mixed(old.elements, new.elements, share), couplings=couplings))
         # Groups without a change need not be judged again.
         groups = [group for group in grouped(axes, after.period) if changing & {each.name for each in group.members}]
         if any(group.growth() > 1.0 + ROUNDING for group in groups):
@@ -231,10 +224,3 @@ def _check_transition(before: Plan, after: Plan) -> None:
 def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
     """Return all elements and couplings that act on an axis."""
     return (*axis.elements, *axis.couplings)
-
-
-def _value(scene: Scene, setting: str) -> Setting:
-    """Return the value of a setting in the scene, which must have it."""
-    name, _, parameter = setting.rpartition(".")
-    value: Setting = next(getattr(element, parameter) for element in scene.elements if element.name == name)
-    return value

@@ -44,18 +44,13 @@ _WORDS: dict[str, Callable[[DriveProfile], str]] = {
     "sync.powers": lambda profile: "accepted loop periods",
 }
 """Key of a profile → its words; other keys do not affect torque, or follow from these."""
-_ORDER = list(_WORDS)
 
 
 def assumed_words(profile: DriveProfile) -> tuple[str, ...]:
     """Return the words of the assumed values of a drive, times first."""
-    keys = {member for key in profile.assumed for member in _members(key)}
-    return tuple(_WORDS[key](profile) for key in sorted(keys, key=_ORDER.index))
-
-
-def _members(key: str) -> Iterator[str]:
-    """Yield the keys with words that a source covers: its own key, or the keys of its table."""
-    yield from (name for name in _WORDS if name == key or name.startswith(f"{key}."))
+    # A source covers its own key, or all keys of its table.
+    covered = {name for key in profile.assumed for name in _WORDS if f"{name}.".startswith(f"{key}.")}
+    return tuple(words(profile) for name, words in _WORDS.items() if name in covered)
 
 
 def assumed_lines(axes: Iterable[AxisPlan]) -> tuple[str, ...]:
@@ -174,9 +169,9 @@ class Plan:
     @property
     def guards(self) -> tuple[AxisGuard, ...]:
         """Drive watchdog of each axis, with its proof."""
-        found = []
+        found, traffics = [], self._traffic
         for axis in self.axes:
-            traffic = self._traffic[axis.name]
+            traffic = traffics[axis.name]
             late = axis.delay.transport + axis.profile.timing.control_period
             written = (*traffic.guarding(axis.name, axis.rig), self.place(axis))
             set_to = SetGuard(traffic.guard(axis.name), late, self.period, written)
@@ -220,5 +215,5 @@ class Plan:
         # Imported here, because a scene without couplings does not need it.
         from haptic_fieldbus.planning.coupled_plan import ages
 
-        latch = {name: bus.traffic.latch(name) for bus in self.buses for name in bus.axes}
+        latch = {name: traffic.latch(name) for name, traffic in self._traffic.items()}
         return tuple(ages(self.scene.couplings, self.axes, latch))

@@ -62,15 +62,11 @@ def way_limits(plan: Plan) -> tuple[ExchangeLimit, ...]:
     for bus in plan.buses:
         others = bus.traffic.others()
         found += [_limit(plan, bus, bus.traffic)] if others else []
-        found += [_limit(_by(plan, bus, traffic), bus, traffic) for traffic in others]
+        for traffic in others:  # of a plan with another exchange only delays, period and verdicts are updated
+            period = round(1e9 / traffic.rate) * 1e-9
+            axes = [on_bus(axis, traffic, period) if axis.name in bus.axes else axis for axis in plan.axes]
+            found.append(_limit(replace(plan, rate=traffic.rate, axes=with_verdicts(axes, period)), bus, traffic))
     return tuple(found)
-
-
-def _by(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> Plan:
-    """Return the plan with another exchange on one bus; only delays, period and verdicts are updated."""
-    period = round(1e9 / traffic.rate) * 1e-9
-    axes = [on_bus(axis, traffic, period) if axis.name in bus.axes else axis for axis in plan.axes]
-    return replace(plan, rate=traffic.rate, axes=with_verdicts(axes, period))
 
 
 def _limit(plan: Plan, bus: BusPlan, traffic: BusTraffic) -> ExchangeLimit:
@@ -110,29 +106,25 @@ def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> s
     hints = _hints(group)
     if running and Signal.VELOCITY not in axis.needs:
         hints = [hint for hint in hints if ".damping=" not in hint]
-    inside = [f"Inside the limit: {' · or '.join(hints)}."] if hints else []
-    forced = [] if plan.simulated else [f"--force continues with at most {percent(HOLDING_SHARE)} of rated torque."]
-    reasons = [text for law, text in own_law_texts(stability, axis.workspace) if law.is_steeper or law.runs_off]
-    reasons += [axis.bench.evidence] if axis.bench.evidence else []
     at = f"at {exactly(plan.rate)} Hz with {rounded(1e3 * axis.delay.total)} ms of delay"
-    first = f"{_exceeded(plan, group, stability)}, {at}{_uncoupled(plan, group)}."
-    return "\n".join([first, *reasons, *inside, *forced])
+    lines = [f"{_exceeded(plan, group, stability)}, {at}{_uncoupled(plan, group)}."]
+    lines += [text for law, text in own_law_texts(stability, axis.workspace) if law.is_steeper or law.runs_off]
+    lines += [axis.bench.evidence, f"Inside the limit: {' · or '.join(hints)}." if hints else ""]
+    lines += [] if plan.simulated else [f"--force continues with at most {percent(HOLDING_SHARE)} of rated torque."]
+    return "\n".join(filter(None, lines))
 
 
 def _exceeded(plan: Plan, group: Group, stability: Stability, *, caveat: bool = True) -> str:
     """Return the stiffness, and the limit that it exceeds."""
-    limit, per = stability.limit, plan.axis(group.reference_axis).workspace.stiffness_unit
+    known = caveat_text(stability) if caveat else ""
     if stability.stiffness is None:
         always = stability.verdict is Verdict.UNSTABLE
-        known = caveat_text(stability) if caveat else ""
         return f"this scene is unstable on this bench{'' if always else ' for some of the values that are open'}{known}"
-    asked = f"{rounded_limit(stability.stiffness)} {per}"
+    asked = f"{rounded_limit(stability.stiffness)} {plan.axis(group.reference_axis).workspace.stiffness_unit}"
     if group.stiffest is not None and len(plan.scene.elements) > 1:
         asked += f" of {group.stiffest.name}"
-    if not limit.value:
-        return (
-            f"{asked} exceeds the limit of this bench: no stiffness is stable{caveat_text(stability) if caveat else ''}"
-        )
+    if not stability.limit.value:
+        return f"{asked} exceeds the limit of this bench: no stiffness is stable{known}"
     return f"{asked} exceeds the limit of {limit_value(stability, caveat=caveat)} on this bench"
 
 
@@ -168,6 +160,9 @@ def verdict_text(stability: Stability) -> str:
     return f"{stability.verdict.value}{condition}"
 
 
+RUNS_OFF = "; its force away from rest grows without bound; limits.position of the rig stops the handle"
+
+
 def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[OwnLaw, str]]:
     """Yield each element that states no bounds, with its stability check."""
     length, per = workspace.length_unit, f"{workspace.effort_unit}/{workspace.length_unit}"
@@ -182,23 +177,19 @@ def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[
         text += f"steepest {rounded_limit(max(law.steepest, 0.0))} {per} at {in_unit(law.position, length)}"
         text += f", more than linearised() states ({stated})" if law.is_steeper else ""
         text += f"; read at rest, because it also depends on {beyond}" if law.beyond else ""
-        text += (
-            "; its force away from rest grows without bound; limits.position of the rig stops the handle"
-            if law.runs_off
-            else ""
-        )
+        text += RUNS_OFF if law.runs_off else ""
         yield law, text
 
 
 def _uncoupled(plan: Plan, group: Group) -> str:
     """Return the coupled axes that are unstable by themselves, in words; their coupling cannot be stable either."""
-    parts = []
+    text = ""
     for each in group.uncoupled():
-        found, element, space = each.stability, each.stiffest, plan.axis(each.reference_axis).workspace
+        found, element, unit = each.stability, each.stiffest, plan.axis(each.reference_axis).workspace.stiffness_unit
         if element is not None and not found.is_inside:
-            where = f"{element.name} on {each.reference_axis} exceeds its limit without its coupling too"
-            parts.append(f"; {where}, {exactly(found.limit.value)} {space.stiffness_unit}")
-    return "".join(parts)
+            text += f"; {element.name} on {each.reference_axis} exceeds its limit without its coupling too, "
+            text += f"{exactly(found.limit.value)} {unit}"
+    return text
 
 
 def softer(element: AnyElement, stiffness: float) -> str:
@@ -234,10 +225,7 @@ def _hints(group: Group) -> list[str]:
 def _eased(group: Group) -> Iterator[str]:
     """Yield settings that soften an element beside which another one has no stiffness, and the other one if
     necessary."""
-    obstacle = group.limit_over_ranges().obstacle
-    if obstacle is None:
-        return
-    element, stiffness = obstacle.element, rounded_down(obstacle.limit)
-    eased = group.with_stiffness(element, stiffness)
-    rest = [] if eased.stability.is_inside else _hints(eased)[:1]
-    yield " ".join([softer(element, stiffness), *rest])
+    if (obstacle := group.limit_over_ranges().obstacle) is not None:
+        element, stiffness = obstacle.element, rounded_down(obstacle.limit)
+        eased = group.with_stiffness(element, stiffness)
+        yield " ".join([softer(element, stiffness), *([] if eased.stability.is_inside else _hints(eased)[:1])])

@@ -72,6 +72,7 @@ MINIMUM_RATE = 0.1
 LONGEST = 1e6
 """Longest duration accepted [s]."""
 LARGEST_SEED = 2**64 - 1
+A_CHANGE = "SECONDS:element.parameter=value, for example 2.5:wall.stiffness=400"
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 RECORD_SUFFIXES = (".log", ".blf", ".csv", ".mcap")
@@ -115,9 +116,7 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
             time = _seconds(when)
             ((key, value),) = parse_settings([setting]).items()
         except ValueError:  # of the time, or a UsageError of `parse_settings`, which is one too
-            faults.append(
-                f'--change "{text}": expected SECONDS:element.parameter=value, for example 2.5:wall.stiffness=400'
-            )
+            faults.append(f'--change "{text}": expected {A_CHANGE}')
             continue
         same = changes.setdefault(time, {})
         if key in same:
@@ -173,17 +172,14 @@ def check_fade_in(fade_in: float) -> None:
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
     """Return the faults of rate [Hz], duration [s] and seed; the comparisons also refuse NaN."""
-    good_rate = MINIMUM_RATE <= rate <= MAXIMUM_RATE
-    good_duration = 0.0 < duration <= LONGEST
+    good_rate, good_duration = MINIMUM_RATE <= rate <= MAXIMUM_RATE, 0.0 < duration <= LONGEST
+    # Only if both values are valid: one fault must not be reported twice.
+    good_product = not (good_rate and good_duration) or rate * duration >= 1.0
     rates = f"from {exactly(MINIMUM_RATE)} to {exactly(MAXIMUM_RATE)} Hz"
     checks = [
         (good_rate, f"rate {exactly(rate)}: expected a rate above 0, {rates}"),
         (good_duration, f"duration {exactly(duration)}: expected a time above 0 s, at most {exactly(LONGEST)} s"),
-        (
-            # Only if both values are valid: one fault must not be reported twice.
-            not (good_rate and good_duration) or rate * duration >= 1.0,
-            f"duration {exactly(duration)} s: less than one period at {exactly(rate)} Hz",
-        ),
+        (good_product, f"duration {exactly(duration)} s: less than one period at {exactly(rate)} Hz"),
         (0 <= seed <= LARGEST_SEED, f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}"),
     ]
     return [sentence for good, sentence in checks if not good]

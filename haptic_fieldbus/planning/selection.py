@@ -52,16 +52,16 @@ def settled(task: Task) -> tuple[Scene, str | None]:
     SceneError or UsageError.
     """
     values = parsed(task.settings)
-    part = _part_of_limit(values)
+    parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
+    if len(parts) > 1:
+        raise UsageError(f"only one setting may be a part of the limit, not {', '.join(parts)}")
+    part = parts[0] if parts else None
     found = with_settings(task.scene, {key: value for key, value in values.items() if key != part})
     if part is not None:
         _check_scales(part, values[part], found)
         limited = stiffest_of(found.couplings)  # coupled axes are judged by this stiffness alone
-        if limited is not None and part != f"{limited.name}.stiffness":
-            raise UsageError(
-                f"{part}={values[part]}: for coupled axes only {limited.name}.stiffness can be set as a part of "
-                "the limit"
-            )
+        if limited is not None and part != (only := f"{limited.name}.stiffness"):
+            raise UsageError(f"{part}={values[part]}: for coupled axes only {only} can be set as a part of the limit")
     return found, part
 
 
@@ -127,17 +127,6 @@ def _plain(key: str, value: Setting) -> Setting:
         return value
 
 
-def _part_of_limit(values: Mapping[str, Setting]) -> str | None:
-    """Return the name of the setting that is a part of the limit, or None.
-
-    Raises UsageError for several of them.
-    """
-    parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
-    if len(parts) > 1:
-        raise UsageError(f"only one setting may be a part of the limit, not {', '.join(parts)}")
-    return parts[0] if parts else None
-
-
 def _check_scales(part: str, value: Setting, scene: Scene) -> None:
     """Raise UsageError unless the setting is a stiffness, or determines the stiffness of its element."""
     name, _, parameter = part.rpartition(".")
@@ -148,9 +137,8 @@ def _check_scales(part: str, value: Setting, scene: Scene) -> None:
     graded = abilities(element).with_stiffness
     doubled = element if graded is None else graded(2.0 * element.stiffness)
     if not isinstance(own, float) or getattr(doubled, parameter) == own:
-        raise UsageError(
-            f"{part}={value}: only a stiffness, or a parameter that determines it, can be a part of the limit"
-        )
+        expected = "only a stiffness, or a parameter that determines it"
+        raise UsageError(f"{part}={value}: {expected}, can be a part of the limit")
 
 
 HERE = "here"
@@ -191,13 +179,10 @@ class Selection:
 
     def _compiled(self, scene: Scene, buses: tuple[BusPlan, ...] = ()) -> Plan:
         """Return the plan of `scene` on the loaded bench, with the exchange of these buses if there are any."""
-        task = self.task
+        task, scene = self.task, _renamed(scene, self.task)
         profiles = {axis.profile: self.profile_of(axis) for axis in self.rig.axis.values()}
-        scene = _renamed(scene, task)
-        return compile_plan(
-            scene, self.rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses,
-            forced=self.forced,
-        )  # fmt: skip
+        chosen = {"method": task.method, "estimator": task.estimator}
+        return compile_plan(scene, self.rig, profiles, task.rate, buses=buses, forced=self.forced, **chosen)
 
 
 @own_faults()
@@ -257,13 +242,10 @@ def _with_zero(rig: Rig, zero: str | None) -> Rig:
     if zero is None:
         return rig
     if zero != HERE:
-        raise UsageError(
-            f'--zero "{zero}": expected {HERE}; for an encoder count use axis.NAME.mechanism.zero in the rig'
-        )
-    return replace(
-        rig,
-        axis={name: replace(axis, mechanism=replace(axis.mechanism, zero="start")) for name, axis in rig.axis.items()},
-    )
+        hint = "for an encoder count use axis.NAME.mechanism.zero in the rig"
+        raise UsageError(f'--zero "{zero}": expected {HERE}; {hint}')
+    started = {name: replace(axis.mechanism, zero="start") for name, axis in rig.axis.items()}
+    return replace(rig, axis={name: replace(axis, mechanism=started[name]) for name, axis in rig.axis.items()})
 
 
 def check_rendering(task: Task) -> None:
@@ -331,11 +313,11 @@ def _on_bus(rig: Rig, named: BusName) -> Rig:
             f"--bus {named.text} is one bus, but the axes of {rig.source or 'the rig'} use several: {', '.join(used)}. "
             "Omit --bus, or simulate them with --bus sim"
         )
-    # With several buses each keeps its own name as its channel, so that the simulated ones stay apart.
-    sections = {
-        own: protocol_named(section.protocol).in_place_of(section, named, own if len(used) > 1 else None)
-        for own, section in used.items()
-    }
+    sections = {}
+    for own, section in used.items():
+        # With several buses each keeps its own name as its channel, so that the simulated ones stay apart.
+        channel = own if len(used) > 1 else None
+        sections[own] = protocol_named(section.protocol).in_place_of(section, named, channel)
     return replace(rig, bus=sections)
 
 

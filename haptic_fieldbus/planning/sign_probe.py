@@ -166,14 +166,11 @@ def check_steps(axis: AxisPlan) -> None:
     scale = "Check the mechanism and the torque scaling in the rig"
     most = min(target.type.limits[1], FULL_SCALE_STEPS if target.unit == FULL_SCALE else math.inf)
     if axis.limits.effort > most * axis.effort_unit:
-        limit = in_unit(axis.limits.effort, force)
-        raise PlanError(
-            f"{step}, and at most {most} steps are possible: less than the limit of the axis, {limit}. {scale}"
-        )
+        less = f"less than the limit of the axis, {in_unit(axis.limits.effort, force)}"
+        raise PlanError(f"{step}, and at most {most} steps are possible: {less}. {scale}")
     if axis.limits.unseen <= 0.0 and not axis.sign_known:
-        raise PlanError(
-            f"{step}, above the torque allowed before the motor direction is confirmed. {scale}; {raising(axis)}"
-        )
+        above = "above the torque allowed before the motor direction is confirmed"
+        raise PlanError(f"{step}, {above}. {scale}; {raising(axis)}")
 
 
 def probe_of(axis: AxisPlan, period: float) -> SignProbe:
@@ -188,9 +185,8 @@ def probe_of(axis: AxisPlan, period: float) -> SignProbe:
     length = _length(step, enough - friction, mass, speed=axis.integrates)
     periods = max(1, math.ceil(length / period - 1e-9))
     stages = [PulseStage(effort, periods, _pairs(periods * period)) for effort in efforts]
-    return SignProbe(
-        (*stages, *longer(stages[-1], period)), axis.limits.before_sign, period, step, axis.integrates, mass, friction
-    )
+    stages += longer(stages[-1], period)
+    return SignProbe(tuple(stages), axis.limits.before_sign, period, step, axis.integrates, mass, friction)
 
 
 def _efforts(axis: AxisPlan, bound: float) -> Iterator[float]:
@@ -209,9 +205,8 @@ def longer(stage: PulseStage, period: float) -> tuple[PulseStage, ...]:
     """Return the stages with longer pulses of the same torque that follow this one."""
     longest = max(stage.periods, round(LONGEST_PULSE / period))
     lengths = dict.fromkeys(min(longest, factor * stage.periods) for factor in LENGTHS)
-    return tuple(
-        PulseStage(stage.effort, periods, _pairs(periods * period)) for periods in lengths if periods > stage.periods
-    )
+    further = [periods for periods in lengths if periods > stage.periods]
+    return tuple(PulseStage(stage.effort, periods, _pairs(periods * period)) for periods in further)
 
 
 def _pairs(length: float) -> int:
@@ -251,17 +246,13 @@ def raising(axis: AxisPlan) -> str:
 
 def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
     """Return the direction test in words: torques, times, and motion of the handle."""
-    force, first = axis.workspace.effort_unit, probe.stages[0]
+    force, first = axis.workspace.effort_unit, probe.stages[0].effort
+    pulses = f"motor direction check with pulses of ±{in_unit(first, force)}"
     share = percent(probe.largest / axis.rated_effort)
     grown = f", growing to ±{in_unit(probe.largest, force)} ({share} of rated torque) while nothing moves"
-    pulses = (
-        f"motor direction check with pulses of ±{in_unit(first.effort, force)}"
-        f"{grown if probe.largest > first.effort else ''}"
-    )
-    return (
-        f"{pulses}; {_ways(axis, probe)}; takes at least {rounded(1e3 * probe.time)} ms{_hindered(axis, probe)}; "
-        f"until then at most {in_unit(probe.holding, force)}"
-    )
+    pulses += grown if probe.largest > first else ""
+    time = f"takes at least {rounded(1e3 * probe.time)} ms{_hindered(axis, probe)}"
+    return f"{pulses}; {_ways(axis, probe)}; {time}; until then at most {in_unit(probe.holding, force)}"
 
 
 def _ways(axis: AxisPlan, probe: SignProbe) -> str:
@@ -280,13 +271,9 @@ def _hindered(axis: AxisPlan, probe: SignProbe) -> str:
     """Return further warnings: friction above the pulses, and a torque scale that cannot be checked."""
     force, told = axis.workspace.effort_unit, ""
     if probe.friction >= probe.largest:
-        told = (
-            f"; friction in the rig ({in_unit(probe.friction, force)}) is not below the largest pulse, so the test "
-            f"will probably fail ({raising(axis)})"
-        )
+        told = f"; friction in the rig ({in_unit(probe.friction, force)}) is not below the largest pulse, so the test "
+        told += f"will probably fail ({raising(axis)})"
     if not is_checked(axis):
-        told += (
-            f"; the values in {force} follow from the rig alone and cannot be checked: {axis.profile.title} neither "
-            "uses a share of a rated value nor reports one"
-        )
+        told += f"; the values in {force} follow from the rig alone and cannot be checked: {axis.profile.title} "
+        told += "neither uses a share of a rated value nor reports one"
     return told

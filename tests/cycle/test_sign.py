@@ -38,14 +38,18 @@ class Watched:
         axis, self.probe = unseen(plan_of(), **changes)
         self.state, self.trips, self.seen = AxisState(), list[TripKind](), 0
         self.told = list[tuple[float, float]]()
-        self.proof = SignProof(axis, self.probe, self.state, self._trip, self._noted, again=again)
+        self.proof = SignProof(axis, self.probe, self.state, self._trip, self, again=again)
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         self.trips.append(kind)
         self.told.append((value, limit or 0.0))
 
-    def _noted(self) -> None:
+    def sign_seen(self) -> None:
+        """Count the proofs, as their owner."""
         self.seen += 1
+
+    def sign_doubted(self) -> None:
+        """Do nothing: the proof alone never doubts."""
 
     def give(self, position: float, force: float = 0.0, steps: int = 1) -> float:
         """The force of a period; positions are those of the encoder."""

@@ -1,6 +1,7 @@
 """The watch on the sign while a scene runs: a mass moved by random torques, and what a doubt does."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,13 @@ RATED = 0.4 * 2.0 * math.pi / 0.05
 """[N]"""
 TORQUES = np.repeat(np.random.default_rng(1).choice([-20.0, 20.0], 100), 20)
 """[N], of which each lasts for 20 periods."""
+
+
+class Owner:
+    """Of a motor direction: it does nothing, or what it is made with."""
+
+    def __init__(self, seen: Callable[[], None] = lambda: None, doubted: Callable[[], None] = lambda: None) -> None:
+        self.sign_seen, self.sign_doubted = seen, doubted
 
 
 class Handle:
@@ -80,7 +88,8 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
     def trip(kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         trips.append(kind)
 
-    subject = Sign(AXIS, PERIOD, handle.state, permission, trip, lambda: seen.append(True), lambda: subject.hold())
+    owner = Owner(lambda: seen.append(True), lambda: subject.hold())
+    subject = Sign(AXIS, PERIOD, handle.state, permission, trip, owner)
     subject.doubt()
     assert (subject.doubts, handle.state.permitted_ns, permission.unchanged) == (1, None, False)
     given = []
@@ -102,7 +111,7 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
 
 def test_the_cap_of_a_gap_that_is_smaller_stays_when_a_doubt_is_over() -> None:
     permission = Permission(fade=1.0, cap=1.0)
-    subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, lambda: None, lambda: None)
+    subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, Owner())
     subject.hold()
     subject.permit(7, deep=False)
     assert permission.cap == 1.0
@@ -111,7 +120,7 @@ def test_the_cap_of_a_gap_that_is_smaller_stays_when_a_doubt_is_over() -> None:
 def test_the_first_time_that_a_sign_is_seen_leaves_no_cap() -> None:
     """Else a constant force, which never leaves contact, would never be more than a hand may hold."""
     permission = Permission()
-    subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, lambda: None, lambda: None)
+    subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, Owner())
     subject.hold()
     subject.permit(7, deep=False)
     assert permission.cap == math.inf
