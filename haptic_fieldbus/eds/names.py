@@ -93,13 +93,9 @@ _RECORDS: tuple[tuple[range, str], ...] = (
     (range(0x1A00, 0x1C00), "TPDO mapping parameter"),
 )
 _COMMUNICATION = {
-    1: "COB-ID",
-    2: "Transmission type",
-    3: "Inhibit time",
-    4: "Compatibility entry",
-    5: "Event timer",
-    6: "SYNC start value",
-}
+    1: "COB-ID", 2: "Transmission type", 3: "Inhibit time",
+    4: "Compatibility entry", 5: "Event timer", 6: "SYNC start value",
+}  # fmt: skip
 # Sub-indices of 1010h and 1011h.
 _GROUPS = {1: "all", 2: "communication", 3: "application", 4: "manufacturer"}
 _SUBINDICES: Mapping[int, Mapping[int, str]] = {
