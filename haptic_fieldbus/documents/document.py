@@ -70,6 +70,11 @@ class Document:
         """Return the table at a key; empty when there is none."""
         return value if isinstance(value := self.value(*path), dict) else {}
 
+    def rows(self, *path: str | int) -> dict[KeyPath, object]:
+        """Return the members of the list at a key by their own keys; empty when there is none."""
+        value = self.value(*path)
+        return {(*path, number): each for number, each in enumerate(value)} if isinstance(value, list) else {}
+
     def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
         """Note a fault at a key; a further message for the same key is dropped unless it has `also`."""
         if path not in self.faults and len(self.faults) >= _MOST_FAULTS:

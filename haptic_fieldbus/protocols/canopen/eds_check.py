@@ -72,9 +72,8 @@ def _unused(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[
 
 def _offers(eds: Eds, row: StandardObject) -> bool:
     entry = row.found(eds)
-    if entry is None or row.use is not Use.SENT:
-        return row.use.permits(entry)
-    return carries(eds, Direction.TPDO, entry)
+    is_sent = entry is not None and row.use is Use.SENT
+    return carries(eds, Direction.TPDO, entry) if entry is not None and is_sent else row.use.permits(entry)
 
 
 # The objects that a profile names, beside the file: type, access, mappability, limits of what is written.
@@ -158,11 +157,10 @@ def _written(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[Fin
 
 def _in_limits(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[Finding]:
     found = eds.find(entry.object, entry.subindex)
-    low, high = (found.low, found.high) if found is not None else (None, None)
-    if found is None or low is None or high is None or not low < high:
+    if found is None or found.low is None or found.high is None or not found.low < found.high:
         return  # limits without room are a slip of the file
-    takes = f"{entry.place} accepts {exactly(low)} to {exactly(high)}"
-    yield Finding(key, takes, found.line, "" if low <= value <= high else f"{value}; {takes}")
+    takes = f"{entry.place} accepts {exactly(found.low)} to {exactly(found.high)}"
+    yield Finding(key, takes, found.line, "" if found.low <= value <= found.high else f"{value}; {takes}")
 
 
 _UNITS = {"position.actual.unit": eds_values.position_unit, "velocity.actual.unit": eds_values.velocity_unit}
@@ -177,9 +175,8 @@ def _unit(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[Fi
         return
     words = f"[{row.index:04X}] DefaultValue {(code or 0) & 0xFFFF_FFFF:08X}h"
     named = f'"{expected}"' if expected else "another unit"
-    yield Finding(
-        row.key, words, _line(eds, row.index), "" if unit == expected else f'"{unit}"; expected {named} by {words}'
-    )
+    fault = "" if unit == expected else f'"{unit}"; expected {named} by {words}'
+    yield Finding(row.key, words, _line(eds, row.index), fault)
 
 
 # The mode of operation of a profile, and the objects that every drive of CiA 402 needs, beside the file.
@@ -193,9 +190,7 @@ _MANUFACTURER_BITS = 0xFFFF_0000
 
 def mode_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     """Yield what the file shows of the mode, and of the objects by which it is set and confirmed."""
-    for row in OBJECTS:
-        if row.key == USABLE:
-            yield finding_of(USABLE, row.entry, row.use, eds)
+    yield from (finding_of(USABLE, row.entry, row.use, eds) for row in OBJECTS if row.key == USABLE)
     mode = profile.torque.mode_of_operation
     if mode > 0 and mode not in TORQUE_MODES:
         yield Finding(MODE_KEY, "", fault=f"{mode} is no torque mode of CiA 402-2; expected 4 (profile torque), "
@@ -250,8 +245,7 @@ def _count(profile: CanopenProfile, eds: Eds, direction: Direction) -> Finding:
         are = "is" if len(missing) == 1 else "are"
         fault = f"{len(own)}; {direction.value} {listed(missing, 'and')} {are} not in the file"
     elif beyond:
-        extra = f"{direction.value} {listed(beyond, 'and')}"
-        fault = f"{len(own)}; the file also has {extra}, which would stay active"
+        fault = f"{len(own)}; the file also has {direction.value} {listed(beyond, 'and')}, which would stay active"
     line = _line(eds, COMMUNICATION[direction].start)
     return Finding(f"pdo.{direction.value.lower()}s", f"{len(shown)} {direction.value}s", line, fault)
 
@@ -278,14 +272,10 @@ def _types(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[
     """Yield the transmission types: types after power-on are permitted, types beyond a limit of the file are not."""
     own = profile.pdo.tpdo_types if direction is Direction.TPDO else profile.pdo.rpdo_types
     low, high = eds_pdos.type_limits(eds, direction)
-    place = f"{COMMUNICATION[direction].start:04X}h:02"
-    beyond = [f"{kind}; {place} accepts {low} to {high}" for kind in own if not low <= kind <= high]
-    missing = sorted(eds_pdos.default_types(eds, direction) - set(own))
-    for fault in (
-        *beyond,
-        *(f"without {kind}, the value of {place} or a later one after power-on" for kind in missing),
-    ):
-        yield Finding(f"pdo.{direction.value.lower()}_types", "", _line(eds, COMMUNICATION[direction].start), fault)
+    first, missing = COMMUNICATION[direction].start, sorted(eds_pdos.default_types(eds, direction) - set(own))
+    faults = [f"{kind}; {first:04X}h:02 accepts {low} to {high}" for kind in own if not low <= kind <= high]
+    faults += [f"without {kind}, the value of {first:04X}h:02 or a later one after power-on" for kind in missing]
+    yield from (Finding(f"pdo.{direction.value.lower()}_types", "", _line(eds, first), fault) for fault in faults)
 
 
 def _hexadecimal(values: tuple[int, ...]) -> str:
@@ -301,14 +291,13 @@ _EXPLANATION = re.compile(r"\([^)]*\)")
 
 def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     """Compare each shown value with the file; an object that is named twice is a fault."""
-    shown = profile.commissioning.shown
-    places = [(each.object, each.subindex) for each in shown]
-    for each, place in zip(shown, places, strict=True):
+    places = [each.entry.place for each in profile.commissioning.shown]
+    for each in profile.commissioning.shown:
         yield finding_of(SHOWN_KEY, each.entry, Use.READ, eds)
-        found = eds.find(*place)
+        found = eds.find(each.object, each.subindex)
         if found is not None and found.name:
             yield _named(each, found)
-        if places.count(place) > 1:
+        if places.count(each.entry.place) > 1:
             yield Finding(SHOWN_KEY, "", fault=f"{each.entry.place} appears twice; expected once")
 
 

@@ -1,6 +1,7 @@
 """The PDOs of an EDS, and what the file lacks for a drive."""
 
 from collections.abc import Iterator
+from itertools import takewhile
 
 from haptic_fieldbus.drive.cia402 import VelocitySection
 from haptic_fieldbus.eds import Eds, EdsEntry
@@ -35,10 +36,9 @@ def records(eds: Eds, direction: Direction) -> dict[int, int]:
 
 def pdo_shape(eds: Eds, direction: Direction) -> dict[int, int]:
     """Return the highest mapping entry of each PDO of a direction, by the number of the PDO."""
-    mappings = {number: eds.objects[index + MAPPING].entries for number, index in records(eds, direction).items()}
     return {
-        number: max((subindex for subindex in entries if subindex <= MOST_ENTRIES), default=0)
-        for number, entries in mappings.items()
+        number: max((each for each in eds.objects[index + MAPPING].entries if each <= MOST_ENTRIES), default=0)
+        for number, index in records(eds, direction).items()
     }
 
 
@@ -54,10 +54,7 @@ def _room(eds: Eds, index: int) -> int:
         return 0
     most = mapping[0].high
     limit = most if isinstance(most, int) and 0 < most <= MOST_ENTRIES else MOST_ENTRIES
-    count = 0
-    while count < limit and Use.WRITTEN.permits(mapping.get(count + 1)):
-        count += 1
-    return count
+    return len([*takewhile(lambda each: Use.WRITTEN.permits(mapping.get(each)), range(1, limit + 1))])
 
 
 def fixed_pdos(eds: Eds, direction: Direction) -> tuple[FixedPdo, ...]:
@@ -102,15 +99,14 @@ def pdo_section(eds: Eds) -> PdoSection:
     """Return the PDOs of a file: their numbers, the room of each, and the longest inhibit time of any."""
     rooms = {direction: pdo_room(eds, direction) for direction in Direction}
     entries = max((room for each in rooms.values() for room in each.values()), default=0) or 1
-    irregular = {direction: _listed(room, entries) for direction, room in rooms.items()}
     return PdoSection(
         tpdo_types=_types(eds, Direction.TPDO),
         rpdo_types=_types(eds, Direction.RPDO),
         tpdos=len(rooms[Direction.TPDO]),
         rpdos=len(rooms[Direction.RPDO]),
         entries=entries,
-        tpdo_entries=irregular[Direction.TPDO],
-        rpdo_entries=irregular[Direction.RPDO],
+        tpdo_entries=_listed(rooms[Direction.TPDO], entries),
+        rpdo_entries=_listed(rooms[Direction.RPDO], entries),
         tpdo_fixed=fixed_pdos(eds, Direction.TPDO),
         rpdo_fixed=fixed_pdos(eds, Direction.RPDO),
         inhibit_time_default=inhibit_time(eds),
@@ -125,7 +121,7 @@ def inhibit_time(eds: Eds) -> float:
 
 def default_types(eds: Eds, direction: Direction) -> set[int]:
     """Return the transmission types that the PDOs of a direction have after power-on."""
-    found = {number_of(eds, index, 2) for index in records(eds, direction).values()}
+    found = (number_of(eds, index, 2) for index in records(eds, direction).values())
     return {kind for kind in found if kind is not None}
 
 
@@ -138,18 +134,16 @@ def _types(eds: Eds, direction: Direction) -> tuple[int, ...]:
 
 def type_limits(eds: Eds, direction: Direction) -> tuple[int, int]:
     """Return the limits that the file sets for the transmission types of a direction."""
-    found = [eds.find(index, 2) for index in records(eds, direction).values()]
-    lows = [entry.low for entry in found if entry is not None and isinstance(entry.low, int)]
-    highs = [entry.high for entry in found if entry is not None and isinstance(entry.high, int)]
-    low, high = max(lows, default=0), min(highs, default=0xFF)
+    found = [entry for index in records(eds, direction).values() if (entry := eds.find(index, 2)) is not None]
+    low = max((entry.low for entry in found if isinstance(entry.low, int)), default=0)
+    high = min((entry.high for entry in found if isinstance(entry.high, int)), default=0xFF)
     # Limits that leave nothing are a slip of the file.
     return (low, high) if low < high else (0, 0xFF)
 
 
 def _listed(room: dict[int, int], entries: int) -> tuple[int, ...]:
     """Return the entries of PDO 1, 2, 3 … where they differ from `entries`, 0 for one that is not there."""
-    highest = max(room, default=0)
-    listed = tuple(room.get(number, 0) for number in range(1, highest + 1))
+    listed = tuple(room.get(number, 0) for number in range(1, max(room, default=0) + 1))
     return listed if any(each != entries for each in listed) else ()
 
 
@@ -184,11 +178,8 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
         if not records(eds, direction):
             yield f"there is no {direction.value} ({_first_records(direction)})", None
     if not mode and not torque_mode(eds):
-        modes = eds.find(0x6502)
-        yield (
-            f"{object_name(0x6502)} {eds_values.supported_modes(eds):X}h names no torque mode",
-            modes.line if modes else None,
-        )
+        modes, named = eds.find(0x6502), f"{object_name(0x6502)} {eds_values.supported_modes(eds):X}h"
+        yield f"{named} names no torque mode", modes.line if modes else None
 
 
 def torque_mode(eds: Eds) -> int:

@@ -216,12 +216,8 @@ def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
 
 
 def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
-    mode = (
-        f"{found}, [6502] DefaultValue"
-        if eds_values.supported_modes(eds)
-        else f"{ASSUMED}: {found} has no value for 6502h"
-    )
-    yield "torque.mode_of_operation", mode
+    modes, assumed = eds_values.supported_modes(eds), f"{ASSUMED}: {found} has no value for 6502h"
+    yield "torque.mode_of_operation", f"{found}, [6502] DefaultValue" if modes else assumed
     for key in ("torque.target", "torque.actual", "torque.rated", "torque.demand"):
         index = BY_KEY[key].index
         if value_at(profile, key) is None:

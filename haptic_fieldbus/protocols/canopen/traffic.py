@@ -55,10 +55,8 @@ class PdoTraffic:
         for key, pdos in (("in", self.tpdos), ("out", self.rpdos)):
             yield from _lines(key, pdos)
         if self.asked:
-            yield (
-                "ask",
-                f"SDO upload at most every {exactly(1e3 * watch_traffic.ASK_EVERY)} ms: {self.asked[0].address}",
-            )
+            every = exactly(1e3 * watch_traffic.ASK_EVERY)
+            yield "ask", f"SDO upload at most every {every} ms: {self.asked[0].address}"
 
     def summary(self) -> Iterator[str]:
         """Yield a line for each PDO with its signals."""
@@ -91,8 +89,7 @@ class PdoTraffic:
         """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
         if flag is LinkFlag.EMERGENCY:
             return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
-        unheard = self.life_guarding and flag is LinkFlag.NO_SIGN_OF_LIFE
-        text = NO_ANSWER if unheard else FAULT_TEXTS[flag]
+        text = NO_ANSWER if self.life_guarding and flag is LinkFlag.NO_SIGN_OF_LIFE else FAULT_TEXTS[flag]
         return text.format(node=self.node, frame=cob_id_words(code), bus=bus)
 
 
@@ -189,12 +186,10 @@ class CanTraffic:
         master, and what the profile sets up."""
         profile = self.member(axis).profile
         section, milliseconds = profile.link_loss, round(1e3 * self.guard(axis))
+        reactions = watch_traffic.reactions(section, brakes=rig.on_link_loss == "brake")
         held = [
             *watch_traffic.guard_objects(section, milliseconds, self.master_node, self.node_heartbeat_ms),
-            *(
-                (option.entry, value)
-                for option, value in watch_traffic.reactions(section, brakes=rig.on_link_loss == "brake")
-            ),
+            *((option.entry, value) for option, value in reactions),
             *((each.entry, each.value) for each in profile.setup.writes),
             (watch_traffic.MODE, profile.torque.mode_of_operation),
         ]
@@ -278,11 +273,9 @@ class CanTraffic:
         # The master counts periods, the nodes milliseconds.
         proofs = self.rate / self.heartbeat_every
         own = worst_case_bits(1) * proofs if self.beats else 0.0
-        theirs = [
-            watch_traffic.bits_a_second(member.profile, self.rate, proofs, self.node_heartbeat_ms)
-            for member in self.members
-        ]
-        return (self.period_bits * self.rate + own + sum(theirs)) / self.bitrate
+        milliseconds, profiles = self.node_heartbeat_ms, [member.profile for member in self.members]
+        theirs = sum(watch_traffic.bits_a_second(each, self.rate, proofs, milliseconds) for each in profiles)
+        return (self.period_bits * self.rate + own + theirs) / self.bitrate
 
     @property
     def highest_rate(self) -> float:
@@ -324,10 +317,12 @@ class CanTraffic:
         member = self.member(axis)
         bus = self.answer_bits / self.bitrate + self.waiting + self.host.known_latency
         compute, period = COMPUTE_NS * 1e-9, round(1e9 / self.rate) * 1e-9
-        found = ways(member.profile.timing, bus + compute, self.host, period, on_reception=acts_on_reception(member))
-        drive = found.planned - bus - compute
-        lag, late = member.profile.torque_lag, self.host.lateness
-        return Delay(bus, compute, drive, lag, found.shortest, found.longest, late)
+        synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
+        # At the next SYNC also when the profile leaves it open, so that the longer delay is assumed.
+        on_reception = member.profile.pdo.rpdo_acts == "reception" and not synchronous
+        found = ways(member.profile.timing, bus + compute, self.host, period, on_reception=on_reception)
+        drive, lag = found.planned - bus - compute, member.profile.torque_lag
+        return Delay(bus, compute, drive, lag, found.shortest, found.longest, self.host.lateness)
 
     def member(self, axis: str) -> CanMember:
         """Return the axis of that name, which must be on this bus."""
@@ -336,8 +331,8 @@ class CanTraffic:
     @property
     def speed(self) -> str:
         """Bit rate in words."""
-        fast = self.bitrate >= 1_000_000
-        return f"{exactly(self.bitrate / 1e6)} Mbit/s" if fast else f"{exactly(self.bitrate / 1e3)} kbit/s"
+        factor, unit = (1e6, "Mbit/s") if self.bitrate >= 1_000_000 else (1e3, "kbit/s")
+        return f"{exactly(self.bitrate / factor)} {unit}"
 
     def line(self) -> str:
         """Return rate, bit rate and load in words."""
@@ -350,12 +345,3 @@ class CanTraffic:
     @cached_property
     def _bits_out(self) -> int:
         return sum(worst_case_bits(pdo.size) for member in self.members for pdo in member.traffic.rpdos)
-
-
-def acts_on_reception(member: CanMember) -> bool:
-    """Return True when RPDOs of the axis act on reception, False when at the next SYNC.
-
-    False also when the profile leaves it open, so that the longer delay is assumed.
-    """
-    synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
-    return member.profile.pdo.rpdo_acts == "reception" and not synchronous

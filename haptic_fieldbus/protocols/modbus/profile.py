@@ -306,10 +306,9 @@ def _check_line(document: Document) -> None:
     for key in ("baud", "parity", "stop_bits", "silence"):
         if isinstance(transports, list) and "rtu" not in transports and key in document.table("line"):
             document.fault(("line", key), 'no effect; expected "rtu" in line.transports, or no such key')
-    ranges = document.value("line", "readable")
-    for number, each in enumerate(ranges if isinstance(ranges, list) else ()):
+    for path, each in document.rows("line", "readable").items():
         if isinstance(each, list) and len(each) == 2 and all(type(end) is int for end in each) and each[0] > each[1]:
-            document.refuse(("line", "readable", number), "the first address before the last one")
+            document.refuse(path, "the first address before the last one")
 
 
 def _check_functions(document: Document) -> None:
@@ -327,9 +326,8 @@ def _check_functions(document: Document) -> None:
 
 def _check_values(document: Document) -> None:
     """Note values that their registers cannot hold, among them the time of the watchdog."""
-    protocol.check_fits(
-        document, ("mode", "value"), document.value("mode", "value"), document.value("mode", "write", "type")
-    )
+    mode = document.table("mode")
+    protocol.check_fits(document, ("mode", "value"), mode.get("value"), document.value("mode", "write", "type"))
     for path in _setup(document):
         protocol.check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
     time, deadline = document.table("watchdog", "time"), document.value("watchdog", "deadline")
@@ -379,19 +377,11 @@ def _count(data_type: object) -> int:
 
 def _setup(document: Document) -> tuple[KeyPath, ...]:
     """Return the places of the registers that are written before the drive is enabled."""
-    found: list[KeyPath] = []
-    for table in (("setup",), ("watchdog", "writes")):
-        rows = document.value(*table)
-        found += [(*table, number) for number in range(len(rows) if isinstance(rows, list) else 0)]
-    return tuple(found)
+    return (*document.rows("setup"), *document.rows("watchdog", "writes"))
 
 
 def _registers(document: Document) -> Iterator[KeyPath]:
     """Yield the places of all registers that the file gives."""
-    for path in (
-        *_READ, *_WRITTEN, *_setup(document), ("power", "error"), ("torque", "rated"), ("mode", "display"), ("serial",),
-    ):  # fmt: skip
-        if document.table(*path):
-            yield path
-    rows = document.value("identity")
-    yield from (("identity", number) for number in range(len(rows) if isinstance(rows, list) else 0))
+    others = (("power", "error"), ("torque", "rated"), ("mode", "display"), ("serial",))
+    yield from (path for path in (*_READ, *_WRITTEN, *_setup(document), *others) if document.table(*path))
+    yield from document.rows("identity")
