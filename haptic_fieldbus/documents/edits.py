@@ -42,22 +42,15 @@ def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZ
         text = read_octets(target, most).decode("utf-8")
         mark = "\ufeff" if text.startswith("\ufeff") else ""  # of some editors; no reader of TOML takes it
         edited = (mark + edit(text.removeprefix(mark))).encode("utf-8")
-        if _replaced(target, edited, before):
-            return
+        # A rename asks only for the rights to the folder, but who took the right to write meant the file.
+        if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
+            raise OSError(errno.EACCES, "it is read-only")
+        with _aside(target, edited, before) as name:
+            if _seen(before) == _seen(os.stat(target)):
+                os.replace(name, target)
+                sync_folder(target.parent)
+                return
     raise OSError(errno.EAGAIN, "another program writes it at the same time")
-
-
-def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
-    """Write and rename; False if the file has changed meanwhile, and nothing was replaced."""
-    # A rename asks only for the rights to the folder, but who took the right to write meant the file.
-    if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
-        raise OSError(errno.EACCES, "it is read-only")
-    with _aside(target, content, before) as name:
-        if _seen(before) != _seen(os.stat(target)):
-            return False
-        os.replace(name, target)
-    sync_folder(target.parent)
-    return True
 
 
 def write_file(target: Path, content: bytes) -> None:
@@ -152,11 +145,8 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
 
 def table_values(table: object) -> dict[str, Value]:
     """Return the keys that a dataclass gives a table: those whose value is not None, with lists for tuples."""
-    return {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in vars(table).items()
-        if value is not None
-    }
+    given = {key: value for key, value in vars(table).items() if value is not None}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}
 
 
 def write_table(file: str | Path, path: Sequence[str], values: Mapping[str, Value]) -> str:
@@ -199,9 +189,8 @@ def _with(data: dict[str, object], path: Sequence[str], table: dict[str, Value])
     key, *rest = path
     inner = data.get(key)
     within = inner if isinstance(inner, dict) else {}
-    if rest:
-        return {**data, key: _with(within, rest, table)}
-    return {**data, key: {**{name: each for name, each in within.items() if isinstance(each, dict)}, **table}}
+    tables = {name: each for name, each in within.items() if isinstance(each, dict)}
+    return {**data, key: _with(within, rest, table) if rest else {**tables, **table}}
 
 
 def table_name(path: Sequence[str]) -> str:
@@ -242,9 +231,8 @@ def file_text(tables: Mapping[str, object]) -> str:
 
 
 def _key_lines(table: Mapping[str, object]) -> list[str]:
-    return [
-        f"{table_name((key,))} = {value_text(value, lambda _, number: repr(number))}" for key, value in table.items()
-    ]
+    texts = {key: value_text(value, lambda _, number: repr(number)) for key, value in table.items()}
+    return [f"{table_name((key,))} = {text}" for key, text in texts.items()]
 
 
 def quoted(text: str) -> str:

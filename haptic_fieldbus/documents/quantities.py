@@ -141,14 +141,13 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
         also = f', or one with its unit such as "2 {example}"' if example else ""
         raise ValueError(f"a number without quotes{also}")
     number, unit = match.groups()
-    rotary = workspace is Workspace.ROTARY
-    factors = _spelt(quantity, rotary)
     for plain, proper in _PLAIN:
         unit = unit.replace(plain, proper)
-    if unit in factors:
-        return float(number) * factors[unit]
+    units = _spelt(quantity, workspace)
+    if unit in units:
+        return float(number) * units[unit][0]
     reason = f"because the axis is {workspace.value}" if reason is None else reason
-    slip = next((known for known in _FACTORS[quantity][rotary] if _typed(known).lower() == unit.lower()), None)
+    slip = next((written for typed, (_, written) in units.items() if typed.lower() == unit.lower()), None)
     told = _other(unit, quantity, workspace) if slip is None else f'; write "{number} {slip}"'
     raise ValueError(f"{_in_words(quantity, workspace, reason)}{told}")
 
@@ -174,15 +173,11 @@ def _with_point(number: str) -> str:
     return f"{ends[:-after] or '0'}.{ends[-after:]}"
 
 
-def _typed(unit: str) -> str:
-    """Return a unit in the spelling of `_ONE_SPELLING`."""
-    return unit.replace("·", "")
-
-
 @cache
-def _spelt(quantity: Quantity, rotary: bool) -> dict[str, float]:
-    """Return the factors of a quantity by their units without multiplication signs."""
-    return {_typed(unit): factor for unit, factor in _FACTORS[quantity][rotary].items()}
+def _spelt(quantity: Quantity, workspace: Workspace) -> dict[str, tuple[float, str]]:
+    """Return factor and unit of a quantity by its units in the spelling of `_ONE_SPELLING`."""
+    factors = _FACTORS[quantity][workspace is Workspace.ROTARY]
+    return {unit.replace("·", ""): (factor, unit) for unit, factor in factors.items()}
 
 
 def _in_words(quantity: Quantity, workspace: Workspace, reason: str) -> str:
@@ -215,7 +210,7 @@ def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
     # The wanted quantity first: the likeliest mistake is its unit of the other workspace.
     for found in (quantity, *Quantity):
         for space in (workspace, other):
-            if unit in _spelt(found, space is Workspace.ROTARY):
+            if unit in _spelt(found, space):
                 return f"; {unit} is a unit of {_named(found, space)} on a {space.value} axis"
     return f"; unknown unit{suggestion(unit, _FACTORS[quantity][workspace is Workspace.ROTARY])}"
 

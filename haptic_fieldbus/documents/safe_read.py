@@ -107,7 +107,12 @@ def read_octets(path: str | Path, most: int) -> bytes:
         found = os.fstat(descriptor)
         _check_regular(found)
         _check_size(found.st_size, most)
-        return _read(descriptor, most)
+        octets = b""
+        # The known size is not enough, because a file may grow, and files of /proc have size 0.
+        while chunk := os.read(descriptor, most + 1 - len(octets)):
+            octets += chunk
+            _check_size(len(octets), most)
+        return octets
     finally:
         os.close(descriptor)
 
@@ -129,13 +134,3 @@ def _check_regular(found: os.stat_result) -> None:
 def _check_size(size: int, most: int) -> None:
     if size > most:
         raise OSError(errno.EFBIG, f"it is too large; expected at most {most} octets")
-
-
-def _read(descriptor: int, most: int) -> bytes:
-    """Return all octets; the known size is not enough, because a file may grow, and files of /proc have size 0."""
-    chunks, size = [], 0
-    while chunk := os.read(descriptor, most + 1 - size):
-        chunks.append(chunk)
-        size += len(chunk)
-        _check_size(size, most)
-    return b"".join(chunks)

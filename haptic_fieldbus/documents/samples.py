@@ -125,17 +125,11 @@ class _Table:
     def _number(self, row: list[str], column: str) -> float:
         """Return the number of a row in a column; without a number, note a fault and return not-a-number."""
         place = self._places[column]
-        if place >= len(row) or not row[place].strip():
-            self.fault(column, "missing; expected a number")
-            return math.nan
+        text = row[place].strip() if place < len(row) else ""
         try:
-            number = float(row[place])
+            if abs(number := float(text)) <= LARGEST:
+                return number
+            self.fault(column, f"{text[:40]}; expected a finite number, at most {exactly(LARGEST)} in size")
         except ValueError:
-            self.fault(column, f'"{row[place][:40]}"; expected a number')
-            return math.nan
-        if not abs(number) <= LARGEST:
-            self.fault(
-                column, f"{row[place].strip()[:40]}; expected a finite number, at most {exactly(LARGEST)} in size"
-            )
-            return math.nan
-        return number
+            self.fault(column, f'"{row[place][:40]}"; expected a number' if text else "missing; expected a number")
+        return math.nan

@@ -239,37 +239,24 @@ def ways(
 
     With `on_reception` False the set-point is taken over at the next SYNC.
     """
-    least, most = _latencies(timing)
+    locked, least = timing.control_tick == "sync", timing.encoder_latency or 0.0
+    # A drive that does not measure at SYNC shows what it measured at its own last tick.
+    most = least + (0.0 if locked and timing.encoder_latency is not None else timing.control_period)
 
     def acts(ready: float, tick: Literal["sync", "free", "at once"]) -> float:
         at = ready if on_reception else math.ceil(ready / period - NO_TICK) * period
-        if tick == "at once":
+        if tick == "free":
+            return at + timing.control_period
+        if tick == "at once" or timing.control_period < NO_TICK or not on_reception:  # SYNC is a tick
             return at
-        return at + timing.control_period if tick == "free" else _next_tick(at, timing.control_period, on_reception)
+        # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
+        return math.ceil(at / timing.control_period - 1e-9) * timing.control_period
 
-    locked = timing.control_tick == "sync"
     return TransportTimes(
         planned=least + acts(arrival, "free" if timing.control_tick == "free" else "sync"),
         shortest=least + acts(arrival, "sync" if locked else "at once"),
         longest=most + acts(arrival + host.most, "sync" if locked else "free"),
     )
-
-
-def _latencies(timing: TimingSection) -> tuple[float, float]:
-    """Return how old a position may be when it is latched, at least and at most [s]."""
-    known = timing.encoder_latency or 0.0
-    if timing.control_tick == "sync" and timing.encoder_latency is not None:
-        return known, known
-    # A drive that does not measure at SYNC shows what it measured at its own last tick.
-    return known, known + timing.control_period
-
-
-def _next_tick(instant: float, control_period: float, on_reception: bool) -> float:
-    """Return the first multiple of `control_period` from `instant` on [s]; the instant itself without a period."""
-    if control_period < NO_TICK or not on_reception:  # SYNC is a tick
-        return instant
-    # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
-    return math.ceil(instant / control_period - 1e-9) * control_period
 
 
 def round_down(rate: float) -> float:

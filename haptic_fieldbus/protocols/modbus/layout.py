@@ -38,8 +38,7 @@ def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> LineTi
         return register_traffic.tcp_line(section.round_trip)
     baud, parity, stops = characters(section, profiles)
     bits = FRAME_BITS + int(parity != "none") + stops
-    own = [each.line.silence for each in profiles]
-    silences = [register_traffic.serial_line(baud, bits, silence).silence for silence in own]
+    silences = [register_traffic.serial_line(baud, bits, each.line.silence).silence for each in profiles]
     silence = max(silences) if section.silence is None else section.silence
     return register_traffic.serial_line(baud, bits, silence, section.round_trip or 0.0)
 

@@ -11,7 +11,7 @@ from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus import bus, profile
 from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
-from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes, RegisterTraffic
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, candidates
 from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members, Signals, traffic_as
 from haptic_fieldbus.protocols.traffic import HostTimes
@@ -70,26 +70,19 @@ class Modbus(FieldbusProtocol):
         self, section: BusSection, members: Members, rate: float | None, waiting: float
     ) -> tuple[ModbusTraffic, ...]:
         """Return the ways that fit, the one whose torque is the youngest first; when none fits, the fastest alone."""
-        own, wire, host = _on_line(section, members)
-        found = candidates(own, wire, waiting, host)
+        own = tuple(
+            ModbusMember(name, modbus_profile(profile), traffic_as(RegisterTraffic, "registers", traffic))
+            for name, (profile, traffic) in members.items()
+        )
+        line = bus.modbus_section(section)
+        # What the rig states of the way to the line is a part of its round trip.
+        latency = None if line.round_trip is None else 0.0
+        host = HostTimes(latency, line.jitter, line.simulated and not line.stands_for_real)
+        found = candidates(own, line_of(line, [member.profile for member in own]), waiting, host)
         if rate is not None:
             at_rate = [replace(each, rate=rate) for each in found]
             found = [each for each in at_rate if each.fits] or [max(at_rate, key=lambda each: each.highest_rate)]
         return tuple(sorted(found, key=lambda each: each.age))
-
-
-def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], LineTimes, HostTimes]:
-    """Return the drives of a line, its times, and those of the host."""
-    own = tuple(
-        ModbusMember(name, modbus_profile(profile), traffic_as(RegisterTraffic, "registers", traffic))
-        for name, (profile, traffic) in members.items()
-    )
-    found = bus.modbus_section(section)
-    line = line_of(found, [member.profile for member in own])
-    # What the rig states of the way to the line is a part of its round trip.
-    is_ideal = found.simulated and not found.stands_for_real
-    host = HostTimes(None if found.round_trip is None else 0.0, found.jitter, is_ideal)
-    return own, line, host
 
 
 PROTOCOL = Modbus()

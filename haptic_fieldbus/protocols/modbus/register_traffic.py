@@ -66,38 +66,27 @@ def blocks(profile: ModbusProfile, signals: Sequence[Signal], longest: int, larg
     """
     registers = profile.registers()
     groups: list[list[Signal]] = []
+    first = end = 0  # of the last group
     for signal in sorted(signals, key=lambda each: registers[each].address):
         own = registers[signal]
         if own.count > longest:
             raise ImageTooLargeError(f"{signal.value} needs {own.count} registers; a request may have {longest}")
-        if groups and _joins(profile, groups[-1], signal, longest, largest_gap):
-            groups[-1].append(signal)
-        else:
-            groups.append([signal])
+        gap, last = own.address - end, own.address + own.count
+        is_near = gap == 0 or (0 < gap <= largest_gap and profile.line.has_all(end, own.address))
+        if not groups or not is_near or last - first > longest:
+            groups.append([])
+            first = own.address
+        groups[-1].append(signal)
+        end = last
     return tuple(_block(profile, group) for group in groups)
-
-
-def _joins(profile: ModbusProfile, group: Sequence[Signal], signal: Signal, longest: int, largest_gap: int) -> bool:
-    """Return True when a signal that follows a group stands in one block with it."""
-    registers = profile.registers()
-    first, end, own = registers[group[0]].address, _end(profile, group), registers[signal]
-    gap = own.address - end
-    if gap < 0 or own.address + own.count - first > longest:
-        return False
-    return gap == 0 or (gap <= largest_gap and profile.line.has_all(end, own.address))
-
-
-def _end(profile: ModbusProfile, signals: Sequence[Signal]) -> int:
-    """Return the address behind the last register of these signals."""
-    return max(profile.registers()[signal].address + profile.registers()[signal].count for signal in signals)
 
 
 def _block(profile: ModbusProfile, signals: Sequence[Signal]) -> Block:
     registers = profile.registers()
-    first = registers[signals[0]].address
+    first, last = registers[signals[0]].address, registers[signals[-1]]
     return Block(
         first,
-        _end(profile, signals) - first,
+        last.address + last.count - first,
         tuple(profile.mapped(signal, registers[signal]) for signal in signals),
         tuple(2 * (registers[signal].address - first) for signal in signals),
     )
@@ -134,13 +123,10 @@ class LineTimes:
     speed: str = ""
     """The line in words."""
 
-    def request_time(self, request: RegisterRequest) -> float:
-        """Return the time from the first octet of a request until the drive has all of it [s]."""
-        return self.octet * (self.frame_octets + request_octets(request)) + 0.5 * self.round_trip
-
     def executed(self, request: RegisterRequest, answer_time: float) -> float:
         """Return the time from the first octet of a request until the drive writes and reads [s]."""
-        return self.request_time(request) + self.silence + answer_time
+        sent = self.octet * (self.frame_octets + request_octets(request)) + 0.5 * self.round_trip
+        return sent + self.silence + answer_time
 
     def answer_duration(self, request: RegisterRequest) -> float:
         """Return the time from the begin of an answer until the master has all of it [s]."""

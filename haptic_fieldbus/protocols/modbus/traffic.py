@@ -76,8 +76,13 @@ class ModbusTraffic:
     @cached_property
     def instants(self) -> Timeline:
         """Times of one period."""
-        latched, written = {}, {}
-        shown, at = self._read_back()
+        latched, written, shown, at = {}, {}, {}, 0.0
+        # Any one of the target torques is read back in a period, so the longest time counts.
+        for member in self.members:
+            if (block := self.of(member.axis).asked) is not None:
+                request = RegisterRequest(member.profile.line.reading or READ_HOLDING, block)
+                shown[member.axis], end = self._pass(member, request, 0.0)
+                at = max(at, end)
         for member in self.members:
             for request in self.of(member.axis).reading:
                 executed, at = self._pass(member, request, at)
@@ -94,16 +99,6 @@ class ModbusTraffic:
             for request in self.of(member.axis).writing:
                 written[member.axis], at = self._pass(member, request, at)
         return Timeline(latched, written, feedback, at, shown)
-
-    def _read_back(self) -> tuple[dict[str, float], float]:
-        """Return when each target torque that is read back is read, and the time that the longest of them takes [s]."""
-        passed = {
-            member.axis: self._pass(member, RegisterRequest(member.profile.line.reading or READ_HOLDING, block), 0.0)
-            for member in self.members
-            if (block := self.of(member.axis).asked) is not None
-        }
-        shown = {axis: executed for axis, (executed, _) in passed.items()}
-        return shown, max((end for _, end in passed.values()), default=0.0)
 
     def shown_by(self, axis: str) -> Signal:
         """Return the signal that shows set-points of another master, whether or not it is read."""
