@@ -337,11 +337,8 @@ def check_kind(document: Document, table: str) -> None:
 
 def table_of(given: Any) -> dict[str, object]:
     """Return the table of a file for this dataclass. A None is left out if its key may be missing."""
-    return {
-        field.name: _plain(getattr(given, field.name))
-        for field in fields(given)
-        if field.init and not (getattr(given, field.name) is None and _may_be_left_out(field))
-    }
+    values = [(field, getattr(given, field.name)) for field in fields(given) if field.init]
+    return {field.name: _plain(value) for field, value in values if value is not None or not _may_be_left_out(field)}
 
 
 def _may_be_left_out(field: Field[Any]) -> bool:

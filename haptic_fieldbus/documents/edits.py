@@ -235,10 +235,9 @@ def _key_lines(table: Mapping[str, object]) -> list[str]:
     return [f"{table_name((key,))} = {text}" for key, text in texts.items()]
 
 
+_ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x20), 0x7F)} | {ord(each): f"\\{each}" for each in '\\"'}
+
+
 def quoted(text: str) -> str:
     """Return a TOML basic string."""
-    escaped = "".join(
-        f"\\u{ord(each):04X}" if ord(each) < 0x20 or ord(each) == 0x7F else each
-        for each in text.replace("\\", "\\\\").replace('"', '\\"')
-    )
-    return f'"{escaped}"'
+    return f'"{text.translate(_ESCAPES)}"'

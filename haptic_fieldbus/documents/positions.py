@@ -68,8 +68,9 @@ class Positions:
             path = self._resolve(keys)
         else:
             array = (*self._resolve(keys[:-1]), keys[-1])
-            path = (*array, self._array_sizes.get(array, 0))
-            self._array_sizes[array] = path[-1] + 1
+            index = self._array_sizes.get(array, 0)
+            self._array_sizes[array] = index + 1
+            path = (*array, index)
             self._imply(array, header)
         self._write(path, header)
         self._read_pairs([child for child in rest if child.type == "pair"], path)

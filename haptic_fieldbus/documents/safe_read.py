@@ -78,10 +78,8 @@ TABLE_SIZE = 32 * MEBI
 PROVENANCE_SIZE = 64 * MEBI
 """Largest size of a JSON object or a picture that may hold a provenance, and of the provenance in it [octets]."""
 
-READING = os.O_RDONLY
+READING = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
 """Flags for opening a file; they differ between Windows and POSIX."""
-for _flag in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"):
-    READING |= getattr(os, _flag, 0)
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),

@@ -193,9 +193,8 @@ def _object(item: EdsObject) -> Iterator[str]:
     # A variable with sub-indices is written as the record that the reader takes it for, and so is the description of a
     # structure, which readers know as no object of a device.
     code = ObjectCode.ARRAY if item.code is ObjectCode.ARRAY else ObjectCode.RECORD
-    yield from _section(
-        name, [("ParameterName", item.name), ("ObjectType", f"0x{code:X}"), ("SubNumber", f"0x{len(entries):X}")]
-    )
+    head = {"ParameterName": item.name, "ObjectType": f"0x{code:X}", "SubNumber": f"0x{len(entries):X}"}
+    yield from _section(name, head.items())
     for entry in entries.values():
         yield from _section(f"{name}sub{entry.subindex:X}", _entry(entry))
 

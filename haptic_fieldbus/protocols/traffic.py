@@ -223,19 +223,12 @@ IDEAL = HostTimes(simulated=True)
 """A host that adds no time, as that of a simulated bus."""
 
 
-@dataclass(frozen=True)
-class TransportTimes:
-    """Times from the measurement of a position to the torque of it [s]."""
-
-    planned: float
-    shortest: float
-    longest: float
-
-
 def ways(
     timing: TimingSection, arrival: float, host: HostTimes, period: float, *, on_reception: bool
-) -> TransportTimes:
-    """Return the times of a drive whose set-point arrives so long after the latch, host as known [s].
+) -> tuple[float, float, float]:
+    """Return the time from the measurement of a position to the torque of it as planned, the shortest and the longest.
+
+    The set-point of the drive arrives so long after the latch, host as known [s].
 
     With `on_reception` False the set-point is taken over at the next SYNC.
     """
@@ -252,11 +245,9 @@ def ways(
         # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
         return math.ceil(at / timing.control_period - 1e-9) * timing.control_period
 
-    return TransportTimes(
-        planned=least + acts(arrival, "free" if timing.control_tick == "free" else "sync"),
-        shortest=least + acts(arrival, "sync" if locked else "at once"),
-        longest=most + acts(arrival + host.most, "sync" if locked else "free"),
-    )
+    planned = least + acts(arrival, "free" if timing.control_tick == "free" else "sync")
+    shortest = least + acts(arrival, "sync" if locked else "at once")
+    return planned, shortest, most + acts(arrival + host.most, "sync" if locked else "free")
 
 
 def round_down(rate: float) -> float:

@@ -222,12 +222,9 @@ def axes_words(indices: Iterable[int]) -> str:
 
 def axes_in(eds: Eds) -> list[int]:
     """Return the objects that have a value of each of several axes in sub-indices."""
-    return [
-        index
-        for index in PER_AXIS
-        if all((entry := eds.find(index, each)) is not None and entry.type not in (None, EdsType.UNSIGNED8)
-               for each in (1, 2))
-    ]  # fmt: skip
+    no_values = (None, EdsType.UNSIGNED8)
+    found = {index: (eds.find(index, 1), eds.find(index, 2)) for index in PER_AXIS}
+    return [index for index, axes in found.items() if all(each and each.type not in no_values for each in axes)]
 
 
 def object_name(index: int) -> str:

@@ -41,7 +41,7 @@ def fitting(
     profiles: Iterable[CanopenProfile], vendor_id: int | None, product_code: int | None, name: str | None
 ) -> list[tuple[CanopenProfile, MatchQuality]]:
     """Return the profiles that may be that of a CiA 402 drive, the surest first."""
-    graded = [(profile, _sureness(profile, vendor_id, product_code, name or "")) for profile in profiles]
+    graded = ((profile, _sureness(profile, vendor_id, product_code, name or "")) for profile in profiles)
     found = [(profile, sureness) for profile, sureness in graded if sureness is not None]
     return sorted(found, key=lambda each: ORDER.index(each[1]))
 

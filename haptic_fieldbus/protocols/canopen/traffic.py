@@ -116,9 +116,8 @@ def asked_signals(profile: CanopenProfile) -> tuple[MappedSignal, ...]:
 
 def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
     """Return the signals of the PDOs in the order of their octets."""
-    return tuple(
-        MappedSignal(signal, str(entry), entry.type, entry.unit) for pdo in pdos for signal, entry, _ in pdo.needed
-    )
+    needed = [(signal, entry) for pdo in pdos for signal, entry, _ in pdo.needed]
+    return tuple(MappedSignal(signal, str(entry), entry.type, entry.unit) for signal, entry in needed)
 
 
 def _lines(key: str, pdos: tuple[Pdo, ...]) -> Iterator[tuple[str, str]]:
@@ -320,9 +319,9 @@ class CanTraffic:
         synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
         # At the next SYNC also when the profile leaves it open, so that the longer delay is assumed.
         on_reception = member.profile.pdo.rpdo_acts == "reception" and not synchronous
-        found = ways(member.profile.timing, bus + compute, self.host, period, on_reception=on_reception)
-        drive, lag = found.planned - bus - compute, member.profile.torque_lag
-        return Delay(bus, compute, drive, lag, found.shortest, found.longest, self.host.lateness)
+        timing, lag = member.profile.timing, member.profile.torque_lag
+        planned, shortest, longest = ways(timing, bus + compute, self.host, period, on_reception=on_reception)
+        return Delay(bus, compute, planned - bus - compute, lag, shortest, longest, self.host.lateness)
 
     def member(self, axis: str) -> CanMember:
         """Return the axis of that name, which must be on this bus."""

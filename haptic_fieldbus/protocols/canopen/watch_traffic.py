@@ -60,9 +60,8 @@ def _interpolation(profile: CanopenProfile, sync: SyncSection, period_ns: int) -
 
 
 def _refusal(profile: CanopenProfile, period_ns: int, why: str) -> PlanError:
-    return PlanError(
-        f"{profile.title} does not support a period of {exactly(period_ns * 1e-6)} ms: {why}. Use another --rate"
-    )
+    period = f"{exactly(period_ns * 1e-6)} ms"
+    return PlanError(f"{profile.title} does not support a period of {period}: {why}. Use another --rate")
 
 
 PROOFS_PER_GUARD = 5
@@ -98,11 +97,8 @@ def guard_objects(
 ) -> tuple[tuple[ObjectEntry, int], ...]:
     """Return the objects by which master and drive watch each other, with their values; `milliseconds` is the guard."""
     if section.life_guarding:
-        return (
-            (PRODUCER_HEARTBEAT, 0),
-            (GUARD_TIME, milliseconds // PROOFS_PER_GUARD),
-            (LIFE_TIME_FACTOR, PROOFS_PER_GUARD),
-        )
+        guard = (GUARD_TIME, milliseconds // PROOFS_PER_GUARD)
+        return (PRODUCER_HEARTBEAT, 0), guard, (LIFE_TIME_FACTOR, PROOFS_PER_GUARD)
     index, ours = section.heartbeat_consumer, ((PRODUCER_HEARTBEAT, node_heartbeat_ms),)
     return ours if index is None else (*ours, (consumer_heartbeat(index), master_node << 16 | milliseconds))
 

@@ -131,11 +131,9 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
 
     Raises UsageError when the named bus is no Modbus line.
     """
-    new = named.section
+    new, own = named.section, f"{section.interface}:{section.channel}"
     if not isinstance(new, ModbusSection):
-        raise UsageError(
-            f'bus "{named.text}" is not a Modbus line, but {section.interface}:{section.channel} of the rig is'
-        )
+        raise UsageError(f'bus "{named.text}" is not a Modbus line, but {own} of the rig is')
     found = replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
     return _standing_in(section, found)
 

@@ -242,9 +242,8 @@ class ModbusProfile(DriveProfile):
         """Return a register as it is carried."""
         low_first = register.count > 1 and self.line.word_order == "low first"
         order = Order.BIG_LOW_WORD_FIRST if low_first else Order.BIG
-        return MappedSignal(
-            signal, f"register {register.address:04X}h {signal.value}", register.type, register.unit, order
-        )
+        address = f"register {register.address:04X}h {signal.value}"
+        return MappedSignal(signal, address, register.type, register.unit, order)
 
 
 def modbus_profile(profile: DriveProfile) -> ModbusProfile:
@@ -345,13 +344,12 @@ def _check_full_scale(document: Document) -> None:
 
 def _check_power(document: Document) -> None:
     """Note a power table that is missing or not used."""
-    rows, table = document.value("power", "rows"), document.value("power", "table")
-    if table == "rows" and not rows:
+    has_rows = document.value("power", "table") == "rows"
+    if has_rows and not document.value("power", "rows"):
         document.fault(("power", "rows"), 'missing; expected a row for each state, since power.table is "rows"')
-    if table != "rows" and rows:
-        document.fault(("power", "rows"), 'no effect; expected power.table = "rows" too')
-    if table != "rows" and document.value("power", "reset") is not None:
-        document.fault(("power", "reset"), 'no effect; expected power.table = "rows" too')
+    for key in ("rows", "reset"):
+        if not has_rows and document.value("power", key) not in (None, []):
+            document.fault(("power", key), 'no effect; expected power.table = "rows" too')
 
 
 def _check_places(document: Document, paths: tuple[KeyPath, ...]) -> None:

@@ -143,11 +143,9 @@ class LineTimes:
 
 def serial_line(baud: int, bits: int, silence: float | None, round_trip: float = 0.0) -> LineTimes:
     """Return an RTU line of `baud` bit/s with characters of so many bits; `silence` None: that of the standard."""
-    character = bits / baud
+    character, speed = bits / baud, f"Modbus RTU at {baud} bit/s"
     standard = LONGEST_SILENCE if baud > SILENT_ABOVE else SILENT_CHARACTERS * character
-    return LineTimes(
-        character, standard if silence is None else silence, round_trip, speed=f"Modbus RTU at {baud} bit/s"
-    )
+    return LineTimes(character, standard if silence is None else silence, round_trip, speed=speed)
 
 
 def tcp_line(round_trip: float | None) -> LineTimes:
@@ -228,16 +226,27 @@ class RegisterTraffic:
         return Signal.POSITION if Signal.POSITION in found else Signal.VELOCITY
 
     def requested(self, way: Transaction, line: LineTimes, section: LineSection) -> "RegisterTraffic":
-        """Return the same blocks with the requests of that way, which must be possible (`possible`)."""
+        """Return the same blocks with the requests of that way.
+
+        It must be `possible`; raises ValueError when the drive lacks a function that they need.
+        """
         reads = self.watching if self.watching and way is Transaction.READ_WRITE else self.reads
-        reading, writing = _requests(replace(self, reads=reads), way, section)
-        both = (*reading, *writing)
+        read = [RegisterRequest(section.reading, block) for block in reads if section.reading is not None]
+        function = section.writing(self.set_point.count)
+        if way is Transaction.READ_WRITE:
+            reading, writing = [RegisterRequest(READ_WRITE, reads[0], self.set_point), *read[1:]], []
+        elif function is None or len(read) < len(reads):
+            raise ValueError(f"unit {self.unit} has no functions for {way}")
+        else:
+            # The motion is read last, so that it is the youngest.
+            reading, writing = read[::-1], [RegisterRequest(function, write=self.set_point)]
+        both = [*reading, *writing]
         return replace(
             self,
             reads=reads,
             asked=self.read_back if way in self.read_back_ways else None,
-            reading=reading,
-            writing=writing,
+            reading=tuple(reading),
+            writing=tuple(writing),
             times=tuple(line.exchange(each, section.answer_time) for each in both),
             octets=tuple(line.octets(each) for each in both),
         )
@@ -327,23 +336,6 @@ def possible(way: Transaction, traffic: RegisterTraffic, section: LineSection) -
         return READ_WRITE in section.functions and (len(traffic.reads) == 1 or section.reading is not None)
     written = (traffic.set_point, *((traffic.command,) if traffic.command else ()))
     return section.reading is not None and all(section.writing(block.count) for block in written)
-
-
-def _requests(
-    traffic: RegisterTraffic, way: Transaction, section: LineSection
-) -> tuple[tuple[RegisterRequest, ...], tuple[RegisterRequest, ...]]:
-    """Return the requests before and after computing.
-
-    Raises ValueError when the drive lacks a function that they need.
-    """
-    reading = [RegisterRequest(section.reading, block) for block in traffic.reads if section.reading is not None]
-    if way is Transaction.READ_WRITE:
-        return (RegisterRequest(READ_WRITE, traffic.reads[0], traffic.set_point), *reading[1:]), ()
-    function = section.writing(traffic.set_point.count)
-    if function is None or len(reading) < len(traffic.reads):
-        raise ValueError(f"unit {traffic.unit} has no functions for {way}")
-    # The motion is read last, so that it is the youngest.
-    return tuple(reading[::-1]), (RegisterRequest(function, write=traffic.set_point),)
 
 
 def _names(block: Block) -> str:

@@ -128,9 +128,7 @@ class ModbusTraffic:
     @cached_property
     def _bound(self) -> dict[str, RegisterTraffic]:
         """Registers of each axis with the requests of this way."""
-        return {
-            member.axis: member.traffic.requested(self.way, self.wire, member.profile.line) for member in self.members
-        }
+        return {each.axis: each.traffic.requested(self.way, self.wire, each.profile.line) for each in self.members}
 
     def of(self, axis: str) -> RegisterTraffic:
         """Return the registers of an axis with their requests."""
@@ -231,24 +229,15 @@ class ModbusTraffic:
     def delay(self, axis: str) -> Delay:
         """Return the delay budget of an axis, by the way of its set-points and its profile."""
         member, instants = self.member(axis), self.instants
-        period = round(1e9 / self.rate) * 1e-9
-        later = period if self.way is Transaction.READ_WRITE else 0.0
+        period, first = round(1e9 / self.rate) * 1e-9, self.way is Transaction.READ_WRITE
+        later = period if first else 0.0
         arrival, compute = later + instants.written[axis] - instants.latched[axis], COMPUTE_NS * 1e-9
-        found = ways(member.profile.timing, arrival, self.host, period, on_reception=True)
+        planned, shortest, longest = ways(member.profile.timing, arrival, self.host, period, on_reception=True)
         # When the drive writes and reads during its answer time is not known. Function 23 writes before it reads.
         early = member.profile.line.answer_time
-        late = 0.0 if self.way is Transaction.READ_WRITE else early
-        lag = member.profile.torque_lag
-        return Delay(
-            arrival - compute,
-            compute,
-            found.planned - arrival,
-            lag,
-            found.shortest - early,
-            found.longest + late,
-            self.host.lateness,
-            acts_first=self.way is Transaction.READ_WRITE,
-        )
+        late = 0.0 if first else early
+        bus, drive, lag = arrival - compute, planned - arrival, member.profile.torque_lag
+        return Delay(bus, compute, drive, lag, shortest - early, longest + late, self.host.lateness, acts_first=first)
 
     def member(self, axis: str) -> ModbusMember:
         """Return the axis of that name, which must be on this line."""
