@@ -150,11 +150,10 @@ class Document:
         elif kind == "json_invalid":
             # The JSON is our own, so nothing but its depth can be invalid.
             self.fault(at, "nested too deeply")
-        elif kind.startswith("union_tag"):
-            # The tag that chooses the member of a union is its `kind`.
-            self._expect(expectation, (*path, "kind"), root, at)
         else:
-            self._expect(expectation, path, root, at)
+            # The tag that chooses the member of a union is its `kind`.
+            tag = ("kind",) if kind.startswith("union_tag") else ()
+            self._expect(expectation, (*path, *tag), root, at)
 
     def _expect(self, expectation: Expectation, path: KeyPath, root: object, at: KeyPath) -> None:
         shown = self._shown(at + path)

@@ -87,15 +87,11 @@ def _compact(index: int, head: FileSection, count: int, sections: Mapping[str, F
     # The object's own section describes all of its elements.
     pattern = _entry(index, head, 1)
     length = EdsEntry(index, 0, "Number of entries", EdsType.UNSIGNED8, ACCESS_WHEN_MISSING, count, line=head.line)
-    return {0: length} | {
-        each: replace(
-            pattern,
-            subindex=each,
-            name=names.text(str(each)) or f"{pattern.name}{each}",
-            parameter=values.value(str(each), pattern.type),
-        )
-        for each in range(1, count + 1)
-    }
+    entries = {0: length}
+    for each in range(1, count + 1):
+        name = names.text(str(each)) or f"{pattern.name}{each}"
+        entries[each] = replace(pattern, subindex=each, name=name, parameter=values.value(str(each), pattern.type))
+    return entries
 
 
 def _name(section: FileSection) -> str:

@@ -49,12 +49,8 @@ def loadable(eds: Eds) -> dict[int, EdsObject]:
     """Return the objects to write, by index."""
     kept = {index: replace(item, entries=entries) for index, item in eds.objects.items() if (entries := _entries(item))}
     objects = {**kept, **dict(_mandatory(kept, eds.device))}
-    objects = {
-        index: item
-        for index, item in objects.items()
-        # A PDO has two records.
-        if index >= FIRST_OBJECT and (index not in _PDOS or index ^ MAPPING in objects)
-    }
+    lone = {index for index in objects if index in _PDOS and index ^ MAPPING not in objects}  # a PDO has two records
+    objects = {index: item for index, item in objects.items() if index >= FIRST_OBJECT and index not in lone}
     return {
         index: _mapped(item, objects) if index in _PDOS and index & MAPPING else item for index, item in objects.items()
     }

@@ -236,7 +236,10 @@ def _check_axis(document: Document, name: str, nodes: Nodes, known: Collection[s
     _check_bus(document, name, nodes)
     if known is not None:
         _check_profile_exists(document, name, known)
-    _check_position_limits(document, name)
+    limits: KeyPath = ("axis", name, "limits", "position")
+    match document.value(*limits):
+        case [int() | float() as lower, int() | float() as upper] if not lower < upper:
+            document.refuse(limits, "the lower limit first")
     _check_simulation(document, name)
     check_plausible(document, name)
 
@@ -337,14 +340,6 @@ def _check_profile_exists(document: Document, axis: str, known: Collection[str])
         document.fault(path, f'no profile "{name}"{suggestion(name, known)}')
     elif isinstance(name, str) and is_path(name) and not os.path.isfile(Path(document.source).resolve().parent / name):
         document.fault(path, f'no file "{name}" in the folder of this file')
-
-
-def _check_position_limits(document: Document, axis: str) -> None:
-    """Note position limits in the wrong order; faults of their types are those of the schema."""
-    path: KeyPath = ("axis", axis, "limits", "position")
-    match document.value(*path):
-        case [int() | float() as lower, int() | float() as upper] if not lower < upper:
-            document.refuse(path, "the lower limit first")
 
 
 def _check_simulation(document: Document, axis: str) -> None:

@@ -341,12 +341,12 @@ def compare(profile: CanopenProfile, eds: Eds, more: tuple[Finding, ...] = ()) -
         for find in (mode_findings, named_objects, shown_findings, left_out):
             findings += find(profile, eds)
     findings += (*pdo_findings(profile, eds), *more)
-    faults = [(finding, finding.as_fault(), _reason(profile, finding)) for finding in findings if finding.fault]
+    faults = [(Fault(each.key, each.fault, each.line), _reason(profile, each)) for each in findings if each.fault]
     return Comparison(
         Path(eds.source).name,
         tuple(finding for finding in findings if not finding.fault),
-        tuple(fault for _, fault, reason in faults if not reason),
-        tuple(KnownDifference(fault, reason) for _, fault, reason in faults if reason),
+        tuple(fault for fault, reason in faults if not reason),
+        tuple(KnownDifference(fault, reason) for fault, reason in faults if reason),
     )
 
 

@@ -74,11 +74,9 @@ def _held(eds: Eds, index: int) -> tuple[int, ...]:
 
 def _is_usable(eds: Eds, index: int) -> bool:
     """Return whether a PDO can be switched on, with the transmission type that the loop needs."""
-    kind = eds.find(index, 2)
-    if not Use.WRITTEN.permits(eds.find(index, 1)) or kind is None:
-        return False
     needed = 1 if index in COMMUNICATION[Direction.TPDO] else _EVENT_DRIVEN
-    return Use.WRITTEN.permits(kind) or number_of(eds, index, 2) == needed
+    has_type = Use.WRITTEN.permits(eds.find(index, 2)) or number_of(eds, index, 2) == needed
+    return has_type and Use.WRITTEN.permits(eds.find(index, 1))
 
 
 def carries(eds: Eds, direction: Direction, entry: EdsEntry) -> bool:

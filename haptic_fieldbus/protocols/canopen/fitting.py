@@ -67,6 +67,8 @@ _TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value"
          "pdo.inhibit_time_default", "sync.interpolation_time", "sync.powers", "sync.values",
          "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
 """Keys whose values the drive tells."""
+_KEPT = ("tpdo_types", "rpdo_types", "rpdo_acts", "entries")
+"""Keys of the PDOs whose values are those of the profile."""
 _CONSUMER = "link_loss.heartbeat_consumer"
 _OPTIONAL = ("torque.rated", "torque.rated_current", "link_loss.abort_connection_option",
              "link_loss.fault_reaction_option", _CONSUMER)  # fmt: skip
@@ -99,13 +101,7 @@ def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
         ),
         position=position,
         velocity=profile.velocity or (made.velocity if position is None else None),
-        pdo=replace(
-            made.pdo,
-            tpdo_types=profile.pdo.tpdo_types,
-            rpdo_types=profile.pdo.rpdo_types,
-            rpdo_acts=profile.pdo.rpdo_acts,
-            entries=profile.pdo.entries,
-        ),
+        pdo=replace(made.pdo, **{key: getattr(profile.pdo, key) for key in _KEPT}),
         sync=made.sync if profile.sync == SyncSection() else profile.sync,
         # The guard is that of the profile, else life guarding, else none.
         link_loss=replace(

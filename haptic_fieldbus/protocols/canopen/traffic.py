@@ -287,14 +287,14 @@ class CanTraffic:
         """Raise BusOverloadError, with the figures and a rate that fits, when the bus cannot carry this traffic."""
         if self._fits:
             return
-        rate, load, lower = self.rate, self.load, self._fitting_rate()
-        subject = f"bus {bus}: " if bus else ""
+        subject, lower = f"bus {bus}: " if bus else "", self._fitting_rate()
         fits = "No rate fits" if lower is None else f"Fits: --rate {exactly(lower)}"
-        raise BusOverloadError(
-            f"{subject}{exactly(rate)} Hz needs {self.period_bits} bits per period: {percent(load)} of {self.bitrate} "
-            f"bit/s, and {rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {COMPUTE_NS // 1000} µs of "
-            f"computing and RPDOs. Allowed: {percent(LARGEST_BUS_LOAD)} and one period. {fits}"
+        bits = f"{self.period_bits} bits per period: {percent(self.load)} of {self.bitrate} bit/s"
+        times = (
+            f"{rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {COMPUTE_NS // 1000} µs of computing and RPDOs"
         )
+        allowed = f"Allowed: {percent(LARGEST_BUS_LOAD)} and one period"
+        raise BusOverloadError(f"{subject}{exactly(self.rate)} Hz needs {bits}, and {times}. {allowed}. {fits}")
 
     @property
     def _fits(self) -> bool:

@@ -76,16 +76,9 @@ def lay_out_registers(
     ways = _unwatched(profile, watching or reads)
     register = profile.torque.target
     asked = replace(profile.mapped(Signal.TARGET_TORQUE, register), signal=Signal.TARGET_ASKED)
-    target = Block(register.address, register.count, (asked,), (0,))
-    return RegisterTraffic(
-        unit,
-        reads,
-        set_point,
-        command,
-        watching=watching,
-        read_back=target if ways and profile.line.reading is not None else None,
-        read_back_ways=ways,
-    )
+    is_asked = bool(ways) and profile.line.reading is not None
+    target = Block(register.address, register.count, (asked,), (0,)) if is_asked else None
+    return RegisterTraffic(unit, reads, set_point, command, watching=watching, read_back=target, read_back_ways=ways)
 
 
 def _reads(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:

@@ -14,6 +14,7 @@ from haptic_fieldbus.protocols.modbus.profile import (
     WRITE_SINGLE,
     LineSection,
     ModbusProfile,
+    Register,
 )
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import LinkFlag, Signal
@@ -65,7 +66,7 @@ def blocks(profile: ModbusProfile, signals: Sequence[Signal], longest: int, larg
     Raises ImageTooLargeError when one signal is longer than a request may be.
     """
     registers = profile.registers()
-    groups: list[list[Signal]] = []
+    groups: list[list[tuple[Signal, Register]]] = []
     first = end = 0  # of the last group
     for signal in sorted(signals, key=lambda each: registers[each].address):
         own = registers[signal]
@@ -76,20 +77,16 @@ def blocks(profile: ModbusProfile, signals: Sequence[Signal], longest: int, larg
         if not groups or not is_near or last - first > longest:
             groups.append([])
             first = own.address
-        groups[-1].append(signal)
+        groups[-1].append((signal, own))
         end = last
     return tuple(_block(profile, group) for group in groups)
 
 
-def _block(profile: ModbusProfile, signals: Sequence[Signal]) -> Block:
-    registers = profile.registers()
-    first, last = registers[signals[0]].address, registers[signals[-1]]
-    return Block(
-        first,
-        last.address + last.count - first,
-        tuple(profile.mapped(signal, registers[signal]) for signal in signals),
-        tuple(2 * (registers[signal].address - first) for signal in signals),
-    )
+def _block(profile: ModbusProfile, members: Sequence[tuple[Signal, Register]]) -> Block:
+    first, last = members[0][1].address, members[-1][1]
+    signals = tuple(profile.mapped(signal, register) for signal, register in members)
+    offsets = tuple(2 * (register.address - first) for _, register in members)
+    return Block(first, last.address + last.count - first, signals, offsets)
 
 
 # What requests and answers take on a line: octets of each function, characters, silence, answer time.

@@ -220,11 +220,9 @@ class ModbusTraffic:
         if self.fits:
             return
         subject = f"bus {bus}: " if bus else ""
-        raise BusOverloadError(
-            f"{subject}{exactly(self.rate)} Hz is too fast: {self.exchange} takes "
-            f"{rounded(1e3 * self.shortest_period)} ms per period at {self.speed}. Fits: --rate "
-            f"{exactly(self.sustained_rate)}"
-        )
+        takes = f"{self.exchange} takes {rounded(1e3 * self.shortest_period)} ms per period at {self.speed}"
+        fits = f"Fits: --rate {exactly(self.sustained_rate)}"
+        raise BusOverloadError(f"{subject}{exactly(self.rate)} Hz is too fast: {takes}. {fits}")
 
     def delay(self, axis: str) -> Delay:
         """Return the delay budget of an axis, by the way of its set-points and its profile."""
@@ -289,8 +287,6 @@ def candidates(
     found = [ModbusTraffic(members, wire, way, DEFAULT_RATE, waiting, host) for way in possible_ways(members)]
     if not found:
         titles = ", ".join(dict.fromkeys(each.profile.title for each in members))
-        raise PlanError(
-            f"{titles}: the drives of the line share no function codes that read feedback and write set-points; "
-            "expected 23, or 3 with 16 or 6"
-        )
+        fault = "the drives of the line share no function codes that read feedback and write set-points"
+        raise PlanError(f"{titles}: {fault}; expected 23, or 3 with 16 or 6")
     return [replace(each, rate=each.sustained_rate) for each in found]
