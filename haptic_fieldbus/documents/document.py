@@ -87,11 +87,10 @@ class Document:
         """Note that the value at a key is not as expected."""
         self.fault(path, f"{self._shown(path)}; expected {expected}")
 
-    def integers(self, *paths: KeyPath) -> None:
+    def integers(self, path: KeyPath) -> None:
         """Refuse true, false and floats where a `Literal` has whole numbers."""
-        for path in paths:
-            if isinstance(self.value(*path), bool | float):
-                self.refuse(path, "a whole number")
+        if isinstance(self.value(*path), bool | float):
+            self.refuse(path, "a whole number")
 
     def checked(self, value: T | None) -> T:
         """Return a value from `validate`; raises `error` with all noted faults, by line, if there are any."""
@@ -219,10 +218,8 @@ class Document:
     def _syntax_faults(self, message: str) -> list[Fault]:
         """Return a fault for each duplicate key; without duplicates, the place at which the parser stopped."""
         if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
-            return [
-                Fault(key_text(twice.path), f"set twice; first in line {twice.first}", twice.line)
-                for twice in self._positions.duplicates
-            ]
+            twice = self._positions.duplicates
+            return [Fault(key_text(path), f"set twice; first in line {first}", line) for path, line, first in twice]
         at_line = _AT_LINE.search(message)
         if at_line:
             words = f"not TOML: {message[: at_line.start()]}, at column {at_line[2]}"

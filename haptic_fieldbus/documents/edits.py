@@ -168,7 +168,8 @@ def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator
     ending = "\r\n" if "\r\n" in text else "\n"
     lines = _LINE.findall(text)
     written = [f"{_line(key, value)}{ending}" for key, value in values.items()]
-    for at in [place for place, line in enumerate(lines) if _is(line, header)][:MOST_HEADERS]:
+    headed = re.compile(rf"\s*{re.escape(header)}\s*(#|$)")
+    for at in [place for place, line in enumerate(lines) if headed.match(line)][:MOST_HEADERS]:
         end = next((place for place in range(at + 1, len(lines)) if _HEADER.match(lines[place])), len(lines))
         kept = [line for line in lines[at + 1 : end] if not _KEY.match(line)]
         comments = {found[1]: found[2] for line in lines[at + 1 : end] if (found := _COMMENTED.match(line))}
@@ -177,11 +178,6 @@ def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator
         yield "".join([*lines[:at], first, *told, *kept, *lines[end:]])
     gap = "" if not text or text.endswith("\n") else ending
     yield f"{text}{gap}{ending}{header}{ending}{''.join(written)}"
-
-
-def _is(line: str, header: str) -> bool:
-    rest = line.strip().removeprefix(header).lstrip()
-    return line.strip().startswith(header) and (not rest or rest.startswith("#"))
 
 
 def _with(data: dict[str, object], path: Sequence[str], table: dict[str, Value]) -> dict[str, object]:

@@ -25,20 +25,12 @@ class Position:
     """True for a table without a header of its own: the line is that of the first key or header below it."""
 
 
-@dataclass(frozen=True)
-class Duplicate:
-    """A duplicate key: the lines of its second and of its first occurrence."""
-
-    path: KeyPath
-    line: int
-    first: int
-
-
 class Positions:
     """The lines of all keys of a text, even of a text that breaks the rules of TOML."""
 
     def __init__(self, text: str) -> None:
-        self.duplicates: list[Duplicate] = []
+        self.duplicates: list[tuple[KeyPath, int, int]] = []
+        """Duplicate keys, with the lines of the second and of the first occurrence."""
         self._positions: dict[KeyPath, Position] = {}
         self._array_sizes: dict[KeyPath, int] = {}
         parser = tree_sitter.Parser(tree_sitter.Language(tree_sitter_toml.language()))
@@ -103,7 +95,7 @@ class Positions:
     def _write(self, path: KeyPath, node: tree_sitter.Node, value: bytes = b"") -> None:
         line, before = node.start_point.row + 1, self._positions.get(path)
         if before is not None and not before.implied:
-            self.duplicates.append(Duplicate(path, line, before.line))
+            self.duplicates.append((path, line, before.line))
             return
         self._positions[path] = Position(line, value.decode(errors="replace"))
         for length in range(len(path) - 1, 0, -1):

@@ -66,8 +66,7 @@ LONGEST_INTEGER = 128
 TOO_MANY_DIGITS = "a number has too many digits"
 
 
-KIBI = 1 << 10
-MEBI = 1 << 20
+KIBI, MEBI = 1 << 10, 1 << 20
 
 TOML_SIZE = 256 * KIBI
 """Largest size of a scene, rig, profile or file of faults [octets]; the shipped ones have less than a tenth."""

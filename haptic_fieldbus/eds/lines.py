@@ -80,7 +80,7 @@ def value_of(text: str, type: EdsType | None) -> EdsValue:
 
 
 def text_of(value: EdsValue, type: EdsType | None) -> str:
-    """Return the text of a value from which `value_of` reads it back; raises ValueError for one that is out of range.
+    """Return the text of a value that fits into its type, from which `value_of` reads it back.
 
     Reals are written as the octets of their IEEE 754 form, which is the only form that all readers take.
     """
@@ -115,17 +115,14 @@ def value_range(value: EdsValue) -> tuple[float, float]:
 
 
 def _packed(value: float, type: EdsType) -> bytes:
-    """Return the octets of a real, the most significant first; raises ValueError when the type cannot hold it."""
-    try:
-        return struct.pack(">f" if type is EdsType.REAL32 else ">d", value)
-    except OverflowError:
-        raise ValueError(f"{value} does not fit into {type.name}") from None
+    """Return the octets of a real, the most significant first; raises OverflowError when the type cannot hold it."""
+    return struct.pack(">f" if type is EdsType.REAL32 else ">d", value)
 
 
 def _is_real(value: float, type: EdsType) -> bool:
     try:
         return math.isfinite(value) and bool(_packed(value, type))
-    except (ValueError, OverflowError):  # OverflowError: a whole number that no double holds
+    except OverflowError:  # also of a whole number that no double holds
         return False
 
 

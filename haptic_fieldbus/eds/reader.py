@@ -25,12 +25,12 @@ ACCESS_WHEN_MISSING = "ro"
 """Access of an entry that gives none: read-only does no harm."""
 HIGHEST_ELEMENT = 0xFE
 """Highest sub-index of an array element (CiA 301, 7.4.3); FFh describes the object itself."""
+Sections = Mapping[str, FileSection]
+"""Sections of a file by their names in lower case."""
 _TYPES, _CODES = {type.value: type for type in EdsType}, {code.value: code for code in ObjectCode}
 
 
-def _object(
-    index: int, head: FileSection | None, members: Mapping[int, FileSection], sections: Mapping[str, FileSection]
-) -> EdsObject:
+def _object(index: int, head: FileSection | None, members: Mapping[int, FileSection], sections: Sections) -> EdsObject:
     """Return an object from its own section, None if there is none, and the sections of its sub-indices.
 
     `sections` are all of the file, for compact arrays.
@@ -80,7 +80,7 @@ def _members(index: int, members: Mapping[int, FileSection]) -> dict[int, EdsEnt
     return {each: _entry(index, section, each, _code(section)) for each, section in sorted(members.items())}
 
 
-def _compact(index: int, head: FileSection, count: int, sections: Mapping[str, FileSection]) -> dict[int, EdsEntry]:
+def _compact(index: int, head: FileSection, count: int, sections: Sections) -> dict[int, EdsEntry]:
     """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""
     empty = FileSection("", 0, [])
     names, values = (sections.get(f"{index:04x}{kind}", empty) for kind in ("name", "value"))
@@ -186,7 +186,7 @@ def read_eds(data: bytes, source: str = "") -> Eds:
     )
 
 
-def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[int, EdsObject]:
+def _objects(sections: Sections, faults: list[Fault]) -> dict[int, EdsObject]:
     """Return all objects in the order of their indices, each with its sub-indices."""
     heads: dict[int, FileSection] = {}
     members: dict[int, dict[int, FileSection]] = {}
@@ -207,7 +207,7 @@ def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[i
     return objects
 
 
-def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
+def _check_lists(sections: Sections, objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
     """Note every listed object without a description, and every described object that no list has."""
     listed: set[int] = set()
     for name in LISTS:

@@ -208,9 +208,8 @@ class HostTimes:
     @property
     def most(self) -> float:
         """Longest time by which adapter and host can delay a set-point beyond `known_latency` [s]."""
-        unknown = 0.0 if self.simulated else 1.0
-        latency = 2.0 * ADAPTER_LATENCY * unknown if self.adapter_latency is None else 0.0
-        return latency + self.lateness
+        is_known = self.simulated or self.adapter_latency is not None
+        return (0.0 if is_known else 2.0 * ADAPTER_LATENCY) + self.lateness
 
     @property
     def lateness(self) -> float:

@@ -35,7 +35,7 @@ from haptic_fieldbus.protocols.canopen.eds_values import (
 )
 from haptic_fieldbus.protocols.canopen.from_eds import AGAINST, LEFT_OUT
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObject
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 
 
 def _line(eds: Eds, index: int) -> int | None:
@@ -111,10 +111,8 @@ def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds:
 
 def _standard(row: StandardObject, entry: ObjectEntry) -> Iterator[Finding]:
     """Yield a fault for an object of a standard that means something else than the key of the profile."""
-    expected = [row.index]
-    if row.of_current is not None and entry.unit not in (PERMILLE, PERMILLE_OF_CURRENT, ""):
-        expected.append(row.of_current)
-    index = entry.object
+    index, is_current = entry.object, entry.unit not in (PERMILLE, PERMILLE_OF_CURRENT, "")
+    expected = [row.index, row.of_current] if row.of_current is not None and is_current else [row.index]
     is_right = index in _MANUFACTURER or index in expected
     if is_right or row is not BY_KEY[row.key] or row.key == "torque.echo":
         return
@@ -181,8 +179,6 @@ def _unit(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[Fi
 
 # The mode of operation of a profile, and the objects that every drive of CiA 402 needs, beside the file.
 
-TORQUE_MODES = (4, 10)
-"""Modes of CiA 402-2 with a target torque: profile torque, cyclic synchronous torque."""
 MODE_KEY = "torque.mode_of_operation"
 _MANUFACTURER_BITS = 0xFFFF_0000
 """Bits of 6502h for modes of the manufacturer, which are negative."""
@@ -192,7 +188,7 @@ def mode_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     """Yield what the file shows of the mode, and of the objects by which it is set and confirmed."""
     yield from (finding_of(USABLE, row.entry, row.use, eds) for row in OBJECTS if row.key == USABLE)
     mode = profile.torque.mode_of_operation
-    if mode > 0 and mode not in TORQUE_MODES:
+    if mode > 0 and mode not in eds_pdos.TORQUE_MODES:
         yield Finding(MODE_KEY, "", fault=f"{mode} is no torque mode of CiA 402-2; expected 4 (profile torque), "
                       "10 (cyclic) or a negative one of the manufacturer")  # fmt: skip
     entry = eds.find(0x6060)
@@ -296,17 +292,13 @@ def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
         yield finding_of(SHOWN_KEY, each.entry, Use.READ, eds)
         found = eds.find(each.object, each.subindex)
         if found is not None and found.name:
-            yield _named(each, found)
+            # The name of the profile has no word that the file's name of the object does not have.
+            said = f'{each.entry.place} is "{found.name}"'
+            other = _words(_EXPLANATION.sub(" ", each.name)) - _words(found.name)
+            fault = f'"{each.name}"; {said}. Put additions to the name of the file in parentheses' if other else ""
+            yield Finding(f"{SHOWN_KEY}.name", said, found.line, fault)
         if places.count(each.entry.place) > 1:
             yield Finding(SHOWN_KEY, "", fault=f"{each.entry.place} appears twice; expected once")
-
-
-def _named(shown: ShownObject, found: EdsEntry) -> Finding:
-    """Return a fault where the name of the profile has a word that the file's name of the object does not have."""
-    said = f'{shown.entry.place} is "{found.name}"'
-    other = _words(_EXPLANATION.sub(" ", shown.name)) - _words(found.name)
-    fault = f'"{shown.name}"; {said}. Put additions to the name of the file in parentheses' if other else ""
-    return Finding(f"{SHOWN_KEY}.name", said, found.line, fault)
 
 
 def _words(text: str) -> set[str]:
@@ -355,16 +347,14 @@ def _reason(profile: CanopenProfile, finding: Finding) -> str:
     source = profile.sources.get(finding.key, "")
     if source.startswith(LEFT_OUT if finding.is_left_out else AGAINST):
         return source
-    if not finding.key.startswith("simulation") or finding.index is None:
-        return ""
-    differs = profile.simulation.differs.items()
-    return next((reason for place, reason in differs if _covers(place, finding.index, finding.subindex)), "")
+    differs = profile.simulation.differs if finding.key.startswith("simulation") else {}
+    return next((reason for place, reason in differs.items() if _covers(place, finding)), "")
 
 
-def _covers(place: str, index: int, subindex: int) -> bool:
-    """Return whether a key such as "6007", "1400-1403" or "1016:01-02" names the entry; all numbers are hexadecimal."""
+def _covers(place: str, finding: Finding) -> bool:
+    """Return whether a key such as "6007", "1400-1403" or "1016:01-02" names the object; numbers are hexadecimal."""
     indices, _, subindices = place.partition(":")
-    return index in _range(indices) and (not subindices or subindex in _range(subindices))
+    return finding.index in _range(indices) and (not subindices or finding.subindex in _range(subindices))
 
 
 def _range(text: str) -> range:

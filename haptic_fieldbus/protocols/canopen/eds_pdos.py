@@ -147,8 +147,8 @@ def _listed(room: dict[int, int], entries: int) -> tuple[int, ...]:
 
 # What a vendor's file lacks: for a drive of CiA 402 at all, and for force.
 
-CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
-"""Modes of operation (6060h)."""
+CYCLIC_TORQUE, PROFILE_TORQUE = TORQUE_MODES = 10, 4
+"""Modes of operation (6060h) of CiA 402-2 with a target torque: cyclic synchronous torque, profile torque."""
 Lack = tuple[str, int | None]
 """Missing part in words, and the line of the file that shows it; None when there is no such line."""
 
@@ -189,7 +189,7 @@ def torque_mode(eds: Eds) -> int:
     if not modes:
         return CYCLIC_TORQUE
     # Bit n − 1 of 6502h stands for mode n.
-    return next((mode for mode in (CYCLIC_TORQUE, PROFILE_TORQUE) if modes >> mode - 1 & 1), 0)
+    return next((mode for mode in TORQUE_MODES if modes >> mode - 1 & 1), 0)
 
 
 def _object_lacks(eds: Eds, row: StandardObject) -> list[Lack]:

@@ -34,16 +34,13 @@ class MatchQuality(Enum):
     DRIVE = "possible match: a CiA 402 drive of a vendor without a profile"
 
 
-ORDER = tuple(MatchQuality)
-
-
 def fitting(
     profiles: Iterable[CanopenProfile], vendor_id: int | None, product_code: int | None, name: str | None
 ) -> list[tuple[CanopenProfile, MatchQuality]]:
     """Return the profiles that may be that of a CiA 402 drive, the surest first."""
     graded = ((profile, _sureness(profile, vendor_id, product_code, name or "")) for profile in profiles)
     found = [(profile, sureness) for profile, sureness in graded if sureness is not None]
-    return sorted(found, key=lambda each: ORDER.index(each[1]))
+    return sorted(found, key=lambda each: [*MatchQuality].index(each[1]))
 
 
 def _sureness(

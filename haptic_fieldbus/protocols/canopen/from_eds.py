@@ -208,11 +208,10 @@ def sources_of(profile: CanopenProfile, eds: Eds, lacks: tuple[Lack, ...]) -> di
 
 def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
     for subindex, key, name in ((1, "vendor_id", "VendorNumber"), (2, "product_codes", "ProductNumber")):
-        if number_of(eds, 0x1018, subindex):
-            yield f"identity.{key}", f"{found}, [1018sub{subindex}] DefaultValue"
-        else:
-            given = eds_values.identity(eds, subindex) is not None
-            yield f"identity.{key}", f"{found}, [DeviceInfo] {name}" if given else f"{LEFT_OUT}: not in {found}"
+        given = eds_values.identity(eds, subindex) is not None
+        other = f"{found}, [DeviceInfo] {name}" if given else f"{LEFT_OUT}: not in {found}"
+        is_object = bool(number_of(eds, 0x1018, subindex))
+        yield f"identity.{key}", f"{found}, [1018sub{subindex}] DefaultValue" if is_object else other
 
 
 def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
@@ -270,9 +269,7 @@ def _pdo_sources(section: PdoSection, eds: Eds, found: str) -> Iterator[Source]:
 
 def _written_sources(profile: CanopenProfile, section: str, found: str) -> Iterator[Source]:
     """Yield the sources of the objects of a section that the master writes."""
-    for row in OBJECTS:
-        if not row.key.startswith(section) or row is not BY_KEY[row.key]:
-            continue
+    for row in (row for row in OBJECTS if row.key.startswith(section) and row is BY_KEY[row.key]):
         value, subindex = value_at(profile, row.key), 0 if row.values else row.subindex
         if value is None:
             place = f"{row.index:04X}h{f':{subindex:02X}' if subindex else ''}"

@@ -26,9 +26,11 @@ from haptic_fieldbus.signals import Signal
 # Reference: CiA 402-2, 60C2h; CiA 301 4.2, 7.5.2.6 (1006h).
 
 _NS_PER_US = 1_000
+Writes = tuple[tuple[ObjectEntry, int], ...]
+"""Objects, each with the value that is written to it."""
 
 
-def period_objects(profile: CanopenProfile, rate: float) -> tuple[tuple[ObjectEntry, int], ...]:
+def period_objects(profile: CanopenProfile, rate: float) -> Writes:
     """Return the objects that tell the drive the period of a loop at `rate` [Hz], each with its value.
 
     They are empty for a drive that is not told. Raises PlanError for a period that the drive cannot take.
@@ -92,9 +94,7 @@ QUICK_STOP = OptionCode(0x605A, 2)
 stay in *quick stop active*, and hold its shaft with torque for as long as it has power."""
 
 
-def guard_objects(
-    section: LinkLossSection, milliseconds: int, master_node: int, node_heartbeat_ms: int
-) -> tuple[tuple[ObjectEntry, int], ...]:
+def guard_objects(section: LinkLossSection, milliseconds: int, master_node: int, node_heartbeat_ms: int) -> Writes:
     """Return the objects by which master and drive watch each other, with their values; `milliseconds` is the guard."""
     if section.life_guarding:
         guard = (GUARD_TIME, milliseconds // PROOFS_PER_GUARD)

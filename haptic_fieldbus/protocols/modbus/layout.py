@@ -17,6 +17,7 @@ from haptic_fieldbus.protocols.modbus.register_traffic import (
     Transaction,
     blocks,
 )
+from haptic_fieldbus.protocols.protocol import Signals
 from haptic_fieldbus.signals import Signal
 
 Value = TypeVar("Value")
@@ -65,9 +66,7 @@ def _one(key: str, values: Iterable[Value]) -> Value:
     return first
 
 
-def lay_out_registers(
-    unit: int, profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]
-) -> RegisterTraffic:
+def lay_out_registers(unit: int, profile: ModbusProfile, line: LineTimes, incoming: Signals) -> RegisterTraffic:
     """Return the blocks of one unit, the one with the motion first; raises ImageTooLargeError."""
     written = blocks(profile, (Signal.CONTROLWORD, Signal.TARGET_TORQUE), profile.line.longest_write, 0)
     set_point = next(block for block in written if block.has(Signal.TARGET_TORQUE))
@@ -81,13 +80,13 @@ def lay_out_registers(
     return RegisterTraffic(unit, reads, set_point, command, watching=watching, read_back=target, read_back_ways=ways)
 
 
-def _reads(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
+def _reads(profile: ModbusProfile, line: LineTimes, incoming: Signals) -> tuple[Block, ...]:
     reads = blocks(profile, incoming, profile.line.longest_read, largest_gap(profile, line))
     motion = Signal.POSITION if Signal.POSITION in incoming else Signal.VELOCITY
     return tuple(sorted(reads, key=lambda block: not block.has(motion)))
 
 
-def _watching(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
+def _watching(profile: ModbusProfile, line: LineTimes, incoming: Signals) -> tuple[Block, ...]:
     """Return the blocks with torque actual added to the motion; none if it is there already or impossible."""
     if profile.echo is None or Signal.TORQUE_ACTUAL in incoming or profile.torque.actual is None:
         return ()

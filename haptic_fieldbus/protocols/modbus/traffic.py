@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.errors import BusOverloadError, PlanError
+from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
 from haptic_fieldbus.protocols.modbus.register_traffic import (
@@ -135,11 +135,12 @@ class ModbusTraffic:
         return self._bound[axis]
 
     def guard(self, axis: str) -> float:
-        """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least."""
+        """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least, in whole
+        steps of its register."""
         watchdog = self.member(axis).profile.watchdog
-        if watchdog is None:
-            return watchdog_time(0.0, self.rate)
-        return watchdog_time(watchdog.deadline, self.rate, STEPS_PER_SECOND.get(watchdog.time.unit, 1e3))
+        deadline, unit = (watchdog.deadline, watchdog.time.unit) if watchdog is not None else (0.0, "ms")
+        steps = STEPS_PER_SECOND.get(unit, 1e3)
+        return math.ceil(max(deadline, PERIODS_PER_GUARD / self.rate) * steps - 1e-9) / steps
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
         """Return what is written to the drive of an axis before its watchdog is proved: watchdog, reactions, set-up."""
@@ -267,26 +268,6 @@ STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
 """Unit of the register of a watchdog → steps in a second."""
 
 
-def watchdog_time(deadline: float, rate: float, steps: float = 1e3) -> float:
-    """Return the time of a watchdog [s]: the deadline, but five periods at least, in whole steps of its register.
-
-    `steps` is the number of steps in a second.
-    """
-    return math.ceil(max(deadline, PERIODS_PER_GUARD / rate) * steps - 1e-9) / steps
-
-
 def possible_ways(members: tuple[ModbusMember, ...]) -> list[Transaction]:
     """Return the ways whose functions all drives have."""
     return [way for way in Transaction if all(possible(way, each.traffic, each.profile.line) for each in members)]
-
-
-def candidates(
-    members: tuple[ModbusMember, ...], wire: LineTimes, waiting: float, host: HostTimes
-) -> list[ModbusTraffic]:
-    """Return the traffic of each possible way at its own sustained rate; raises PlanError when there is none."""
-    found = [ModbusTraffic(members, wire, way, DEFAULT_RATE, waiting, host) for way in possible_ways(members)]
-    if not found:
-        titles = ", ".join(dict.fromkeys(each.profile.title for each in members))
-        fault = "the drives of the line share no function codes that read feedback and write set-points"
-        raise PlanError(f"{titles}: {fault}; expected 23, or 3 with 16 or 6")
-    return [replace(each, rate=each.sustained_rate) for each in found]
