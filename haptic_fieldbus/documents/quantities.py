@@ -68,19 +68,13 @@ class Range:
 
 
 RANGES: Mapping[Quantity, Range] = {
+    **{quantity: Range(1e-9, 1e9) for quantity in Quantity},
     Quantity.LENGTH: Range(1e-9, 1e6),
     Quantity.SPEED: Range(1e-9, 1e6),
-    Quantity.ACCELERATION: Range(1e-9, 1e9),
-    Quantity.EFFORT: Range(1e-9, 1e9),
     Quantity.STIFFNESS: Range(1e-12, 1e12),
     Quantity.DAMPING: Range(1e-12, 1e9),
     Quantity.MASS: Range(1e-12, 1e9),
-    Quantity.INVERSE_LENGTH: Range(1e-9, 1e9),
-    Quantity.INVERSE_SPEED: Range(1e-9, 1e9),
     Quantity.EFFORT_RATE: Range(1e-9, 1e12),
-    Quantity.TIME: Range(1e-9, 1e9),
-    Quantity.FREQUENCY: Range(1e-9, 1e9),
-    Quantity.RATIO: Range(1e-9, 1e9),
 }
 """Range of each quantity: far beyond any haptic device, but small enough that products and quotients stay finite."""
 

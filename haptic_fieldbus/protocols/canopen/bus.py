@@ -242,8 +242,6 @@ def cob_id_words(cob_id: int) -> str:
     """Return a COB-ID with its meaning: `SYNC (080h)`, `heartbeat of node 127 (77Fh)`; with `REMOTE`, of a request."""
     if cob_id & REMOTE:
         return f"node guarding request to node {cob_id & 0x7F} ({cob_id & ~REMOTE:03X}h)"
-    name = BROADCASTS.get(cob_id)
     base, node = cob_id & 0x780, cob_id & 0x7F
-    if name is None:
-        name = f"{SERVICES[base]} {node}" if base in SERVICES and node in NODES else "frame"
-    return f"{name} ({cob_id:03X}h)"
+    service = f"{SERVICES[base]} {node}" if base in SERVICES and node in NODES else "frame"
+    return f"{BROADCASTS.get(cob_id, service)} ({cob_id:03X}h)"

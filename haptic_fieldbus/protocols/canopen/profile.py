@@ -53,7 +53,10 @@ def check_profile(document: Document) -> None:
     _check_objects(document)
     # What is asked is the target itself, which every profile has.
     protocol.check_echo(document, ECHOES.keys() - {"asked"}, "object")
-    _check_guard(document)
+    # A node has either heartbeats or node guarding (CiA 301 7.2.8.3.2).
+    guarding, expected = ("link_loss", "life_guarding"), "expected exactly one of them"
+    if document.value(*guarding) is True and "heartbeat_consumer" in document.table("link_loss"):
+        document.fault(guarding, f"true together with link_loss.heartbeat_consumer; {expected}")
     _check_fixed(document)
     _check_simulated(document)
     for path in (*document.rows("setup", "writes"), ("torque", "slope")):
@@ -97,13 +100,6 @@ def _check_simulated(document: Document) -> None:
         for key in document.table("simulation", table):
             if not _PLACE.fullmatch(key):
                 document.fault(("simulation", table, key), f"no object; {forms}")
-
-
-def _check_guard(document: Document) -> None:
-    """Note two guards: a node has either heartbeats or node guarding (CiA 301 7.2.8.3.2)."""
-    path, expected = ("link_loss", "life_guarding"), "expected exactly one of them"
-    if document.value(*path) is True and "heartbeat_consumer" in document.table("link_loss"):
-        document.fault(path, f"true together with link_loss.heartbeat_consumer; {expected}")
 
 
 AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]

@@ -293,7 +293,9 @@ def check_profile(document: Document) -> None:
     _check_functions(document)
     protocol.check_types(document, {path: _TYPES.get(path, _ALL) for path in _registers(document)})
     protocol.check_units(document, _UNITS)
-    _check_full_scale(document)
+    scaled = any(document.value("torque", key, "unit") == FULL_SCALE for key in ("target", "actual", "demand", "limit"))
+    if scaled and "full_scale" not in document.table("torque"):
+        document.fault(("torque", "full_scale"), f'missing; the unit "{FULL_SCALE}" needs the torque at 32767 [N·m]')
     _check_values(document)
     protocol.check_echo(document, ECHOES, "register")
     _check_power(document)
@@ -333,13 +335,6 @@ def _check_values(document: Document) -> None:
     if isinstance(deadline, int | float):
         steps = round(deadline * (1000 if time.get("unit") == "ms" else 1))
         protocol.check_fits(document, ("watchdog", "deadline"), steps, time.get("type"))
-
-
-def _check_full_scale(document: Document) -> None:
-    """Note a full scale that is missing."""
-    used = any(document.value("torque", key, "unit") == FULL_SCALE for key in ("target", "actual", "demand", "limit"))
-    if used and "full_scale" not in document.table("torque"):
-        document.fault(("torque", "full_scale"), f'missing; the unit "{FULL_SCALE}" needs the torque at 32767 [N·m]')
 
 
 def _check_power(document: Document) -> None:

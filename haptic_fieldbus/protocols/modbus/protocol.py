@@ -47,7 +47,10 @@ class Modbus(FieldbusProtocol):
 
     def in_place_of(self, section: BusSection, named: BusName, channel: str | None) -> BusSection:
         own = bus.modbus_section(section)
-        return bus.simulated(own, channel) if named.text == SIMULATION else bus.in_place_of(own, named, channel)
+        if named.text == SIMULATION:  # the simulated line of the same kind
+            line = bus.ModbusSection(bus.SIM_RTU if own.serial else bus.SIM_TCP, bus.SIMULATION_CHANNEL)
+            named = BusName(SIMULATION, line)
+        return bus.in_place_of(own, named, channel)
 
     def power_table(self, profile: DriveProfile) -> PowerTable:
         power = modbus_profile(profile).power
