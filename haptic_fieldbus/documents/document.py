@@ -110,10 +110,9 @@ class Document:
         from pydantic import ValidationError
 
         value, kind = self.value(*path), cast(Hashable, schema)
-        for name in loaded:
-            if isinstance(value, dict) and name in value:
-                names = [known for known in _expectation(kind).names((), value) if known not in loaded]
-                self.fault((*path, name), f"unknown key{suggestion(name, names)}")
+        for name in (name for name in loaded if name in self.table(*path)):
+            names = [known for known in _expectation(kind).names((), value) if known not in loaded]
+            self.fault((*path, name), f"unknown key{suggestion(name, names)}")
         try:
             return cast(T, _adapter(kind).validate_json(json.dumps(value, default=_no_date), strict=True))
         except ValidationError as error:
@@ -220,8 +219,7 @@ class Document:
         if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
             twice = self._positions.duplicates
             return [Fault(key_text(path), f"set twice; first in line {first}", line) for path, line, first in twice]
-        at_line = _AT_LINE.search(message)
-        if at_line:
+        if at_line := _AT_LINE.search(message):
             words = f"not TOML: {message[: at_line.start()]}, at column {at_line[2]}"
             return [Fault("", words, int(at_line[1]))]
         return [Fault("", f"not TOML: {_AT_END.sub('', message)}, at the end", self.text.rstrip("\n").count("\n") + 1)]

@@ -125,8 +125,7 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
     An existing table keeps its place, its comments and its inner tables; a new table is appended. A comment behind a
     value goes with a key that is left out.
     """
-    fault = fault_of_text(text)
-    if fault:  # before it is parsed, which would take long
+    if fault := fault_of_text(text):  # before it is parsed, which would take long
         raise ValueError(fault)
     before = tomllib.loads(text)
     # The parent must be there, else the new table would create what somebody has taken out.

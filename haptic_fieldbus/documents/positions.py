@@ -63,7 +63,7 @@ class Positions:
             index = self._array_sizes.get(array, 0)
             self._array_sizes[array] = index + 1
             path = (*array, index)
-            self._imply(array, header)
+            self._positions.setdefault(array, Position(header.start_point.row + 1, implied=True))
         self._write(path, header)
         self._read_pairs([child for child in rest if child.type == "pair"], path)
 
@@ -99,10 +99,7 @@ class Positions:
             return
         self._positions[path] = Position(line, value.decode(errors="replace"))
         for length in range(len(path) - 1, 0, -1):
-            self._imply(path[:length], node)
-
-    def _imply(self, path: KeyPath, node: tree_sitter.Node) -> None:
-        self._positions.setdefault(path, Position(node.start_point.row + 1, implied=True))
+            self._positions.setdefault(path[:length], Position(line, implied=True))
 
 
 def _contents(value: tree_sitter.Node, path: KeyPath) -> Iterator[tuple[tree_sitter.Node, KeyPath]]:

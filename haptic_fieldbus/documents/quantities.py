@@ -148,8 +148,7 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
 
 def refuse_comma(text: str) -> None:
     """Raise ValueError with the correct spelling for a number with a comma, `100,5`; it never counts as a point."""
-    match = _WITH_COMMA.fullmatch(text)
-    if match is not None:
+    if match := _WITH_COMMA.fullmatch(text):
         number, unit = match.groups()
         spellings = [_with_point(number)]
         # A comma before three digits may stand between thousands as well.
@@ -223,6 +222,5 @@ def with_units(schema: dict[str, Any], units: str) -> dict[str, Any]:
     described = {"description": f"in {units}"} if units else {}
     text = {"type": "string", "pattern": r"^\s*[-+.0-9]"}
     # Default and title are of the value as a whole, whichever alternative it has.
-    kept = [key for key in ("default", "title") if key in schema]
-    whole: dict[str, Any] = {key: schema.pop(key) for key in kept} | described
+    whole: dict[str, Any] = {key: schema.pop(key) for key in ("default", "title") if key in schema} | described
     return whole | {"anyOf": [*schema.get("anyOf", [schema]), text]}

@@ -132,11 +132,8 @@ def _fitted(number: int, type: EdsType, text: str) -> int:
     The two's complement of a negative number may have the size of the type, 32 or 64 bits.
     """
     low, high = type.limits or (number, number)
-    if type.signed and number > high:
-        for bits in (8 * (type.size or 0), 32, 64):
-            if 1 << bits - 1 <= number < 1 << bits:
-                number -= 1 << bits
-                break
+    sizes = (8 * (type.size or 0), 32, 64) if type.signed and number > high else ()
+    number -= next((1 << bits for bits in sizes if 1 << bits - 1 <= number < 1 << bits), 0)
     if not low <= number <= high:
         raise ValueError(f'"{text}" does not fit into {type.name}')
     return number
@@ -242,8 +239,7 @@ def text_of_octets(data: bytes, faults: list[Fault]) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        octet = data[error.start]
+        line, octet = data[: error.start].count(b"\n") + 1, data[error.start]
         faults.append(Fault("", f"octet {octet:02X}h is no UTF-8: the file is read as Windows-1252", line))
         return data.decode("cp1252", errors="replace")
 

@@ -114,7 +114,6 @@ _SUBINDICES: Mapping[int, Mapping[int, str]] = {
 }
 _ARRAY_ELEMENTS = {0x1003: "Standard error field", 0x1016: "Consumer heartbeat time"}
 HIGHEST = "Highest sub-index supported"
-MAPPED_COUNT = "Number of mapped application objects in PDO"
 
 
 def parameter_name(index: int) -> str:
@@ -129,7 +128,7 @@ def member_name(index: int, subindex: int) -> str:
     """Return the name of a sub-index of a record or an array."""
     record = index & ~0x1FF
     if record in (0x1600, 0x1A00):
-        return f"Application object {subindex}" if subindex else MAPPED_COUNT
+        return f"Application object {subindex}" if subindex else "Number of mapped application objects in PDO"
     if not subindex:
         return HIGHEST
     names = _COMMUNICATION if record in (0x1400, 0x1800) else _SUBINDICES.get(index, {})

@@ -50,10 +50,9 @@ def loadable(eds: Eds) -> dict[int, EdsObject]:
     kept = {index: replace(item, entries=entries) for index, item in eds.objects.items() if (entries := _entries(item))}
     objects = {**kept, **dict(_mandatory(kept, eds.device))}
     lone = {index for index in objects if index in _PDOS and index ^ MAPPING not in objects}  # a PDO has two records
-    objects = {index: item for index, item in objects.items() if index >= FIRST_OBJECT and index not in lone}
-    return {
-        index: _mapped(item, objects) if index in _PDOS and index & MAPPING else item for index, item in objects.items()
-    }
+    found = {index: item for index, item in objects.items() if index >= FIRST_OBJECT and index not in lone}
+    mappings = [index for index in found if index in _PDOS and index & MAPPING]
+    return found | {index: _mapped(found[index], found) for index in mappings}
 
 
 def _entries(item: EdsObject) -> dict[int, EdsEntry]:

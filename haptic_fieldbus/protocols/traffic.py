@@ -214,8 +214,7 @@ class HostTimes:
     @property
     def lateness(self) -> float:
         """Longest time by which the host may be late in a period [s]."""
-        unknown = 0.0 if self.simulated else JITTER
-        return unknown if self.jitter is None else self.jitter
+        return self.jitter if self.jitter is not None else 0.0 if self.simulated else JITTER
 
 
 IDEAL = HostTimes(simulated=True)

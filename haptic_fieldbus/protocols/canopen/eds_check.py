@@ -23,16 +23,7 @@ from haptic_fieldbus.errors import Fault
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen import eds_pdos, eds_values
 from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, carries, fixed_pdos, pdo_room
-from haptic_fieldbus.protocols.canopen.eds_values import (
-    BY_KEY,
-    OBJECTS,
-    USABLE,
-    Finding,
-    StandardObject,
-    Use,
-    number_of,
-    value_at,
-)
+from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, USABLE, Finding, StandardObject, Use, value_at
 from haptic_fieldbus.protocols.canopen.from_eds import AGAINST, LEFT_OUT
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
@@ -72,8 +63,7 @@ def _unused(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[
 
 def _offers(eds: Eds, row: StandardObject) -> bool:
     entry = row.found(eds)
-    is_sent = entry is not None and row.use is Use.SENT
-    return carries(eds, Direction.TPDO, entry) if entry is not None and is_sent else row.use.permits(entry)
+    return carries(eds, Direction.TPDO, entry) if entry and row.use is Use.SENT else row.use.permits(entry)
 
 
 # The objects that a profile names, beside the file: type, access, mappability, limits of what is written.
@@ -103,7 +93,7 @@ def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds:
     values = value_at(profile, row.values) if row.values else ()
     for each in values if isinstance(values, tuple) else ():
         yield from _in_limits(row.values, entry, each, eds)
-    power = number_of(eds, entry.object, entry.subindex) if row.values == "sync.powers" else None
+    power = eds_values.number_of(eds, entry.object, entry.subindex) if row.values == "sync.powers" else None
     if power is not None and power not in profile.sync.powers:
         fault = f"without {power}, the value of {entry.place} after power-on"
         yield Finding(row.values, "", _line(eds, entry.object), fault)
@@ -166,7 +156,7 @@ _UNITS = {"position.actual.unit": eds_values.position_unit, "velocity.actual.uni
 
 
 def _unit(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    unit, code, expected = value_at(profile, row.key), number_of(eds, row.index), _UNITS[row.key](eds)
+    unit, code, expected = value_at(profile, row.key), eds_values.number_of(eds, row.index), _UNITS[row.key](eds)
     # A position unit of 0 says nothing; without a value the velocity unit is that of the standard.
     is_told = code if row.key == "position.actual.unit" else row.index in eds
     if unit is None or not is_told:
@@ -292,7 +282,7 @@ def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
         yield finding_of(SHOWN_KEY, each.entry, Use.READ, eds)
         found = eds.find(each.object, each.subindex)
         if found is not None and found.name:
-            # The name of the profile has no word that the file's name of the object does not have.
+            # Each word of the profile's name must be in the file's name of the object.
             said = f'{each.entry.place} is "{found.name}"'
             other = _words(_EXPLANATION.sub(" ", each.name)) - _words(found.name)
             fault = f'"{each.name}"; {said}. Put additions to the name of the file in parentheses' if other else ""

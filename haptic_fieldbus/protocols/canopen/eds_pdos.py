@@ -30,8 +30,7 @@ _USUAL_TYPES = (1, 254, 255)
 def records(eds: Eds, direction: Direction) -> dict[int, int]:
     """Return the index of the communication record of each PDO of a direction, by the number of the PDO."""
     every = COMMUNICATION[direction]
-    present = sorted(index for index in eds.objects if index in every and index + MAPPING in eds)
-    return {index - every.start + 1: index for index in present}
+    return {index - every.start + 1: index for index in every if index in eds and index + MAPPING in eds}
 
 
 def pdo_shape(eds: Eds, direction: Direction) -> dict[int, int]:
@@ -119,8 +118,7 @@ def inhibit_time(eds: Eds) -> float:
 
 def default_types(eds: Eds, direction: Direction) -> set[int]:
     """Return the transmission types that the PDOs of a direction have after power-on."""
-    found = (number_of(eds, index, 2) for index in records(eds, direction).values())
-    return {kind for kind in found if kind is not None}
+    return {kind for index in records(eds, direction).values() if (kind := number_of(eds, index, 2)) is not None}
 
 
 def _types(eds: Eds, direction: Direction) -> tuple[int, ...]:
@@ -169,8 +167,7 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
     if velocity is None and eds_values.position_unit(eds) is None:
         code = (number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF
         yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
-    several = eds_values.axes_in(eds)
-    if several:
+    if several := eds_values.axes_in(eds):
         yield eds_values.axes_words(several), eds.objects[several[0]].line
     for direction in (Direction.RPDO, Direction.TPDO):
         if not records(eds, direction):
@@ -208,15 +205,13 @@ def _mapping_lacks(eds: Eds, row: StandardObject) -> Iterator[Lack]:
     entry, direction = row.found(eds), row.use.direction
     if entry is None or direction is None or carries(eds, direction, entry):
         return
-    present = records(eds, direction)
+    present, name, kind = records(eds, direction), object_name(row.index), direction.value
     if present and (any(pdo_room(eds, direction).values()) or not is_mappable(entry, direction)):
-        yield f"{object_name(row.index)} cannot be {row.use.words}", entry.line
+        yield f"{name} cannot be {row.use.words}", entry.line
     elif present:
-        yield (
-            f"no active {direction.value} carries {object_name(row.index)}, and no {direction.value} can be "
-            f"remapped: their records are read-only ({_first_records(direction)} and on)",
-            eds.objects[min(present.values()) + MAPPING].line,
-        )
+        why = f"their records are read-only ({_first_records(direction)} and on)"
+        line = eds.objects[min(present.values()) + MAPPING].line
+        yield f"no active {kind} carries {name}, and no {kind} can be remapped: {why}", line
 
 
 def _first_records(direction: Direction) -> str:

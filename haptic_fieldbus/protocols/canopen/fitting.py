@@ -43,16 +43,14 @@ def fitting(
     return sorted(found, key=lambda each: [*MatchQuality].index(each[1]))
 
 
-def _sureness(
-    profile: CanopenProfile, vendor_id: int | None, product_code: int | None, name: str
-) -> MatchQuality | None:
+def _sureness(profile: CanopenProfile, vendor: int | None, product: int | None, name: str) -> MatchQuality | None:
     expected = profile.identity
     if expected.vendor_id is None and not expected.product_codes:
         return MatchQuality.DRIVE
-    if expected.vendor_id is not None and expected.vendor_id != vendor_id:
+    if expected.vendor_id is not None and expected.vendor_id != vendor:
         return None
     if expected.product_codes:
-        return MatchQuality.PRODUCT if product_code in expected.product_codes else None
+        return MatchQuality.PRODUCT if product in expected.product_codes else None
     model = profile.drive.model.split()[0].casefold()
     return MatchQuality.MODEL if model in name.casefold() else MatchQuality.VENDOR
 

@@ -49,8 +49,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
 
     `mode` is the mode of operation; None: a torque mode of 6502h.
     """
-    faults = [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in eds_pdos.automaton_lacks(eds)]
-    if faults:
+    if faults := [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in eds_pdos.automaton_lacks(eds)]:
         raise EdsError(eds.source, faults)
     velocity = _velocity(eds)
     lacks = tuple(eds_pdos.force_lacks(eds, mode, velocity))
@@ -208,10 +207,11 @@ def sources_of(profile: CanopenProfile, eds: Eds, lacks: tuple[Lack, ...]) -> di
 
 def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
     for subindex, key, name in ((1, "vendor_id", "VendorNumber"), (2, "product_codes", "ProductNumber")):
-        given = eds_values.identity(eds, subindex) is not None
-        other = f"{found}, [DeviceInfo] {name}" if given else f"{LEFT_OUT}: not in {found}"
-        is_object = bool(number_of(eds, 0x1018, subindex))
-        yield f"identity.{key}", f"{found}, [1018sub{subindex}] DefaultValue" if is_object else other
+        if number_of(eds, 0x1018, subindex):
+            yield f"identity.{key}", f"{found}, [1018sub{subindex}] DefaultValue"
+        else:
+            given = eds_values.identity(eds, subindex) is not None
+            yield f"identity.{key}", f"{found}, [DeviceInfo] {name}" if given else f"{LEFT_OUT}: not in {found}"
 
 
 def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:

@@ -290,9 +290,8 @@ class CanTraffic:
         subject, lower = f"bus {bus}: " if bus else "", self._fitting_rate()
         fits = "No rate fits" if lower is None else f"Fits: --rate {exactly(lower)}"
         bits = f"{self.period_bits} bits per period: {percent(self.load)} of {self.bitrate} bit/s"
-        times = (
-            f"{rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {COMPUTE_NS // 1000} µs of computing and RPDOs"
-        )
+        computing = f"{COMPUTE_NS // 1000} µs of computing"
+        times = f"{rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {computing} and RPDOs"
         allowed = f"Allowed: {percent(LARGEST_BUS_LOAD)} and one period"
         raise BusOverloadError(f"{subject}{exactly(self.rate)} Hz needs {bits}, and {times}. {allowed}. {fits}")
 

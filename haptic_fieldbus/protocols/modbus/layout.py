@@ -9,14 +9,7 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.modbus import register_traffic
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
-from haptic_fieldbus.protocols.modbus.register_traffic import (
-    Block,
-    LineTimes,
-    RegisterRequest,
-    RegisterTraffic,
-    Transaction,
-    blocks,
-)
+from haptic_fieldbus.protocols.modbus.register_traffic import Block, LineTimes, RegisterTraffic, Transaction, blocks
 from haptic_fieldbus.protocols.protocol import Signals
 from haptic_fieldbus.signals import Signal
 
@@ -109,5 +102,6 @@ def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:
     """Return the largest gap that is quicker to read through than to skip by a second request [registers]."""
     if line.octet == 0.0:
         return profile.line.longest_read
-    alone = line.exchange(RegisterRequest(READ_HOLDING, Block(0, 0, (), ())), profile.line.answer_time) + line.silence
+    request = register_traffic.RegisterRequest(READ_HOLDING, Block(0, 0, (), ()))
+    alone = line.exchange(request, profile.line.answer_time) + line.silence
     return math.floor(alone / (2 * line.octet))

@@ -14,15 +14,9 @@ from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.modbus import register_traffic
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
-from haptic_fieldbus.protocols.modbus.register_traffic import (
-    TCP_OCTETS,
-    LineTimes,
-    RegisterRequest,
-    RegisterTraffic,
-    Transaction,
-    possible,
-)
+from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes, RegisterTraffic, Transaction, possible
 from haptic_fieldbus.protocols.protocol import BusMember
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, OtherMasters, round_down, ways
 from haptic_fieldbus.signals import Signal
@@ -80,7 +74,7 @@ class ModbusTraffic:
         # Any one of the target torques is read back in a period, so the longest time counts.
         for member in self.members:
             if (block := self.of(member.axis).asked) is not None:
-                request = RegisterRequest(member.profile.line.reading or READ_HOLDING, block)
+                request = register_traffic.RegisterRequest(member.profile.line.reading or READ_HOLDING, block)
                 shown[member.axis], end = self._pass(member, request, 0.0)
                 at = max(at, end)
         for member in self.members:
@@ -119,7 +113,7 @@ class ModbusTraffic:
         every = turns if shown_by is Signal.TARGET_ASKED else 1
         return OtherMasters(shown_by, instants.written[axis] - instants.shown[axis] + unsure + lag, every)
 
-    def _pass(self, member: ModbusMember, request: RegisterRequest, at: float) -> tuple[float, float]:
+    def _pass(self, member: ModbusMember, request: register_traffic.RegisterRequest, at: float) -> tuple[float, float]:
         """Return when the drive executes a request that is sent at that time, and when the next may be sent [s]."""
         answer_time = member.profile.line.answer_time
         end = at + self.wire.exchange(request, answer_time) + self.wire.silence
@@ -157,7 +151,7 @@ class ModbusTraffic:
     @property
     def waits_for_answers(self) -> bool:
         """True on TCP: requests would queue behind one without an answer, and be executed late."""
-        return self.wire.frame_octets == TCP_OCTETS
+        return self.wire.frame_octets == register_traffic.TCP_OCTETS
 
     def latch(self, axis: str) -> float:
         """Return the time from the beginning of the exchange until the drive of an axis latches [s]."""
@@ -245,8 +239,7 @@ class ModbusTraffic:
     @property
     def exchange(self) -> str:
         """The way by its functions."""
-        traffic = self.of(self.members[0].axis)
-        functions = dict.fromkeys(request.function for request in traffic.requests)
+        functions = dict.fromkeys(request.function for request in self.of(self.members[0].axis).requests)
         return " then ".join(f"FC{function}" for function in functions)
 
     @property
