@@ -53,16 +53,22 @@ class Finding:
 # The standard objects, and what the master does with each.
 
 
-class Use(Enum):
-    """Use of an object by the master: in words, with the access types that permit it, and the PDO that it takes."""
+@dataclass(frozen=True)
+class Way:
+    """A way to reach an object: in words, with the access types that permit it, and the PDO that it takes."""
+
+    words: str
+    access: tuple[str, ...]
+    direction: Direction | None = None
+
+
+class Use(Way, Enum):
+    """Use of an object by the master."""
 
     READ = "read by SDO", ("ro", "rw", "rww", "rwr", "const")
     WRITTEN = "written by SDO", ("rw", "rww", "rwr", "wo")
     RECEIVED = "received in a PDO", ("rw", "rww", "wo"), Direction.RPDO
     SENT = "sent in a PDO", ("ro", "rw", "rwr", "const"), Direction.TPDO
-
-    def __init__(self, words: str, access: tuple[str, ...], direction: Direction | None = None) -> None:
-        self.words, self.access, self.direction = words, access, direction
 
     def permits(self, entry: EdsEntry | None) -> bool:
         """Return whether an entry is there, with an access type for this use."""
