@@ -70,6 +70,11 @@ class Document:
         """Return the table at a key; empty when there is none."""
         return value if isinstance(value := self.value(*path), dict) else {}
 
+    def rows(self, *path: str | int) -> dict[KeyPath, object]:
+        """Return the members of the list at a key by their own keys; empty when there is none."""
+        value = self.value(*path)
+        return {(*path, number): each for number, each in enumerate(value)} if isinstance(value, list) else {}
+
     def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
         """Note a fault at a key; a further message for the same key is dropped unless it has `also`."""
         if path not in self.faults and len(self.faults) >= _MOST_FAULTS:
@@ -82,11 +87,10 @@ class Document:
         """Note that the value at a key is not as expected."""
         self.fault(path, f"{self._shown(path)}; expected {expected}")
 
-    def integers(self, *paths: KeyPath) -> None:
+    def integers(self, path: KeyPath) -> None:
         """Refuse true, false and floats where a `Literal` has whole numbers."""
-        for path in paths:
-            if isinstance(self.value(*path), bool | float):
-                self.refuse(path, "a whole number")
+        if isinstance(self.value(*path), bool | float):
+            self.refuse(path, "a whole number")
 
     def checked(self, value: T | None) -> T:
         """Return a value from `validate`; raises `error` with all noted faults, by line, if there are any."""
@@ -106,10 +110,9 @@ class Document:
         from pydantic import ValidationError
 
         value, kind = self.value(*path), cast(Hashable, schema)
-        for name in loaded:
-            if isinstance(value, dict) and name in value:
-                names = [known for known in _expectation(kind).names((), value) if known not in loaded]
-                self.fault((*path, name), f"unknown key{suggestion(name, names)}")
+        for name in (name for name in loaded if name in self.table(*path)):
+            names = [known for known in _expectation(kind).names((), value) if known not in loaded]
+            self.fault((*path, name), f"unknown key{suggestion(name, names)}")
         try:
             return cast(T, _adapter(kind).validate_json(json.dumps(value, default=_no_date), strict=True))
         except ValidationError as error:
@@ -145,11 +148,10 @@ class Document:
         elif kind == "json_invalid":
             # The JSON is our own, so nothing but its depth can be invalid.
             self.fault(at, "nested too deeply")
-        elif kind.startswith("union_tag"):
-            # The tag that chooses the member of a union is its `kind`.
-            self._expect(expectation, (*path, "kind"), root, at)
         else:
-            self._expect(expectation, path, root, at)
+            # The tag that chooses the member of a union is its `kind`.
+            tag = ("kind",) if kind.startswith("union_tag") else ()
+            self._expect(expectation, (*path, *tag), root, at)
 
     def _expect(self, expectation: Expectation, path: KeyPath, root: object, at: KeyPath) -> None:
         shown = self._shown(at + path)
@@ -215,12 +217,9 @@ class Document:
     def _syntax_faults(self, message: str) -> list[Fault]:
         """Return a fault for each duplicate key; without duplicates, the place at which the parser stopped."""
         if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
-            return [
-                Fault(key_text(twice.path), f"set twice; first in line {twice.first}", twice.line)
-                for twice in self._positions.duplicates
-            ]
-        at_line = _AT_LINE.search(message)
-        if at_line:
+            twice = self._positions.duplicates
+            return [Fault(key_text(path), f"set twice; first in line {first}", line) for path, line, first in twice]
+        if at_line := _AT_LINE.search(message):
             words = f"not TOML: {message[: at_line.start()]}, at column {at_line[2]}"
             return [Fault("", words, int(at_line[1]))]
         return [Fault("", f"not TOML: {_AT_END.sub('', message)}, at the end", self.text.rstrip("\n").count("\n") + 1)]
@@ -332,11 +331,8 @@ def check_kind(document: Document, table: str) -> None:
 
 def table_of(given: Any) -> dict[str, object]:
     """Return the table of a file for this dataclass. A None is left out if its key may be missing."""
-    return {
-        field.name: _plain(getattr(given, field.name))
-        for field in fields(given)
-        if field.init and not (getattr(given, field.name) is None and _may_be_left_out(field))
-    }
+    values = [(field, getattr(given, field.name)) for field in fields(given) if field.init]
+    return {field.name: _plain(value) for field, value in values if value is not None or not _may_be_left_out(field)}
 
 
 def _may_be_left_out(field: Field[Any]) -> bool:

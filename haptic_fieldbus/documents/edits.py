@@ -42,22 +42,15 @@ def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZ
         text = read_octets(target, most).decode("utf-8")
         mark = "\ufeff" if text.startswith("\ufeff") else ""  # of some editors; no reader of TOML takes it
         edited = (mark + edit(text.removeprefix(mark))).encode("utf-8")
-        if _replaced(target, edited, before):
-            return
+        # A rename asks only for the rights to the folder, but who took the right to write meant the file.
+        if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
+            raise OSError(errno.EACCES, "it is read-only")
+        with _aside(target, edited, before) as name:
+            if _seen(before) == _seen(os.stat(target)):
+                os.replace(name, target)
+                sync_folder(target.parent)
+                return
     raise OSError(errno.EAGAIN, "another program writes it at the same time")
-
-
-def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
-    """Write and rename; False if the file has changed meanwhile, and nothing was replaced."""
-    # A rename asks only for the rights to the folder, but who took the right to write meant the file.
-    if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
-        raise OSError(errno.EACCES, "it is read-only")
-    with _aside(target, content, before) as name:
-        if _seen(before) != _seen(os.stat(target)):
-            return False
-        os.replace(name, target)
-    sync_folder(target.parent)
-    return True
 
 
 def write_file(target: Path, content: bytes) -> None:
@@ -132,8 +125,7 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
     An existing table keeps its place, its comments and its inner tables; a new table is appended. A comment behind a
     value goes with a key that is left out.
     """
-    fault = fault_of_text(text)
-    if fault:  # before it is parsed, which would take long
+    if fault := fault_of_text(text):  # before it is parsed, which would take long
         raise ValueError(fault)
     before = tomllib.loads(text)
     # The parent must be there, else the new table would create what somebody has taken out.
@@ -152,11 +144,8 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
 
 def table_values(table: object) -> dict[str, Value]:
     """Return the keys that a dataclass gives a table: those whose value is not None, with lists for tuples."""
-    return {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in vars(table).items()
-        if value is not None
-    }
+    given = {key: value for key, value in vars(table).items() if value is not None}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}
 
 
 def write_table(file: str | Path, path: Sequence[str], values: Mapping[str, Value]) -> str:
@@ -178,7 +167,8 @@ def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator
     ending = "\r\n" if "\r\n" in text else "\n"
     lines = _LINE.findall(text)
     written = [f"{_line(key, value)}{ending}" for key, value in values.items()]
-    for at in [place for place, line in enumerate(lines) if _is(line, header)][:MOST_HEADERS]:
+    headed = re.compile(rf"\s*{re.escape(header)}\s*(#|$)")
+    for at in [place for place, line in enumerate(lines) if headed.match(line)][:MOST_HEADERS]:
         end = next((place for place in range(at + 1, len(lines)) if _HEADER.match(lines[place])), len(lines))
         kept = [line for line in lines[at + 1 : end] if not _KEY.match(line)]
         comments = {found[1]: found[2] for line in lines[at + 1 : end] if (found := _COMMENTED.match(line))}
@@ -189,19 +179,13 @@ def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator
     yield f"{text}{gap}{ending}{header}{ending}{''.join(written)}"
 
 
-def _is(line: str, header: str) -> bool:
-    rest = line.strip().removeprefix(header).lstrip()
-    return line.strip().startswith(header) and (not rest or rest.startswith("#"))
-
-
 def _with(data: dict[str, object], path: Sequence[str], table: dict[str, Value]) -> dict[str, object]:
     """Return the data with the table at `path`, whose parents exist."""
     key, *rest = path
     inner = data.get(key)
     within = inner if isinstance(inner, dict) else {}
-    if rest:
-        return {**data, key: _with(within, rest, table)}
-    return {**data, key: {**{name: each for name, each in within.items() if isinstance(each, dict)}, **table}}
+    tables = {name: each for name, each in within.items() if isinstance(each, dict)}
+    return {**data, key: _with(within, rest, table) if rest else {**tables, **table}}
 
 
 def table_name(path: Sequence[str]) -> str:
@@ -242,15 +226,13 @@ def file_text(tables: Mapping[str, object]) -> str:
 
 
 def _key_lines(table: Mapping[str, object]) -> list[str]:
-    return [
-        f"{table_name((key,))} = {value_text(value, lambda _, number: repr(number))}" for key, value in table.items()
-    ]
+    texts = {key: value_text(value, lambda _, number: repr(number)) for key, value in table.items()}
+    return [f"{table_name((key,))} = {text}" for key, text in texts.items()]
+
+
+_ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x20), 0x7F)} | {ord(each): f"\\{each}" for each in '\\"'}
 
 
 def quoted(text: str) -> str:
     """Return a TOML basic string."""
-    escaped = "".join(
-        f"\\u{ord(each):04X}" if ord(each) < 0x20 or ord(each) == 0x7F else each
-        for each in text.replace("\\", "\\\\").replace('"', '\\"')
-    )
-    return f'"{escaped}"'
+    return f'"{text.translate(_ESCAPES)}"'

@@ -79,8 +79,7 @@ def _constants(node: Schema) -> list[object]:
 
 
 def _describe(node: Schema, hexadecimal: bool) -> str:
-    constants = [f'"{value}"' if isinstance(value, str) else str(value) for value in _constants(node)]
-    if constants:
+    if constants := [f'"{value}"' if isinstance(value, str) else str(value) for value in _constants(node)]:
         return listed(constants, "or")
     match node.get("type"):
         case "integer":
@@ -100,8 +99,7 @@ def _describe(node: Schema, hexadecimal: bool) -> str:
 
 
 def _describe_list(node: Schema, hexadecimal: bool) -> str:
-    fixed = node.get("prefixItems", [])
-    if fixed:
+    if fixed := node.get("prefixItems", []):
         # The members of the tuples in use are described alike.
         return f"a list of {len(fixed)} values, each {_describe(fixed[0], hexadecimal)}"
     least, most = node.get("minItems"), node.get("maxItems")

@@ -29,8 +29,7 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
 def suggestion(name: str, names: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: similar names, otherwise all if they are few, or nothing."""
     known = sorted(names)
-    near = nearest(name, known)
-    if near:
+    if near := nearest(name, known):
         return f"; nearest: {', '.join(near)}"
     return f"; known: {', '.join(known)}" if 0 < len(known) <= LISTED else ""
 

@@ -21,48 +21,33 @@ class Position:
     line: int
     text: str = ""
     """Empty for a table."""
-
-
-@dataclass(frozen=True)
-class Duplicate:
-    """A duplicate key: the lines of its second and of its first occurrence."""
-
-    path: KeyPath
-    line: int
-    first: int
+    implied: bool = False
+    """True for a table without a header of its own: the line is that of the first key or header below it."""
 
 
 class Positions:
     """The lines of all keys of a text, even of a text that breaks the rules of TOML."""
 
     def __init__(self, text: str) -> None:
-        self.duplicates: list[Duplicate] = []
-        self._written: dict[KeyPath, Position] = {}
-        # Tables without a header of their own, at the line of the first key or header below them.
-        self._implied: dict[KeyPath, Position] = {}
+        self.duplicates: list[tuple[KeyPath, int, int]] = []
+        """Duplicate keys, with the lines of the second and of the first occurrence."""
+        self._positions: dict[KeyPath, Position] = {}
         self._array_sizes: dict[KeyPath, int] = {}
         parser = tree_sitter.Parser(tree_sitter.Language(tree_sitter_toml.language()))
         for node in parser.parse(text.encode()).root_node.named_children:
             if node.type == "pair":
-                self._read_pairs([(node, ())])
+                self._read_pairs([node], ())
             elif node.type in ("table", "table_array_element"):
                 self._read_table(node)
 
     def line(self, path: KeyPath) -> int | None:
         """Return the line of a key, or of the innermost written table around it; None when there is none."""
-        for length in range(len(path), 0, -1):
-            position = self._position(path[:length])
-            if position is not None:
-                return position.line
-        return None
+        tables = (path[:length] for length in range(len(path), 0, -1))
+        return next((self._positions[table].line for table in tables if table in self._positions), None)
 
     def text(self, path: KeyPath) -> str:
         """Return the value of a key as it is written; empty for a table and for a missing key."""
-        position = self._position(path)
-        return position.text if position is not None else ""
-
-    def _position(self, path: KeyPath) -> Position | None:
-        return self._written.get(path) or self._implied.get(path)
+        return self._positions[path].text if path in self._positions else ""
 
     def _read_table(self, node: tree_sitter.Node) -> None:
         """Note a header and the pairs below it."""
@@ -73,15 +58,14 @@ class Positions:
             return
         if node.type == "table":
             path = self._resolve(keys)
-            self._write(path, header)
         else:
             array = (*self._resolve(keys[:-1]), keys[-1])
             index = self._array_sizes.get(array, 0)
             self._array_sizes[array] = index + 1
             path = (*array, index)
-            self._imply(array, header)
-            self._write(path, header)
-        self._read_pairs([(child, path) for child in rest if child.type == "pair"])
+            self._positions.setdefault(array, Position(header.start_point.row + 1, implied=True))
+        self._write(path, header)
+        self._read_pairs([child for child in rest if child.type == "pair"], path)
 
     def _resolve(self, keys: list[str]) -> KeyPath:
         """Return the path of a header; a table below an array of tables belongs to the last element of the array."""
@@ -92,9 +76,9 @@ class Positions:
                 path = (*path, self._array_sizes[path] - 1)
         return path
 
-    def _read_pairs(self, pairs: list[tuple[tree_sitter.Node, KeyPath]]) -> None:
+    def _read_pairs(self, pairs: list[tree_sitter.Node], table: KeyPath) -> None:
         """Note pairs and the contents of their values, with a stack: nesting may be deeper than recursion allows."""
-        stack = list(reversed(pairs))
+        stack = [(pair, table) for pair in reversed(pairs)]
         while stack:
             node, path = stack.pop()
             if node.type != "pair":
@@ -109,16 +93,13 @@ class Positions:
                 stack.extend(_contents(parts[-1], inner))
 
     def _write(self, path: KeyPath, node: tree_sitter.Node, value: bytes = b"") -> None:
-        line = node.start_point.row + 1
-        if path in self._written:
-            self.duplicates.append(Duplicate(path, line, self._written[path].line))
+        line, before = node.start_point.row + 1, self._positions.get(path)
+        if before is not None and not before.implied:
+            self.duplicates.append((path, line, before.line))
             return
-        self._written[path] = Position(line, value.decode(errors="replace"))
+        self._positions[path] = Position(line, value.decode(errors="replace"))
         for length in range(len(path) - 1, 0, -1):
-            self._imply(path[:length], node)
-
-    def _imply(self, path: KeyPath, node: tree_sitter.Node) -> None:
-        self._implied.setdefault(path, Position(node.start_point.row + 1))
+            self._positions.setdefault(path[:length], Position(line, implied=True))
 
 
 def _contents(value: tree_sitter.Node, path: KeyPath) -> Iterator[tuple[tree_sitter.Node, KeyPath]]:

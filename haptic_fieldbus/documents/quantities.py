@@ -68,19 +68,13 @@ class Range:
 
 
 RANGES: Mapping[Quantity, Range] = {
+    **{quantity: Range(1e-9, 1e9) for quantity in Quantity},
     Quantity.LENGTH: Range(1e-9, 1e6),
     Quantity.SPEED: Range(1e-9, 1e6),
-    Quantity.ACCELERATION: Range(1e-9, 1e9),
-    Quantity.EFFORT: Range(1e-9, 1e9),
     Quantity.STIFFNESS: Range(1e-12, 1e12),
     Quantity.DAMPING: Range(1e-12, 1e9),
     Quantity.MASS: Range(1e-12, 1e9),
-    Quantity.INVERSE_LENGTH: Range(1e-9, 1e9),
-    Quantity.INVERSE_SPEED: Range(1e-9, 1e9),
     Quantity.EFFORT_RATE: Range(1e-9, 1e12),
-    Quantity.TIME: Range(1e-9, 1e9),
-    Quantity.FREQUENCY: Range(1e-9, 1e9),
-    Quantity.RATIO: Range(1e-9, 1e9),
 }
 """Range of each quantity: far beyond any haptic device, but small enough that products and quotients stay finite."""
 
@@ -141,22 +135,20 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
         also = f', or one with its unit such as "2 {example}"' if example else ""
         raise ValueError(f"a number without quotes{also}")
     number, unit = match.groups()
-    rotary = workspace is Workspace.ROTARY
-    factors = _spelt(quantity, rotary)
     for plain, proper in _PLAIN:
         unit = unit.replace(plain, proper)
-    if unit in factors:
-        return float(number) * factors[unit]
+    units = _spelt(quantity, workspace)
+    if unit in units:
+        return float(number) * units[unit][0]
     reason = f"because the axis is {workspace.value}" if reason is None else reason
-    slip = next((known for known in _FACTORS[quantity][rotary] if _typed(known).lower() == unit.lower()), None)
+    slip = next((written for typed, (_, written) in units.items() if typed.lower() == unit.lower()), None)
     told = _other(unit, quantity, workspace) if slip is None else f'; write "{number} {slip}"'
     raise ValueError(f"{_in_words(quantity, workspace, reason)}{told}")
 
 
 def refuse_comma(text: str) -> None:
     """Raise ValueError with the correct spelling for a number with a comma, `100,5`; it never counts as a point."""
-    match = _WITH_COMMA.fullmatch(text)
-    if match is not None:
+    if match := _WITH_COMMA.fullmatch(text):
         number, unit = match.groups()
         spellings = [_with_point(number)]
         # A comma before three digits may stand between thousands as well.
@@ -174,15 +166,11 @@ def _with_point(number: str) -> str:
     return f"{ends[:-after] or '0'}.{ends[-after:]}"
 
 
-def _typed(unit: str) -> str:
-    """Return a unit in the spelling of `_ONE_SPELLING`."""
-    return unit.replace("·", "")
-
-
 @cache
-def _spelt(quantity: Quantity, rotary: bool) -> dict[str, float]:
-    """Return the factors of a quantity by their units without multiplication signs."""
-    return {_typed(unit): factor for unit, factor in _FACTORS[quantity][rotary].items()}
+def _spelt(quantity: Quantity, workspace: Workspace) -> dict[str, tuple[float, str]]:
+    """Return factor and unit of a quantity by its units in the spelling of `_ONE_SPELLING`."""
+    factors = _FACTORS[quantity][workspace is Workspace.ROTARY]
+    return {unit.replace("·", ""): (factor, unit) for unit, factor in factors.items()}
 
 
 def _in_words(quantity: Quantity, workspace: Workspace, reason: str) -> str:
@@ -215,7 +203,7 @@ def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
     # The wanted quantity first: the likeliest mistake is its unit of the other workspace.
     for found in (quantity, *Quantity):
         for space in (workspace, other):
-            if unit in _spelt(found, space is Workspace.ROTARY):
+            if unit in _spelt(found, space):
                 return f"; {unit} is a unit of {_named(found, space)} on a {space.value} axis"
     return f"; unknown unit{suggestion(unit, _FACTORS[quantity][workspace is Workspace.ROTARY])}"
 
@@ -234,6 +222,5 @@ def with_units(schema: dict[str, Any], units: str) -> dict[str, Any]:
     described = {"description": f"in {units}"} if units else {}
     text = {"type": "string", "pattern": r"^\s*[-+.0-9]"}
     # Default and title are of the value as a whole, whichever alternative it has.
-    kept = [key for key in ("default", "title") if key in schema]
-    whole: dict[str, Any] = {key: schema.pop(key) for key in kept} | described
+    whole: dict[str, Any] = {key: schema.pop(key) for key in ("default", "title") if key in schema} | described
     return whole | {"anyOf": [*schema.get("anyOf", [schema]), text]}

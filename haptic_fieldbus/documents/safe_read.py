@@ -66,8 +66,7 @@ LONGEST_INTEGER = 128
 TOO_MANY_DIGITS = "a number has too many digits"
 
 
-KIBI = 1 << 10
-MEBI = 1 << 20
+KIBI, MEBI = 1 << 10, 1 << 20
 
 TOML_SIZE = 256 * KIBI
 """Largest size of a scene, rig, profile or file of faults [octets]; the shipped ones have less than a tenth."""
@@ -78,10 +77,8 @@ TABLE_SIZE = 32 * MEBI
 PROVENANCE_SIZE = 64 * MEBI
 """Largest size of a JSON object or a picture that may hold a provenance, and of the provenance in it [octets]."""
 
-READING = os.O_RDONLY
+READING = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
 """Flags for opening a file; they differ between Windows and POSIX."""
-for _flag in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"):
-    READING |= getattr(os, _flag, 0)
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -107,7 +104,12 @@ def read_octets(path: str | Path, most: int) -> bytes:
         found = os.fstat(descriptor)
         _check_regular(found)
         _check_size(found.st_size, most)
-        return _read(descriptor, most)
+        octets = b""
+        # The known size is not enough, because a file may grow, and files of /proc have size 0.
+        while chunk := os.read(descriptor, most + 1 - len(octets)):
+            octets += chunk
+            _check_size(len(octets), most)
+        return octets
     finally:
         os.close(descriptor)
 
@@ -129,13 +131,3 @@ def _check_regular(found: os.stat_result) -> None:
 def _check_size(size: int, most: int) -> None:
     if size > most:
         raise OSError(errno.EFBIG, f"it is too large; expected at most {most} octets")
-
-
-def _read(descriptor: int, most: int) -> bytes:
-    """Return all octets; the known size is not enough, because a file may grow, and files of /proc have size 0."""
-    chunks, size = [], 0
-    while chunk := os.read(descriptor, most + 1 - size):
-        chunks.append(chunk)
-        size += len(chunk)
-        _check_size(size, most)
-    return b"".join(chunks)

@@ -63,7 +63,7 @@ def read_samples(path: Path, quantities: Sequence[str]) -> Samples:
     except csv.Error as error:
         table.fault("", f"not CSV: {error}")
     if table.faults:
-        raise DocumentError(path, table.told())
+        raise DocumentError(path, table.faults + ([Fault("", f"and {table.more} more errors")] if table.more else []))
     return Samples(quantity, np.array(table.times), np.array(table.values), np.array(table.lines))
 
 
@@ -75,18 +75,14 @@ class _Table:
         self._places: dict[str, int] = {}
         self.times, self.values, self.lines = array("d"), array("d"), array("q")
         self.faults: list[Fault] = []
-        self._more = 0
+        self.more = 0  # faults that are not listed
 
     def fault(self, column: str, message: str) -> None:
         """Note a fault in the line that was read last."""
         if len(self.faults) < MOST_FAULTS:
             self.faults.append(Fault(column, message, self._rows.line_num or None))
         else:
-            self._more += 1
-
-    def told(self) -> list[Fault]:
-        """Return the faults, and the number of the unlisted ones."""
-        return [*self.faults, Fault("", f"and {self._more} more errors")] if self._more else self.faults
+            self.more += 1
 
     def read_header(self, quantities: Sequence[str]) -> str:
         """Find the columns, and return the name of the column of values; raises csv.Error like `read_rows`."""
@@ -125,17 +121,11 @@ class _Table:
     def _number(self, row: list[str], column: str) -> float:
         """Return the number of a row in a column; without a number, note a fault and return not-a-number."""
         place = self._places[column]
-        if place >= len(row) or not row[place].strip():
-            self.fault(column, "missing; expected a number")
-            return math.nan
+        text = row[place].strip() if place < len(row) else ""
         try:
-            number = float(row[place])
+            if abs(number := float(text)) <= LARGEST:
+                return number
+            self.fault(column, f"{text[:40]}; expected a finite number, at most {exactly(LARGEST)} in size")
         except ValueError:
-            self.fault(column, f'"{row[place][:40]}"; expected a number')
-            return math.nan
-        if not abs(number) <= LARGEST:
-            self.fault(
-                column, f"{row[place].strip()[:40]}; expected a finite number, at most {exactly(LARGEST)} in size"
-            )
-            return math.nan
-        return number
+            self.fault(column, f'"{row[place][:40]}"; expected a number' if text else "missing; expected a number")
+        return math.nan

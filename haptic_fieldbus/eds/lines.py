@@ -7,8 +7,10 @@ Windows-1252, which some vendors' editors write. Windows-1252 comes last, as it 
 import math
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from typing import TypeVar
 
 from haptic_fieldbus.eds.model import EdsValue, NodeOffset
 from haptic_fieldbus.eds.names import OCTETS, REALS, TEXTS, EdsType
@@ -22,6 +24,7 @@ from haptic_fieldbus.errors import Fault
 # blanks, $NODEID alone, a sign before 0x, REAL32 as the octets of its IEEE 754 form. A text that is not understood
 # raises ValueError with a message for the user.
 
+Value = TypeVar("Value")
 NODE_ID = "$nodeid"
 NODES = range(1, 128)
 """Node-IDs of CiA 301."""
@@ -33,24 +36,18 @@ _SHOWN_LENGTH = 60
 def whole_number(text: str) -> int:
     """Return the number of a decimal, hexadecimal or octal text; raises ValueError for another, or above 64 bits."""
     shown = text if len(text) <= _SHOWN_LENGTH else text[:_SHOWN_LENGTH] + "…"
+    signed = text.strip().lower()
+    digits = signed.lstrip("+-").strip()
+    # With an 8 or a 9 a number cannot be octal: its zero is taken as padding.
+    is_octal = digits.startswith("0") and digits.isdecimal() and not set(digits) & {"8", "9"}
     try:
-        number = _number(text.strip().lower())
+        number = int(digits[2:], 16) if digits.startswith("0x") else int(digits, 8 if is_octal else 10)
     except ValueError:
         raise ValueError(f'"{shown}" is not a number') from None
+    number = -number if signed.startswith("-") else number
     if number not in WIDEST:
         raise ValueError(f'"{shown}" needs more than 64 bits')
     return number
-
-
-def _number(digits: str) -> int:
-    sign = -1 if digits.startswith("-") else 1
-    digits = digits.lstrip("+-").strip()
-    if digits.startswith("0x"):
-        return sign * int(digits[2:], 16)
-    # With an 8 or a 9 a number cannot be octal: its zero is taken as padding.
-    if digits.startswith("0") and digits.isdecimal() and not set(digits) & {"8", "9"}:
-        return sign * int(digits, 8)
-    return sign * int(digits, 10)
 
 
 def formula(text: str) -> int | NodeOffset:
@@ -83,7 +80,7 @@ def value_of(text: str, type: EdsType | None) -> EdsValue:
 
 
 def text_of(value: EdsValue, type: EdsType | None) -> str:
-    """Return the text of a value from which `value_of` reads it back; raises ValueError for one that is out of range.
+    """Return the text of a value that fits into its type, from which `value_of` reads it back.
 
     Reals are written as the octets of their IEEE 754 form, which is the only form that all readers take.
     """
@@ -91,13 +88,10 @@ def text_of(value: EdsValue, type: EdsType | None) -> str:
         return f"$NODEID+{'-' * (value.offset < 0)}0x{abs(value.offset):X}" if value.offset else "$NODEID"
     if isinstance(value, bytes):
         return value.hex()
-    if isinstance(value, str):
-        return value
-    if type in REALS:
+    if type in REALS and not isinstance(value, str):
         return f"0x{_packed(value, type).hex().upper()}"
-    if isinstance(value, int):
-        unsigned = type is not None and not type.signed and type.is_integer
-        return f"0x{value:0{2 * (type.size or 0)}X}" if unsigned and type is not None else str(value)
+    if isinstance(value, int) and type is not None and type.is_integer and not type.signed:
+        return f"0x{value:0{2 * (type.size or 0)}X}"
     return str(value)
 
 
@@ -121,17 +115,14 @@ def value_range(value: EdsValue) -> tuple[float, float]:
 
 
 def _packed(value: float, type: EdsType) -> bytes:
-    """Return the octets of a real, the most significant first; raises ValueError when the type cannot hold it."""
-    try:
-        return struct.pack(">f" if type is EdsType.REAL32 else ">d", value)
-    except OverflowError:
-        raise ValueError(f"{value} does not fit into {type.name}") from None
+    """Return the octets of a real, the most significant first; raises OverflowError when the type cannot hold it."""
+    return struct.pack(">f" if type is EdsType.REAL32 else ">d", value)
 
 
 def _is_real(value: float, type: EdsType) -> bool:
     try:
         return math.isfinite(value) and bool(_packed(value, type))
-    except (ValueError, OverflowError):  # OverflowError: a whole number that no double holds
+    except OverflowError:  # also of a whole number that no double holds
         return False
 
 
@@ -141,11 +132,8 @@ def _fitted(number: int, type: EdsType, text: str) -> int:
     The two's complement of a negative number may have the size of the type, 32 or 64 bits.
     """
     low, high = type.limits or (number, number)
-    if type.signed and number > high:
-        for bits in (8 * (type.size or 0), 32, 64):
-            if 1 << bits - 1 <= number < 1 << bits:
-                number -= 1 << bits
-                break
+    sizes = (8 * (type.size or 0), 32, 64) if type.signed and number > high else ()
+    number -= next((1 << bits for bits in sizes if 1 << bits - 1 <= number < 1 << bits), 0)
     if not low <= number <= high:
         raise ValueError(f'"{text}" does not fit into {type.name}')
     return number
@@ -210,10 +198,11 @@ class Item:
 
 @dataclass
 class FileSection:
-    """One section `[name]`; the items are found by their keys in lower case."""
+    """One section `[name]`; the items are found by their keys in lower case, and `faults` are those of the file."""
 
     name: str
     line: int
+    faults: list[Fault]
     items: dict[str, Item] = field(default_factory=dict)
 
     def text(self, key: str) -> str:
@@ -221,21 +210,26 @@ class FileSection:
         item = self.items.get(key.lower())
         return item.value if item is not None else ""
 
-    def number(self, key: str, faults: list[Fault]) -> int | None:
+    def number(self, key: str) -> int | None:
         """Return the number of a key; None when it is missing, empty or not understood, which is noted."""
+        return self._understood(key, whole_number)
+
+    def value(self, key: str, type: EdsType | None) -> EdsValue | None:
+        """Return the value of a key with this type; None when it is missing, empty or not understood."""
+        return self._understood(key, partial(value_of, type=type))
+
+    def _understood(self, key: str, meaning: Callable[[str], Value]) -> Value | None:
         try:
-            return whole_number(self.text(key)) if self.text(key) else None
+            return meaning(self.text(key)) if self.text(key) else None
         except ValueError as error:
-            faults.append(self.fault(key, str(error)))
+            self.note(key, str(error))
             return None
 
-    def fault(self, key: str, message: str) -> Fault:
-        """Return a fault at a key, in the line of the section when the key is missing."""
+    def note(self, key: str, message: str) -> None:
+        """Note a fault at a key, in the line of the section when the key is missing."""
         item = self.items.get(key.lower())
-        return Fault(f"[{self.name}] {key}".rstrip(), message, item.line if item is not None else self.line)
-
-    def __contains__(self, key: str) -> bool:
-        return key.lower() in self.items
+        line = item.line if item is not None else self.line
+        self.faults.append(Fault(f"[{self.name}] {key}".rstrip(), message, line))
 
 
 def text_of_octets(data: bytes, faults: list[Fault]) -> str:
@@ -245,8 +239,7 @@ def text_of_octets(data: bytes, faults: list[Fault]) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        octet = data[error.start]
+        line, octet = data[: error.start].count(b"\n") + 1, data[error.start]
         faults.append(Fault("", f"octet {octet:02X}h is no UTF-8: the file is read as Windows-1252", line))
         return data.decode("cp1252", errors="replace")
 
@@ -262,19 +255,19 @@ def sections_of(text: str, faults: list[Fault]) -> Mapping[str, FileSection]:
         head = _HEAD.match(line)
         if head is not None:
             name = head[1].strip()
-            present = sections.setdefault(name.lower(), FileSection(name, number))
+            present = sections.setdefault(name.lower(), FileSection(name, number, faults))
             if present.line != number:
-                where = f"already in line {present.line}: both are merged"
-                faults.append(Fault(f"[{name}]", where, number))
+                faults.append(Fault(f"[{name}]", f"already in line {present.line}: both are merged", number))
         elif present is None:
             faults.append(Fault("", f'"{line}" is before the first section', number))
         else:
-            _add(present, line, number, faults)
+            _add(present, line, number)
     return sections
 
 
-def _add(section: FileSection, line: str, number: int, faults: list[Fault]) -> None:
+def _add(section: FileSection, line: str, number: int) -> None:
     """Add the item of a line to the section. A key that stands twice has its last value."""
+    faults = section.faults
     key, equals, value = (part.strip() for part in line.partition("="))
     if not equals or not key:
         faults.append(Fault(f"[{section.name}]", f'"{line}" is no key with a value', number))

@@ -86,20 +86,17 @@ def object_names() -> dict[int, str]:
     return {int(index, 16): name for index, _, name in (line.partition(" ") for line in lines)}
 
 
-_RECORDS: tuple[tuple[range, str], ...] = (
-    (range(0x1400, 0x1600), "RPDO communication parameter"),
-    (range(0x1600, 0x1800), "RPDO mapping parameter"),
-    (range(0x1800, 0x1A00), "TPDO communication parameter"),
-    (range(0x1A00, 0x1C00), "TPDO mapping parameter"),
-)
-_COMMUNICATION = {
-    1: "COB-ID",
-    2: "Transmission type",
-    3: "Inhibit time",
-    4: "Compatibility entry",
-    5: "Event timer",
-    6: "SYNC start value",
+# The parameters of the 512 PDOs of a direction fill a block of 200h objects.
+_RECORDS = {
+    0x1400: "RPDO communication parameter",
+    0x1600: "RPDO mapping parameter",
+    0x1800: "TPDO communication parameter",
+    0x1A00: "TPDO mapping parameter",
 }
+_COMMUNICATION = {
+    1: "COB-ID", 2: "Transmission type", 3: "Inhibit time",
+    4: "Compatibility entry", 5: "Event timer", 6: "SYNC start value",
+}  # fmt: skip
 # Sub-indices of 1010h and 1011h.
 _GROUPS = {1: "all", 2: "communication", 3: "application", 4: "manufacturer"}
 _SUBINDICES: Mapping[int, Mapping[int, str]] = {
@@ -117,23 +114,21 @@ _SUBINDICES: Mapping[int, Mapping[int, str]] = {
 }
 _ARRAY_ELEMENTS = {0x1003: "Standard error field", 0x1016: "Consumer heartbeat time"}
 HIGHEST = "Highest sub-index supported"
-MAPPED_COUNT = "Number of mapped application objects in PDO"
 
 
 def parameter_name(index: int) -> str:
     """Return the name of an object, such as "Object 2000h" for one without a name here."""
-    for records, name in _RECORDS:
-        if index in records:
-            return f"{name} {index - records.start + 1}"
+    record = index & ~0x1FF
+    if record in _RECORDS:
+        return f"{_RECORDS[record]} {index - record + 1}"
     return object_names().get(index, f"Object {index:04X}h")
 
 
 def member_name(index: int, subindex: int) -> str:
     """Return the name of a sub-index of a record or an array."""
-    # The parameters of the 512 PDOs of a direction fill a block of 200h objects.
     record = index & ~0x1FF
     if record in (0x1600, 0x1A00):
-        return f"Application object {subindex}" if subindex else MAPPED_COUNT
+        return f"Application object {subindex}" if subindex else "Number of mapped application objects in PDO"
     if not subindex:
         return HIGHEST
     names = _COMMUNICATION if record in (0x1400, 0x1800) else _SUBINDICES.get(index, {})

@@ -16,8 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from haptic_fieldbus.documents import EDS_SIZE, read_octets
-from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets, value_of
-from haptic_fieldbus.eds.model import ACCESS_TYPES, DeviceInfo, Eds, EdsEntry, EdsObject, EdsValue, ObjectCode
+from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets
+from haptic_fieldbus.eds.model import ACCESS_TYPES, DeviceInfo, Eds, EdsEntry, EdsObject, ObjectCode
 from haptic_fieldbus.eds.names import EdsType
 from haptic_fieldbus.errors import EdsError, Fault
 
@@ -25,142 +25,117 @@ ACCESS_WHEN_MISSING = "ro"
 """Access of an entry that gives none: read-only does no harm."""
 HIGHEST_ELEMENT = 0xFE
 """Highest sub-index of an array element (CiA 301, 7.4.3); FFh describes the object itself."""
-_TYPES = {type.value: type for type in EdsType}
+Sections = Mapping[str, FileSection]
+"""Sections of a file by their names in lower case."""
+_TYPES, _CODES = {type.value: type for type in EdsType}, {code.value: code for code in ObjectCode}
 
 
-class ObjectReader:
-    """Reads one object and notes its faults; `sections` are all of the file, for compact arrays."""
+def _object(index: int, head: FileSection | None, members: Mapping[int, FileSection], sections: Sections) -> EdsObject:
+    """Return an object from its own section, None if there is none, and the sections of its sub-indices.
 
-    def __init__(self, index: int, sections: Mapping[str, FileSection], faults: list[Fault]) -> None:
-        self._index = index
-        self._sections = sections
-        self._faults = faults
+    `sections` are all of the file, for compact arrays.
+    """
+    if head is None:
+        first = next(iter(members.values()))
+        first.note("", f"[{index:04X}], the object itself, is missing: treated as a record")
+        return EdsObject(index, "", ObjectCode.RECORD, _members(index, members), first.line)
+    code, compact = _code(head), head.number("CompactSubObj") or 0
+    if not 0 <= compact <= HIGHEST_ELEMENT:
+        head.note("CompactSubObj", f"{compact}, expected 0 to {HIGHEST_ELEMENT}: treated as 0")
+        compact = 0
+    found = EdsObject(index, _name(head), code, {}, head.line)
+    if compact:
+        entries = _compact(index, head, compact, sections) | _members(index, members)
+    elif found.is_simple and not members:
+        entries = {0: _entry(index, head, 0, code)}
+    else:
+        entries = _members(index, members)
+        if found.is_simple:
+            head.note("ObjectType", "a variable with sub-indices: treated as a record")
+        elif head.number("SubNumber") != len(members):
+            said = head.text("SubNumber") or "missing"
+            head.note("SubNumber", f"{said}, but the file has {len(members)} sub-indices")
+    return replace(found, entries=dict(sorted(entries.items())))
 
-    def read(self, head: FileSection | None, members: Mapping[int, FileSection]) -> EdsObject:
-        """Return the object from its own section, None if there is none, and the sections of its sub-indices."""
-        if head is None:
-            first = next(iter(members.values()))
-            self._fault(first, "", f"[{self._index:04X}], the object itself, is missing: treated as a record")
-            return EdsObject(self._index, "", ObjectCode.RECORD, self._members(members), first.line)
-        code = self._code(head)
-        compact = self._number(head, "CompactSubObj") or 0
-        if not 0 <= compact <= HIGHEST_ELEMENT:
-            self._fault(head, "CompactSubObj", f"{compact}, expected 0 to {HIGHEST_ELEMENT}: treated as 0")
-            compact = 0
-        found = EdsObject(self._index, self._name(head), code, {}, head.line)
-        if compact:
-            entries = self._compact(head, compact) | self._members(members)
-        elif found.is_simple and not members:
-            entries = {0: self.entry(head, 0, code)}
-        else:
-            entries = self._members(members)
-            if found.is_simple:
-                self._fault(head, "ObjectType", "a variable with sub-indices: treated as a record")
-            elif self._number(head, "SubNumber") != len(members):
-                said = head.text("SubNumber") or "missing"
-                self._fault(head, "SubNumber", f"{said}, but the file has {len(members)} sub-indices")
-        return EdsObject(found.index, found.name, found.code, dict(sorted(entries.items())), found.line)
 
-    def entry(self, section: FileSection, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
-        """Return one sub-index from the section that describes it."""
-        type = self._type(section, code)
-        return EdsEntry(
-            index=self._index,
-            subindex=subindex,
-            name=self._name(section),
-            type=type,
-            access=self._access(section, type),
-            default=self._value(section, "DefaultValue", type),
-            parameter=self._value(section, "ParameterValue", type),
-            low=self._limit(section, "LowLimit", type),
-            high=self._limit(section, "HighLimit", type),
-            mappable=bool(self._number(section, "PDOMapping")),
-            line=section.line,
-        )
+def _entry(index: int, section: FileSection, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
+    """Return one sub-index from the section that describes it."""
+    type = _type(section, code)
+    return EdsEntry(
+        index=index,
+        subindex=subindex,
+        name=_name(section),
+        type=type,
+        access=_access(section, type),
+        default=section.value("DefaultValue", type),
+        parameter=section.value("ParameterValue", type),
+        low=_limit(section, "LowLimit", type),
+        high=_limit(section, "HighLimit", type),
+        mappable=bool(section.number("PDOMapping")),
+        line=section.line,
+    )
 
-    def _members(self, members: Mapping[int, FileSection]) -> dict[int, EdsEntry]:
-        return {
-            subindex: self.entry(section, subindex, self._code(section))
-            for subindex, section in sorted(members.items())
-        }
 
-    def _compact(self, head: FileSection, count: int) -> dict[int, EdsEntry]:
-        """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""
-        names = self._sections.get(f"{self._index:04x}name")
-        values = self._sections.get(f"{self._index:04x}value")
-        # The object's own section describes all of its elements.
-        pattern = self.entry(head, 1)
-        length = EdsEntry(
-            self._index, 0, "Number of entries", EdsType.UNSIGNED8, ACCESS_WHEN_MISSING, default=count, line=head.line
-        )
-        entries = {0: length}
-        for subindex in range(1, count + 1):
-            name = (names.text(str(subindex)) if names is not None else "") or f"{pattern.name}{subindex}"
-            value = self._value(values, str(subindex), pattern.type) if values is not None else None
-            entries[subindex] = replace(pattern, subindex=subindex, name=name, parameter=value)
-        return entries
+def _members(index: int, members: Mapping[int, FileSection]) -> dict[int, EdsEntry]:
+    return {each: _entry(index, section, each, _code(section)) for each, section in sorted(members.items())}
 
-    def _name(self, section: FileSection) -> str:
-        name = section.text("ParameterName")
-        if not name:
-            self._fault(section, "ParameterName", "missing")
-        return name
 
-    def _code(self, section: FileSection) -> ObjectCode:
-        """Return the object code; a variable when it is missing (CiA 306-1) or unknown."""
-        number = self._number(section, "ObjectType")
-        if number is None:
-            return ObjectCode.VAR
-        try:
-            return ObjectCode(number)
-        except ValueError:
-            self._fault(section, "ObjectType", f"{number} is not an object code: treated as a variable")
-            return ObjectCode.VAR
+def _compact(index: int, head: FileSection, count: int, sections: Sections) -> dict[int, EdsEntry]:
+    """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""
+    empty = FileSection("", 0, [])
+    names, values = (sections.get(f"{index:04x}{kind}", empty) for kind in ("name", "value"))
+    # The object's own section describes all of its elements.
+    pattern = _entry(index, head, 1)
+    length = EdsEntry(index, 0, "Number of entries", EdsType.UNSIGNED8, ACCESS_WHEN_MISSING, count, line=head.line)
+    entries = {0: length}
+    for each in range(1, count + 1):
+        name = names.text(str(each)) or f"{pattern.name}{each}"
+        entries[each] = replace(pattern, subindex=each, name=name, parameter=values.value(str(each), pattern.type))
+    return entries
 
-    def _type(self, section: FileSection, code: ObjectCode) -> EdsType | None:
-        """Return the data type; None when it is missing or not basic. A domain may leave it out."""
-        if not section.text("DataType"):
-            if code is not ObjectCode.DOMAIN:
-                self._fault(section, "DataType", "missing: the length of the value is not known")
-                return None
-            return EdsType.DOMAIN
-        number = self._number(section, "DataType")
-        if number is None or number in _TYPES:
-            # No type has the index 0, so a number that is not understood gives None; its fault is noted already.
-            return _TYPES.get(number or 0)
-        self._fault(section, "DataType", f"{number:04X}h is no basic data type: its length is not known")
-        return None
 
-    def _access(self, section: FileSection, type: EdsType | None) -> str:
-        access = section.text("AccessType").lower()
-        if access in ACCESS_TYPES:
-            return access
-        if type is not EdsType.DOMAIN or access:
-            found = f'"{access}"' if access else "missing"
-            self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: treated as ro")
-        return ACCESS_WHEN_MISSING
+def _name(section: FileSection) -> str:
+    name = section.text("ParameterName")
+    if not name:
+        section.note("ParameterName", "missing")
+    return name
 
-    def _limit(self, section: FileSection, key: str, type: EdsType | None) -> int | float | None:
-        """Return a limit; None for texts and octets, which have none."""
-        value = self._value(section, key, type) if type is None or type.is_integer or type.size else None
-        return value if isinstance(value, int | float) else None
 
-    def _value(self, section: FileSection, key: str, type: EdsType | None) -> EdsValue | None:
-        """Return a value of the type; None when it is missing, empty or not understood."""
-        text = section.text(key)
-        if not text:
-            return None
-        try:
-            return value_of(text, type)
-        except ValueError as error:
-            self._fault(section, key, str(error))
-            return None
+def _code(section: FileSection) -> ObjectCode:
+    """Return the object code; a variable when it is missing (CiA 306-1) or unknown."""
+    number = section.number("ObjectType")
+    if number is not None and number not in _CODES:
+        section.note("ObjectType", f"{number} is not an object code: treated as a variable")
+    return _CODES.get(number or 0, ObjectCode.VAR)
 
-    def _number(self, section: FileSection, key: str) -> int | None:
-        return section.number(key, self._faults)
 
-    def _fault(self, section: FileSection, key: str, message: str) -> None:
-        self._faults.append(section.fault(key, message))
+def _type(section: FileSection, code: ObjectCode) -> EdsType | None:
+    """Return the data type; None when it is missing or not basic. A domain may leave it out."""
+    number, is_given = section.number("DataType"), bool(section.text("DataType"))
+    if not is_given and code is ObjectCode.DOMAIN:
+        return EdsType.DOMAIN
+    if not is_given:
+        section.note("DataType", "missing: the length of the value is not known")
+    elif number is not None and number not in _TYPES:
+        section.note("DataType", f"{number:04X}h is no basic data type: its length is not known")
+    # No type has the index 0, so a number that is missing or not understood gives None.
+    return _TYPES.get(number or 0)
+
+
+def _access(section: FileSection, type: EdsType | None) -> str:
+    access = section.text("AccessType").lower()
+    if access in ACCESS_TYPES:
+        return access
+    if type is not EdsType.DOMAIN or access:
+        found = f'"{access}"' if access else "missing"
+        section.note("AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: treated as ro")
+    return ACCESS_WHEN_MISSING
+
+
+def _limit(section: FileSection, key: str, type: EdsType | None) -> int | float | None:
+    """Return a limit; None for texts and octets, which have none."""
+    value = section.value(key, type) if type is None or type.is_integer or type.size else None
+    return value if isinstance(value, int | float) else None
 
 
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
@@ -194,14 +169,14 @@ def read_eds(data: bytes, source: str = "") -> Eds:
     if not objects:
         raise EdsError(source, [*faults, Fault("", "no object: expected sections such as [1000] or [6040]")])
     _check_lists(sections, objects, faults)
-    empty = FileSection("", 0)
+    empty = FileSection("", 0, faults)
     dummies, comments, about = (sections.get(name, empty) for name in ("dummyusage", "comments", "fileinfo"))
     commissioning = next((sections[name] for name in COMMISSIONING if name in sections), empty)
     return Eds(
         objects=objects,
         device=_device(sections.get("deviceinfo"), faults),
-        node=commissioning.number("NodeID", faults),
-        dummies=tuple(number for number in DUMMY_TYPES if dummies.number(f"Dummy{number:04d}", faults)),
+        node=commissioning.number("NodeID"),
+        dummies=tuple(number for number in DUMMY_TYPES if dummies.number(f"Dummy{number:04d}")),
         file_info={item.key: item.value for item in about.items.values()},
         # The key `Lines` is only the number of the lines.
         comments=tuple(item.value for key, item in comments.items.items() if key.startswith("line") and key != "lines"),
@@ -211,7 +186,7 @@ def read_eds(data: bytes, source: str = "") -> Eds:
     )
 
 
-def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[int, EdsObject]:
+def _objects(sections: Sections, faults: list[Fault]) -> dict[int, EdsObject]:
     """Return all objects in the order of their indices, each with its sub-indices."""
     heads: dict[int, FileSection] = {}
     members: dict[int, dict[int, FileSection]] = {}
@@ -224,7 +199,7 @@ def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[i
     objects: dict[int, EdsObject] = {}
     count = 0
     for index in sorted(heads.keys() | members.keys()):
-        objects[index] = ObjectReader(index, sections, faults).read(heads.get(index), members.get(index, {}))
+        objects[index] = _object(index, heads.get(index), members.get(index, {}), sections)
         count += len(objects[index].entries)
         if count > MOST_ENTRIES:
             faults.append(Fault(f"[{index:04X}]", f"more than {MOST_ENTRIES} entries: the others are omitted"))
@@ -232,7 +207,7 @@ def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[i
     return objects
 
 
-def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
+def _check_lists(sections: Sections, objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
     """Note every listed object without a description, and every described object that no list has."""
     listed: set[int] = set()
     for name in LISTS:
@@ -241,16 +216,15 @@ def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsO
             faults.append(Fault(f"[{name}]", "the list of objects is missing"))
             continue
         for item in section.items.values():
-            number = section.number(item.key, faults)
+            number = section.number(item.key)
             if item.key.lower() == "supportedobjects" or number is None:
                 continue
             listed.add(number)
             if number not in objects:
                 faults.append(Fault(f"[{section.name}] {item.key}", f"[{number:04X}] is not in this file", item.line))
-        count, entries = section.number("SupportedObjects", faults), len(section.items)
-        entries -= "supportedobjects" in section
+        count, entries = section.number("SupportedObjects"), len(section.items.keys() - {"supportedobjects"})
         if count is not None and count != entries:
-            faults.append(section.fault("SupportedObjects", f"{count}, but {entries} are listed"))
+            section.note("SupportedObjects", f"{count}, but {entries} are listed")
     for index, found in objects.items():
         if index not in listed:
             faults.append(Fault(f"[{index:04X}]", "is in no list of objects", found.line))
@@ -260,10 +234,7 @@ def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
     if section is None:
         faults.append(Fault("[DeviceInfo]", "this section is missing"))
         return DeviceInfo()
-
-    def number(key: str) -> int | None:
-        return section.number(key, faults)
-
+    number = section.number
     if number("CompactPDO"):
         line = section.items["compactpdo"].line
         faults.append(Fault("[DeviceInfo] CompactPDO", "missing PDO parameters are not added", line))

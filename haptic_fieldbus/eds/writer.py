@@ -26,31 +26,20 @@ from haptic_fieldbus.eds.reader import DUMMY_TYPES, HIGHEST_ELEMENT
 
 FIRST_OBJECT = 0x1000
 """Indices below are those of data types, which a PDO maps as unused space."""
-COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
-MAPPING = 0x200
-"""Difference of index from the communication record of a PDO to its mapping record."""
-
 _PDOS = range(0x1400, 0x1C00)
+MAPPING = 0x200
+"""Bit of the index of a PDO's record: set in its mapping record, clear in its communication record."""
 _PARAMETERS = {
     0: EdsType.UNSIGNED8, 1: EdsType.UNSIGNED32, 2: EdsType.UNSIGNED8, 3: EdsType.UNSIGNED16,
     4: EdsType.UNSIGNED8, 5: EdsType.UNSIGNED16, 6: EdsType.UNSIGNED8,
 }  # fmt: skip
 _NUMBERS: Mapping[int, Mapping[int, EdsType]] = {
-    0x1000: {0: EdsType.UNSIGNED32},
-    0x1001: {0: EdsType.UNSIGNED8},
-    0x1005: {0: EdsType.UNSIGNED32},
-    0x100C: {0: EdsType.UNSIGNED16},
-    0x100D: {0: EdsType.UNSIGNED8},
-    0x1012: {0: EdsType.UNSIGNED32},
-    0x1014: {0: EdsType.UNSIGNED32},
-    0x1016: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
-    0x1017: {0: EdsType.UNSIGNED16},
-    0x1018: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    **{index: {0: EdsType.UNSIGNED8} for index in (0x1001, 0x100D)},
+    **{index: {0: EdsType.UNSIGNED16} for index in (0x100C, 0x1017)},
+    **{index: {0: EdsType.UNSIGNED32} for index in (0x1000, 0x1005, 0x1012, 0x1014)},
+    **{index: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32} for index in (0x1016, 0x1018, 0x1600, 0x1A00)},
     0x1029: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED8},
-    0x1400: _PARAMETERS,
-    0x1600: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
-    0x1800: _PARAMETERS,
-    0x1A00: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    **dict.fromkeys((0x1400, 0x1800), _PARAMETERS),
 }
 """Types by CiA 301 of entries that programs need as numbers, by index (of a PDO: of the first one) and sub-index, -1
 for all others."""
@@ -60,8 +49,10 @@ def loadable(eds: Eds) -> dict[int, EdsObject]:
     """Return the objects to write, by index."""
     kept = {index: replace(item, entries=entries) for index, item in eds.objects.items() if (entries := _entries(item))}
     objects = {**kept, **dict(_mandatory(kept, eds.device))}
-    objects = {index: item for index, item in objects.items() if index >= FIRST_OBJECT and not _is_lone(index, objects)}
-    return {index: _mapped(item, objects) if _is_mapping(index) else item for index, item in objects.items()}
+    lone = {index for index in objects if index in _PDOS and index ^ MAPPING not in objects}  # a PDO has two records
+    found = {index: item for index, item in objects.items() if index >= FIRST_OBJECT and index not in lone}
+    mappings = [index for index in found if index in _PDOS and index & MAPPING]
+    return found | {index: _mapped(found[index], found) for index in mappings}
 
 
 def _entries(item: EdsObject) -> dict[int, EdsEntry]:
@@ -117,36 +108,23 @@ def _mandatory(objects: Mapping[int, EdsObject], device: DeviceInfo) -> Iterator
         yield 0x1018, EdsObject(0x1018, parameter_name(0x1018), ObjectCode.RECORD, dict(sorted(entries.items())))
 
 
-def _is_mapping(index: int) -> bool:
-    """Return whether this is the mapping record of a PDO."""
-    return any(index - MAPPING in records for records in COMMUNICATION)
-
-
-def _is_lone(index: int, objects: Mapping[int, EdsObject]) -> bool:
-    """Return whether this is one of the two records of a PDO whose other record is missing."""
-    if any(index in records for records in COMMUNICATION):
-        return index + MAPPING not in objects
-    return _is_mapping(index) and index - MAPPING not in objects
-
-
 def _mapped(item: EdsObject, objects: Mapping[int, EdsObject]) -> EdsObject:
     """Return the mapping record of a PDO whose entries name objects of the file, or nothing."""
-    entries = dict(item.entries)
-    for subindex, entry in item.entries.items():
-        if subindex and not all(_exists(value, objects) for value in (entry.default, entry.parameter)):
-            entries[subindex] = replace(entry, default=0, parameter=None, low=None, high=None)
-    return replace(item, entries=entries)
+    wrong = {
+        subindex: replace(entry, default=0, parameter=None, low=None, high=None)
+        for subindex, entry in item.entries.items()
+        if subindex and not all(_exists(value, objects) for value in (entry.default, entry.parameter))
+    }
+    return replace(item, entries={**item.entries, **wrong})
 
 
 def _exists(value: EdsValue | None, objects: Mapping[int, EdsObject]) -> bool:
     """Return whether a mapping entry names an entry of the file or unused space, or maps nothing."""
-    if value is None or value == 0:
-        return True
-    if not isinstance(value, int):
-        return False
+    if not isinstance(value, int) or value == 0:
+        return value is None or value == 0
     index, subindex = value >> 16, value >> 8 & 0xFF
     if index < FIRST_OBJECT:
-        return index in range(1, 8) and not subindex
+        return index in DUMMY_TYPES and not subindex
     return index in objects and subindex in objects[index].entries
 
 
@@ -210,16 +188,15 @@ def _object(item: EdsObject) -> Iterator[str]:
     # A variable with sub-indices is written as the record that the reader takes it for, and so is the description of a
     # structure, which readers know as no object of a device.
     code = ObjectCode.ARRAY if item.code is ObjectCode.ARRAY else ObjectCode.RECORD
-    yield from _section(
-        name, [("ParameterName", item.name), ("ObjectType", f"0x{code:X}"), ("SubNumber", f"0x{len(entries):X}")]
-    )
+    head = {"ParameterName": item.name, "ObjectType": f"0x{code:X}", "SubNumber": f"0x{len(entries):X}"}
+    yield from _section(name, head.items())
     for entry in entries.values():
         yield from _section(f"{name}sub{entry.subindex:X}", _entry(entry))
 
 
 def _entry(entry: EdsEntry) -> Iterator[tuple[str, object]]:
-    yield "ParameterName", entry.name
-    yield "ObjectType", f"0x{ObjectCode.DOMAIN if entry.type is EdsType.DOMAIN else ObjectCode.VAR:X}"
+    code = ObjectCode.DOMAIN if entry.type is EdsType.DOMAIN else ObjectCode.VAR
+    yield from (("ParameterName", entry.name), ("ObjectType", f"0x{code:X}"))
     if entry.type is not None:
         yield "DataType", f"0x{entry.type:04X}"
     yield "AccessType", entry.access

@@ -101,6 +101,9 @@ PROFILE_LOADED = ("name", "source")
 RIG_LOADED = ("source",)
 """Fields that the loader fills in; a rig file must not give them."""
 
+Nodes = dict[tuple[object, object], str]
+"""Bus and node-ID → axis."""
+
 UNSOURCED = {"drive", "sources"}
 """Tables whose values need no entry in [sources]."""
 
@@ -139,14 +142,14 @@ def _protocol_of(document: Document) -> FieldbusProtocol:
     An unknown name is taken for a slip: its fault is noted, and the rest is checked as a profile of the default
     protocol.
     """
-    path: KeyPath = ("drive", "protocol")
-    name = document.value(*path)
-    if isinstance(name, str) and name in BUILT_IN:
-        return protocol_named(name)  # without a look at what is installed, which takes longer than the rest
-    known = protocol_names()
-    if isinstance(name, str) and name not in known:
-        document.refuse(path, " or ".join(f'"{each}"' for each in known))
-    return protocol_named(name if isinstance(name, str) and name in known else DEFAULT_PROTOCOL)
+    name = document.value("drive", "protocol")
+    if not isinstance(name, str):
+        return protocol_named(DEFAULT_PROTOCOL)
+    # One of this package is found without a look at what is installed, which takes longer than the rest.
+    if name in BUILT_IN or name in protocol_names():
+        return protocol_named(name)
+    document.refuse(("drive", "protocol"), " or ".join(f'"{each}"' for each in protocol_names()))
+    return protocol_named(DEFAULT_PROTOCOL)
 
 
 Summary = dict[str, str | bool]
@@ -164,15 +167,8 @@ def _summary(name: str, profiles: str | Path | None) -> Summary | Refusal:
         profile = load_profile(name, profiles)
     except (DocumentError, UsageError) as error:
         return error
-    return {
-        "name": profile.name,
-        "vendor": profile.drive.vendor,
-        "model": profile.drive.model,
-        "protocol": profile.drive.protocol,
-        "usable": profile.drive.usable,
-        "evidence": profile.drive.evidence,
-        "source": profile.source,
-    }
+    facts = {key: getattr(profile.drive, key) for key in ("vendor", "model", "protocol", "usable", "evidence")}
+    return {"name": profile.name, **facts, "source": profile.source}
 
 
 def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
@@ -185,16 +181,16 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
         raise wrong_kind("path", "that of a rig file", path)
     document = documents.read_document(Path(path), RigError)
     documents.check_kind(document, "bus")
-    for table in document.table("bus").values():
-        channel = table.get("channel") if isinstance(table, dict) else None
+    for name in document.table("bus"):
+        channel = document.value("bus", name, "channel")
         # Interfaces that count their channels read the number from a text. `type`, not `isinstance`: true is an int
         # too.
-        if isinstance(table, dict) and type(channel) is int and channel >= 0:
-            table["channel"] = str(channel)
+        if type(channel) is int and channel >= 0:
+            document.table("bus", name)["channel"] = str(channel)
     for name in document.table("axis"):
         convert_units(document, RigAxis, ("axis", name))
     rig = document.validate(Rig, loaded=RIG_LOADED)
-    nodes: dict[tuple[object, object], str] = {}
+    nodes: Nodes = {}
     known = known_names(profiles)
     # `Rig` checks only the keys that all buses share; the section of its protocol checks each whole bus.
     buses: dict[str, BusSection | None] = {}
@@ -207,11 +203,11 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
         _check_axis(document, name, nodes, known)
     rig = document.checked(rig)
     folder = Path(path).resolve().parent
-    found = {
-        name: str(folder / axis.profile) if is_path(axis.profile) else own_profile(axis.profile, profiles)
-        for name, axis in rig.axis.items()
-    }
-    axes = {name: replace(axis, profile=found[name]) for name, axis in rig.axis.items()}
+
+    def located(profile: str) -> str:
+        return str(folder / profile) if is_path(profile) else own_profile(profile, profiles)
+
+    axes = {name: replace(axis, profile=located(axis.profile)) for name, axis in rig.axis.items()}
     return replace(rig, axis=axes, bus={name: bus for name, bus in buses.items() if bus}, source=document.source)
 
 
@@ -223,7 +219,7 @@ def check_rig(rig: Rig) -> None:
     document = Document(rig.source or "the rig", "", RigError)
     document.data["bus"] = {name: documents.table_of(section) for name, section in rig.bus.items()}
     document.data["axis"] = {name: documents.table_of(axis) for name, axis in rig.axis.items()}
-    nodes: dict[tuple[object, object], str] = {}
+    nodes: Nodes = {}
     for name, section in rig.bus.items():
         document.validate(type(section), ("bus", name))
     for name in rig.axis:
@@ -232,9 +228,7 @@ def check_rig(rig: Rig) -> None:
     document.checked(rig)
 
 
-def _check_axis(
-    document: Document, name: str, nodes: dict[tuple[object, object], str], known: Collection[str] | None = None
-) -> None:
+def _check_axis(document: Document, name: str, nodes: Nodes, known: Collection[str] | None = None) -> None:
     """Note the faults of an axis that its dataclasses cannot state; its profile is looked up where `known` is given.
 
     `nodes` collects the axis of each (bus, node-ID) from call to call.
@@ -242,7 +236,10 @@ def _check_axis(
     _check_bus(document, name, nodes)
     if known is not None:
         _check_profile_exists(document, name, known)
-    _check_position_limits(document, name)
+    limits: KeyPath = ("axis", name, "limits", "position")
+    match document.value(*limits):
+        case [int() | float() as lower, int() | float() as upper] if not lower < upper:
+            document.refuse(limits, "the lower limit first")
     _check_simulation(document, name)
     check_plausible(document, name)
 
@@ -256,8 +253,8 @@ def bus_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
     """Return the JSON Schema of a bus of `protocol` in a rig file; raises UsageError for an unknown one."""
     section = protocol_named(protocol).section
     schema = schema_with_units(section, schema_of(section))
-    number = {"minimum": 0, "type": "integer"}
-    schema["properties"]["channel"] = {"anyOf": [schema["properties"]["channel"], number]}
+    keys, number = schema["properties"], {"minimum": 0, "type": "integer"}
+    keys["channel"] = {"anyOf": [keys["channel"], number]}
     return schema
 
 
@@ -307,7 +304,7 @@ def _keys(table: dict[str, object], path: tuple[str, ...] = ()) -> Iterator[tupl
             yield from _keys(value, (*path, key))
 
 
-def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object], str]) -> None:
+def _check_bus(document: Document, axis: str, nodes: Nodes) -> None:
     """Note a bus that the file does not have, a node-ID out of range, and one that another axis has on the same bus.
 
     `nodes` collects the axis of each (bus, node-ID) from call to call.
@@ -343,16 +340,6 @@ def _check_profile_exists(document: Document, axis: str, known: Collection[str])
         document.fault(path, f'no profile "{name}"{suggestion(name, known)}')
     elif isinstance(name, str) and is_path(name) and not os.path.isfile(Path(document.source).resolve().parent / name):
         document.fault(path, f'no file "{name}" in the folder of this file')
-
-
-def _check_position_limits(document: Document, axis: str) -> None:
-    """Note position limits in the wrong order; faults of their types are those of the schema."""
-    path: KeyPath = ("axis", axis, "limits", "position")
-    limits = document.value(*path)
-    if not isinstance(limits, list) or len(limits) != 2:
-        return
-    if all(isinstance(limit, int | float) for limit in limits) and not limits[0] < limits[1]:
-        document.refuse(path, "the lower limit first")
 
 
 def _check_simulation(document: Document, axis: str) -> None:

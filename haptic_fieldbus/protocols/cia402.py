@@ -30,8 +30,6 @@ CIA402 = PowerTable(
 
 def with_mode_bits(bits: int) -> PowerTable:
     """Return the table whose controlwords that command *operation enabled* carry these bits of the mode too."""
-    if not bits:
-        return CIA402
     rows = [
         replace(row, controlword=row.controlword | bits) if row.state is PowerState.OPERATION_ENABLED else row
         for row in CIA402.rows

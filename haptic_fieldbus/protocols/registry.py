@@ -5,13 +5,12 @@ is the name of the protocol, and the first word of its bus names (`toy`, `toy:CH
 """
 
 import re
-import sys
-from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 
 from haptic_fieldbus.defaults import DEFAULT_PROTOCOL, SIMULATION
 from haptic_fieldbus.documents import suggestion
+from haptic_fieldbus.documents.own_parts import own_entry_points
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol
 
@@ -61,9 +60,4 @@ def parse_bus(text: str) -> BusName:
 
 def added(group: str) -> dict[str, EntryPoint]:
     """Return the entry points that other packages add to a group, by name."""
-    return _added_on(tuple(sys.path), group)
-
-
-@cache  # each run asks several times, and each answer reads the metadata of all packages
-def _added_on(path: tuple[str, ...], group: str) -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=group)}
+    return {name: entries[-1] for name, entries in own_entry_points(group).items()}

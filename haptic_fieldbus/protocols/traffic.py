@@ -208,68 +208,44 @@ class HostTimes:
     @property
     def most(self) -> float:
         """Longest time by which adapter and host can delay a set-point beyond `known_latency` [s]."""
-        unknown = 0.0 if self.simulated else 1.0
-        latency = 2.0 * ADAPTER_LATENCY * unknown if self.adapter_latency is None else 0.0
-        return latency + self.lateness
+        is_known = self.simulated or self.adapter_latency is not None
+        return (0.0 if is_known else 2.0 * ADAPTER_LATENCY) + self.lateness
 
     @property
     def lateness(self) -> float:
         """Longest time by which the host may be late in a period [s]."""
-        unknown = 0.0 if self.simulated else JITTER
-        return unknown if self.jitter is None else self.jitter
+        return self.jitter if self.jitter is not None else 0.0 if self.simulated else JITTER
 
 
 IDEAL = HostTimes(simulated=True)
 """A host that adds no time, as that of a simulated bus."""
 
 
-@dataclass(frozen=True)
-class TransportTimes:
-    """Times from the measurement of a position to the torque of it [s]."""
-
-    planned: float
-    shortest: float
-    longest: float
-
-
 def ways(
     timing: TimingSection, arrival: float, host: HostTimes, period: float, *, on_reception: bool
-) -> TransportTimes:
-    """Return the times of a drive whose set-point arrives so long after the latch, host as known [s].
+) -> tuple[float, float, float]:
+    """Return the time from the measurement of a position to the torque of it as planned, the shortest and the longest.
+
+    The set-point of the drive arrives so long after the latch, host as known [s].
 
     With `on_reception` False the set-point is taken over at the next SYNC.
     """
-    least, most = _latencies(timing)
+    locked, least = timing.control_tick == "sync", timing.encoder_latency or 0.0
+    # A drive that does not measure at SYNC shows what it measured at its own last tick.
+    most = least + (0.0 if locked and timing.encoder_latency is not None else timing.control_period)
 
     def acts(ready: float, tick: Literal["sync", "free", "at once"]) -> float:
         at = ready if on_reception else math.ceil(ready / period - NO_TICK) * period
-        if tick == "at once":
+        if tick == "free":
+            return at + timing.control_period
+        if tick == "at once" or timing.control_period < NO_TICK or not on_reception:  # SYNC is a tick
             return at
-        return at + timing.control_period if tick == "free" else _next_tick(at, timing.control_period, on_reception)
+        # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
+        return math.ceil(at / timing.control_period - 1e-9) * timing.control_period
 
-    locked = timing.control_tick == "sync"
-    return TransportTimes(
-        planned=least + acts(arrival, "free" if timing.control_tick == "free" else "sync"),
-        shortest=least + acts(arrival, "sync" if locked else "at once"),
-        longest=most + acts(arrival + host.most, "sync" if locked else "free"),
-    )
-
-
-def _latencies(timing: TimingSection) -> tuple[float, float]:
-    """Return how old a position may be when it is latched, at least and at most [s]."""
-    known = timing.encoder_latency or 0.0
-    if timing.control_tick == "sync" and timing.encoder_latency is not None:
-        return known, known
-    # A drive that does not measure at SYNC shows what it measured at its own last tick.
-    return known, known + timing.control_period
-
-
-def _next_tick(instant: float, control_period: float, on_reception: bool) -> float:
-    """Return the first multiple of `control_period` from `instant` on [s]; the instant itself without a period."""
-    if control_period < NO_TICK or not on_reception:  # SYNC is a tick
-        return instant
-    # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
-    return math.ceil(instant / control_period - 1e-9) * control_period
+    planned = least + acts(arrival, "free" if timing.control_tick == "free" else "sync")
+    shortest = least + acts(arrival, "sync" if locked else "at once")
+    return planned, shortest, most + acts(arrival + host.most, "sync" if locked else "free")
 
 
 def round_down(rate: float) -> float:

@@ -122,9 +122,8 @@ def parse_bus(text: str) -> BusName:
         return _parse_bare(text)
     if interface == SIMULATION:
         raise UsageError(f'bus "{text}": the simulated bus has no channel; write sim[@BITRATE]')
-    if interface == SIMULATION_INTERFACE:
-        return _parse_simulation(text, channel)
-    return _parse_can(text, interface, channel)
+    is_simulated = interface == SIMULATION_INTERFACE
+    return _parse_simulation(text, channel) if is_simulated else _parse_can(text, interface, channel)
 
 
 def in_place_of(section: CanSection, named: BusName, channel: str | None) -> CanSection:
@@ -132,11 +131,9 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
 
     Raises UsageError when the named bus is no CAN bus.
     """
-    new = named.section
+    new, own = named.section, f"{section.interface}:{section.channel}"
     if not isinstance(new, CanSection):
-        raise UsageError(
-            f'bus "{named.text}" is not a CAN bus, but {section.interface}:{section.channel} of the rig is'
-        )
+        raise UsageError(f'bus "{named.text}" is not a CAN bus, but {own} of the rig is')
     # A simulation without a bit rate is that of the bus which it replaces.
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
     # The arguments of one interface are not those of another.
@@ -223,9 +220,9 @@ NMT_COB_ID = 0x000
 EMCY_COB_ID = 0x080
 SDO_RESPONSE_COB_ID = 0x580
 SDO_REQUEST_COB_ID = 0x600
-RPDO_COB_IDS = (0x200, 0x300, 0x400, 0x500)
-"""Of RPDO 1 to 4 of node 0; those of a node have its node-ID added."""
-FROM_A_NODE = (EMCY_COB_ID, 0x180, 0x280, 0x380, 0x480, SDO_RESPONSE_COB_ID, 0x700)
+RPDO_COB_IDS, TPDO_COB_IDS = (0x200, 0x300, 0x400, 0x500), (0x180, 0x280, 0x380, 0x480)
+"""Of PDO 1 to 4 of node 0; those of a node have its node-ID added."""
+FROM_A_NODE = (EMCY_COB_ID, *TPDO_COB_IDS, SDO_RESPONSE_COB_ID, 0x700)
 """Frames that only a node itself sends, listed for node 0."""
 REMOTE = 0x8000
 """Bit that marks a remote frame, where a COB-ID is kept in 16 bits."""
@@ -233,14 +230,8 @@ REMOTE = 0x8000
 BROADCASTS = {NMT_COB_ID: "NMT command", 0x080: "SYNC", 0x100: "time stamp", 0x7E4: "LSS answer", 0x7E5: "LSS request"}
 SERVICES = {
     EMCY_COB_ID: "emergency of node",
-    0x180: "TPDO1 of node",
-    0x200: "set-point (RPDO1) for node",
-    0x280: "TPDO2 of node",
-    0x300: "set-point (RPDO2) for node",
-    0x380: "TPDO3 of node",
-    0x400: "set-point (RPDO3) for node",
-    0x480: "TPDO4 of node",
-    0x500: "set-point (RPDO4) for node",
+    **{cob_id: f"TPDO{number} of node" for number, cob_id in enumerate(TPDO_COB_IDS, start=1)},
+    **{cob_id: f"set-point (RPDO{number}) for node" for number, cob_id in enumerate(RPDO_COB_IDS, start=1)},
     SDO_RESPONSE_COB_ID: "SDO answer of node",
     SDO_REQUEST_COB_ID: "SDO request to node",
     0x700: "heartbeat of node",
@@ -251,8 +242,6 @@ def cob_id_words(cob_id: int) -> str:
     """Return a COB-ID with its meaning: `SYNC (080h)`, `heartbeat of node 127 (77Fh)`; with `REMOTE`, of a request."""
     if cob_id & REMOTE:
         return f"node guarding request to node {cob_id & 0x7F} ({cob_id & ~REMOTE:03X}h)"
-    name = BROADCASTS.get(cob_id)
     base, node = cob_id & 0x780, cob_id & 0x7F
-    if name is None:
-        name = f"{SERVICES[base]} {node}" if base in SERVICES and node in NODES else "frame"
-    return f"{name} ({cob_id:03X}h)"
+    service = f"{SERVICES[base]} {node}" if base in SERVICES and node in NODES else "frame"
+    return f"{BROADCASTS.get(cob_id, service)} ({cob_id:03X}h)"

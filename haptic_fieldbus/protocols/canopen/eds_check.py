@@ -23,19 +23,10 @@ from haptic_fieldbus.errors import Fault
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen import eds_pdos, eds_values
 from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, carries, fixed_pdos, pdo_room
-from haptic_fieldbus.protocols.canopen.eds_values import (
-    BY_KEY,
-    OBJECTS,
-    USABLE,
-    Finding,
-    StandardObject,
-    Use,
-    number_of,
-    value_at,
-)
+from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, USABLE, Finding, StandardObject, Use, value_at
 from haptic_fieldbus.protocols.canopen.from_eds import AGAINST, LEFT_OUT
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObject
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 
 
 def _line(eds: Eds, index: int) -> int | None:
@@ -72,9 +63,7 @@ def _unused(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[
 
 def _offers(eds: Eds, row: StandardObject) -> bool:
     entry = row.found(eds)
-    if entry is None or row.use is not Use.SENT:
-        return row.use.permits(entry)
-    return carries(eds, Direction.TPDO, entry)
+    return carries(eds, Direction.TPDO, entry) if entry and row.use is Use.SENT else row.use.permits(entry)
 
 
 # The objects that a profile names, beside the file: type, access, mappability, limits of what is written.
@@ -104,7 +93,7 @@ def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds:
     values = value_at(profile, row.values) if row.values else ()
     for each in values if isinstance(values, tuple) else ():
         yield from _in_limits(row.values, entry, each, eds)
-    power = number_of(eds, entry.object, entry.subindex) if row.values == "sync.powers" else None
+    power = eds_values.number_of(eds, entry.object, entry.subindex) if row.values == "sync.powers" else None
     if power is not None and power not in profile.sync.powers:
         fault = f"without {power}, the value of {entry.place} after power-on"
         yield Finding(row.values, "", _line(eds, entry.object), fault)
@@ -112,10 +101,8 @@ def _used(row: StandardObject, entry: ObjectEntry, profile: CanopenProfile, eds:
 
 def _standard(row: StandardObject, entry: ObjectEntry) -> Iterator[Finding]:
     """Yield a fault for an object of a standard that means something else than the key of the profile."""
-    expected = [row.index]
-    if row.of_current is not None and entry.unit not in (PERMILLE, PERMILLE_OF_CURRENT, ""):
-        expected.append(row.of_current)
-    index = entry.object
+    index, is_current = entry.object, entry.unit not in (PERMILLE, PERMILLE_OF_CURRENT, "")
+    expected = [row.index, row.of_current] if row.of_current is not None and is_current else [row.index]
     is_right = index in _MANUFACTURER or index in expected
     if is_right or row is not BY_KEY[row.key] or row.key == "torque.echo":
         return
@@ -158,11 +145,10 @@ def _written(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[Fin
 
 def _in_limits(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[Finding]:
     found = eds.find(entry.object, entry.subindex)
-    low, high = (found.low, found.high) if found is not None else (None, None)
-    if found is None or low is None or high is None or not low < high:
+    if found is None or found.low is None or found.high is None or not found.low < found.high:
         return  # limits without room are a slip of the file
-    takes = f"{entry.place} accepts {exactly(low)} to {exactly(high)}"
-    yield Finding(key, takes, found.line, "" if low <= value <= high else f"{value}; {takes}")
+    takes = f"{entry.place} accepts {exactly(found.low)} to {exactly(found.high)}"
+    yield Finding(key, takes, found.line, "" if found.low <= value <= found.high else f"{value}; {takes}")
 
 
 _UNITS = {"position.actual.unit": eds_values.position_unit, "velocity.actual.unit": eds_values.velocity_unit}
@@ -170,22 +156,19 @@ _UNITS = {"position.actual.unit": eds_values.position_unit, "velocity.actual.uni
 
 
 def _unit(row: StandardObject, profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    unit, code, expected = value_at(profile, row.key), number_of(eds, row.index), _UNITS[row.key](eds)
+    unit, code, expected = value_at(profile, row.key), eds_values.number_of(eds, row.index), _UNITS[row.key](eds)
     # A position unit of 0 says nothing; without a value the velocity unit is that of the standard.
     is_told = code if row.key == "position.actual.unit" else row.index in eds
     if unit is None or not is_told:
         return
     words = f"[{row.index:04X}] DefaultValue {(code or 0) & 0xFFFF_FFFF:08X}h"
     named = f'"{expected}"' if expected else "another unit"
-    yield Finding(
-        row.key, words, _line(eds, row.index), "" if unit == expected else f'"{unit}"; expected {named} by {words}'
-    )
+    fault = "" if unit == expected else f'"{unit}"; expected {named} by {words}'
+    yield Finding(row.key, words, _line(eds, row.index), fault)
 
 
 # The mode of operation of a profile, and the objects that every drive of CiA 402 needs, beside the file.
 
-TORQUE_MODES = (4, 10)
-"""Modes of CiA 402-2 with a target torque: profile torque, cyclic synchronous torque."""
 MODE_KEY = "torque.mode_of_operation"
 _MANUFACTURER_BITS = 0xFFFF_0000
 """Bits of 6502h for modes of the manufacturer, which are negative."""
@@ -193,11 +176,9 @@ _MANUFACTURER_BITS = 0xFFFF_0000
 
 def mode_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     """Yield what the file shows of the mode, and of the objects by which it is set and confirmed."""
-    for row in OBJECTS:
-        if row.key == USABLE:
-            yield finding_of(USABLE, row.entry, row.use, eds)
+    yield from (finding_of(USABLE, row.entry, row.use, eds) for row in OBJECTS if row.key == USABLE)
     mode = profile.torque.mode_of_operation
-    if mode > 0 and mode not in TORQUE_MODES:
+    if mode > 0 and mode not in eds_pdos.TORQUE_MODES:
         yield Finding(MODE_KEY, "", fault=f"{mode} is no torque mode of CiA 402-2; expected 4 (profile torque), "
                       "10 (cyclic) or a negative one of the manufacturer")  # fmt: skip
     entry = eds.find(0x6060)
@@ -250,8 +231,7 @@ def _count(profile: CanopenProfile, eds: Eds, direction: Direction) -> Finding:
         are = "is" if len(missing) == 1 else "are"
         fault = f"{len(own)}; {direction.value} {listed(missing, 'and')} {are} not in the file"
     elif beyond:
-        extra = f"{direction.value} {listed(beyond, 'and')}"
-        fault = f"{len(own)}; the file also has {extra}, which would stay active"
+        fault = f"{len(own)}; the file also has {direction.value} {listed(beyond, 'and')}, which would stay active"
     line = _line(eds, COMMUNICATION[direction].start)
     return Finding(f"pdo.{direction.value.lower()}s", f"{len(shown)} {direction.value}s", line, fault)
 
@@ -278,14 +258,10 @@ def _types(profile: CanopenProfile, eds: Eds, direction: Direction) -> Iterator[
     """Yield the transmission types: types after power-on are permitted, types beyond a limit of the file are not."""
     own = profile.pdo.tpdo_types if direction is Direction.TPDO else profile.pdo.rpdo_types
     low, high = eds_pdos.type_limits(eds, direction)
-    place = f"{COMMUNICATION[direction].start:04X}h:02"
-    beyond = [f"{kind}; {place} accepts {low} to {high}" for kind in own if not low <= kind <= high]
-    missing = sorted(eds_pdos.default_types(eds, direction) - set(own))
-    for fault in (
-        *beyond,
-        *(f"without {kind}, the value of {place} or a later one after power-on" for kind in missing),
-    ):
-        yield Finding(f"pdo.{direction.value.lower()}_types", "", _line(eds, COMMUNICATION[direction].start), fault)
+    first, missing = COMMUNICATION[direction].start, sorted(eds_pdos.default_types(eds, direction) - set(own))
+    faults = [f"{kind}; {first:04X}h:02 accepts {low} to {high}" for kind in own if not low <= kind <= high]
+    faults += [f"without {kind}, the value of {first:04X}h:02 or a later one after power-on" for kind in missing]
+    yield from (Finding(f"pdo.{direction.value.lower()}_types", "", _line(eds, first), fault) for fault in faults)
 
 
 def _hexadecimal(values: tuple[int, ...]) -> str:
@@ -301,23 +277,18 @@ _EXPLANATION = re.compile(r"\([^)]*\)")
 
 def shown_findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     """Compare each shown value with the file; an object that is named twice is a fault."""
-    shown = profile.commissioning.shown
-    places = [(each.object, each.subindex) for each in shown]
-    for each, place in zip(shown, places, strict=True):
+    places = [each.entry.place for each in profile.commissioning.shown]
+    for each in profile.commissioning.shown:
         yield finding_of(SHOWN_KEY, each.entry, Use.READ, eds)
-        found = eds.find(*place)
+        found = eds.find(each.object, each.subindex)
         if found is not None and found.name:
-            yield _named(each, found)
-        if places.count(place) > 1:
+            # Each word of the profile's name must be in the file's name of the object.
+            said = f'{each.entry.place} is "{found.name}"'
+            other = _words(_EXPLANATION.sub(" ", each.name)) - _words(found.name)
+            fault = f'"{each.name}"; {said}. Put additions to the name of the file in parentheses' if other else ""
+            yield Finding(f"{SHOWN_KEY}.name", said, found.line, fault)
+        if places.count(each.entry.place) > 1:
             yield Finding(SHOWN_KEY, "", fault=f"{each.entry.place} appears twice; expected once")
-
-
-def _named(shown: ShownObject, found: EdsEntry) -> Finding:
-    """Return a fault where the name of the profile has a word that the file's name of the object does not have."""
-    said = f'{shown.entry.place} is "{found.name}"'
-    other = _words(_EXPLANATION.sub(" ", shown.name)) - _words(found.name)
-    fault = f'"{shown.name}"; {said}. Put additions to the name of the file in parentheses' if other else ""
-    return Finding(f"{SHOWN_KEY}.name", said, found.line, fault)
 
 
 def _words(text: str) -> set[str]:
@@ -352,12 +323,12 @@ def compare(profile: CanopenProfile, eds: Eds, more: tuple[Finding, ...] = ()) -
         for find in (mode_findings, named_objects, shown_findings, left_out):
             findings += find(profile, eds)
     findings += (*pdo_findings(profile, eds), *more)
-    faults = [(finding, finding.as_fault(), _reason(profile, finding)) for finding in findings if finding.fault]
+    faults = [(Fault(each.key, each.fault, each.line), _reason(profile, each)) for each in findings if each.fault]
     return Comparison(
         Path(eds.source).name,
         tuple(finding for finding in findings if not finding.fault),
-        tuple(fault for _, fault, reason in faults if not reason),
-        tuple(KnownDifference(fault, reason) for _, fault, reason in faults if reason),
+        tuple(fault for fault, reason in faults if not reason),
+        tuple(KnownDifference(fault, reason) for fault, reason in faults if reason),
     )
 
 
@@ -366,16 +337,14 @@ def _reason(profile: CanopenProfile, finding: Finding) -> str:
     source = profile.sources.get(finding.key, "")
     if source.startswith(LEFT_OUT if finding.is_left_out else AGAINST):
         return source
-    if not finding.key.startswith("simulation") or finding.index is None:
-        return ""
-    differs = profile.simulation.differs.items()
-    return next((reason for place, reason in differs if _covers(place, finding.index, finding.subindex)), "")
+    differs = profile.simulation.differs if finding.key.startswith("simulation") else {}
+    return next((reason for place, reason in differs.items() if _covers(place, finding)), "")
 
 
-def _covers(place: str, index: int, subindex: int) -> bool:
-    """Return whether a key such as "6007", "1400-1403" or "1016:01-02" names the entry; all numbers are hexadecimal."""
+def _covers(place: str, finding: Finding) -> bool:
+    """Return whether a key such as "6007", "1400-1403" or "1016:01-02" names the object; numbers are hexadecimal."""
     indices, _, subindices = place.partition(":")
-    return index in _range(indices) and (not subindices or subindex in _range(subindices))
+    return finding.index in _range(indices) and (not subindices or finding.subindex in _range(subindices))
 
 
 def _range(text: str) -> range:

@@ -1,6 +1,7 @@
 """The PDOs of an EDS, and what the file lacks for a drive."""
 
 from collections.abc import Iterator
+from itertools import takewhile
 
 from haptic_fieldbus.drive.cia402 import VelocitySection
 from haptic_fieldbus.eds import Eds, EdsEntry
@@ -29,16 +30,14 @@ _USUAL_TYPES = (1, 254, 255)
 def records(eds: Eds, direction: Direction) -> dict[int, int]:
     """Return the index of the communication record of each PDO of a direction, by the number of the PDO."""
     every = COMMUNICATION[direction]
-    present = sorted(index for index in eds.objects if index in every and index + MAPPING in eds)
-    return {index - every.start + 1: index for index in present}
+    return {index - every.start + 1: index for index in every if index in eds and index + MAPPING in eds}
 
 
 def pdo_shape(eds: Eds, direction: Direction) -> dict[int, int]:
     """Return the highest mapping entry of each PDO of a direction, by the number of the PDO."""
-    mappings = {number: eds.objects[index + MAPPING].entries for number, index in records(eds, direction).items()}
     return {
-        number: max((subindex for subindex in entries if subindex <= MOST_ENTRIES), default=0)
-        for number, entries in mappings.items()
+        number: max((each for each in eds.objects[index + MAPPING].entries if each <= MOST_ENTRIES), default=0)
+        for number, index in records(eds, direction).items()
     }
 
 
@@ -54,10 +53,7 @@ def _room(eds: Eds, index: int) -> int:
         return 0
     most = mapping[0].high
     limit = most if isinstance(most, int) and 0 < most <= MOST_ENTRIES else MOST_ENTRIES
-    count = 0
-    while count < limit and Use.WRITTEN.permits(mapping.get(count + 1)):
-        count += 1
-    return count
+    return len([*takewhile(lambda each: Use.WRITTEN.permits(mapping.get(each)), range(1, limit + 1))])
 
 
 def fixed_pdos(eds: Eds, direction: Direction) -> tuple[FixedPdo, ...]:
@@ -77,11 +73,9 @@ def _held(eds: Eds, index: int) -> tuple[int, ...]:
 
 def _is_usable(eds: Eds, index: int) -> bool:
     """Return whether a PDO can be switched on, with the transmission type that the loop needs."""
-    kind = eds.find(index, 2)
-    if not Use.WRITTEN.permits(eds.find(index, 1)) or kind is None:
-        return False
     needed = 1 if index in COMMUNICATION[Direction.TPDO] else _EVENT_DRIVEN
-    return Use.WRITTEN.permits(kind) or number_of(eds, index, 2) == needed
+    has_type = Use.WRITTEN.permits(eds.find(index, 2)) or number_of(eds, index, 2) == needed
+    return has_type and Use.WRITTEN.permits(eds.find(index, 1))
 
 
 def carries(eds: Eds, direction: Direction, entry: EdsEntry) -> bool:
@@ -102,15 +96,14 @@ def pdo_section(eds: Eds) -> PdoSection:
     """Return the PDOs of a file: their numbers, the room of each, and the longest inhibit time of any."""
     rooms = {direction: pdo_room(eds, direction) for direction in Direction}
     entries = max((room for each in rooms.values() for room in each.values()), default=0) or 1
-    irregular = {direction: _listed(room, entries) for direction, room in rooms.items()}
     return PdoSection(
         tpdo_types=_types(eds, Direction.TPDO),
         rpdo_types=_types(eds, Direction.RPDO),
         tpdos=len(rooms[Direction.TPDO]),
         rpdos=len(rooms[Direction.RPDO]),
         entries=entries,
-        tpdo_entries=irregular[Direction.TPDO],
-        rpdo_entries=irregular[Direction.RPDO],
+        tpdo_entries=_listed(rooms[Direction.TPDO], entries),
+        rpdo_entries=_listed(rooms[Direction.RPDO], entries),
         tpdo_fixed=fixed_pdos(eds, Direction.TPDO),
         rpdo_fixed=fixed_pdos(eds, Direction.RPDO),
         inhibit_time_default=inhibit_time(eds),
@@ -125,8 +118,7 @@ def inhibit_time(eds: Eds) -> float:
 
 def default_types(eds: Eds, direction: Direction) -> set[int]:
     """Return the transmission types that the PDOs of a direction have after power-on."""
-    found = {number_of(eds, index, 2) for index in records(eds, direction).values()}
-    return {kind for kind in found if kind is not None}
+    return {kind for index in records(eds, direction).values() if (kind := number_of(eds, index, 2)) is not None}
 
 
 def _types(eds: Eds, direction: Direction) -> tuple[int, ...]:
@@ -138,25 +130,23 @@ def _types(eds: Eds, direction: Direction) -> tuple[int, ...]:
 
 def type_limits(eds: Eds, direction: Direction) -> tuple[int, int]:
     """Return the limits that the file sets for the transmission types of a direction."""
-    found = [eds.find(index, 2) for index in records(eds, direction).values()]
-    lows = [entry.low for entry in found if entry is not None and isinstance(entry.low, int)]
-    highs = [entry.high for entry in found if entry is not None and isinstance(entry.high, int)]
-    low, high = max(lows, default=0), min(highs, default=0xFF)
+    found = [entry for index in records(eds, direction).values() if (entry := eds.find(index, 2)) is not None]
+    low = max((entry.low for entry in found if isinstance(entry.low, int)), default=0)
+    high = min((entry.high for entry in found if isinstance(entry.high, int)), default=0xFF)
     # Limits that leave nothing are a slip of the file.
     return (low, high) if low < high else (0, 0xFF)
 
 
 def _listed(room: dict[int, int], entries: int) -> tuple[int, ...]:
     """Return the entries of PDO 1, 2, 3 … where they differ from `entries`, 0 for one that is not there."""
-    highest = max(room, default=0)
-    listed = tuple(room.get(number, 0) for number in range(1, highest + 1))
+    listed = tuple(room.get(number, 0) for number in range(1, max(room, default=0) + 1))
     return listed if any(each != entries for each in listed) else ()
 
 
 # What a vendor's file lacks: for a drive of CiA 402 at all, and for force.
 
-CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
-"""Modes of operation (6060h)."""
+CYCLIC_TORQUE, PROFILE_TORQUE = TORQUE_MODES = 10, 4
+"""Modes of operation (6060h) of CiA 402-2 with a target torque: cyclic synchronous torque, profile torque."""
 Lack = tuple[str, int | None]
 """Missing part in words, and the line of the file that shows it; None when there is no such line."""
 
@@ -177,18 +167,14 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
     if velocity is None and eds_values.position_unit(eds) is None:
         code = (number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF
         yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
-    several = eds_values.axes_in(eds)
-    if several:
+    if several := eds_values.axes_in(eds):
         yield eds_values.axes_words(several), eds.objects[several[0]].line
     for direction in (Direction.RPDO, Direction.TPDO):
         if not records(eds, direction):
             yield f"there is no {direction.value} ({_first_records(direction)})", None
     if not mode and not torque_mode(eds):
-        modes = eds.find(0x6502)
-        yield (
-            f"{object_name(0x6502)} {eds_values.supported_modes(eds):X}h names no torque mode",
-            modes.line if modes else None,
-        )
+        modes, named = eds.find(0x6502), f"{object_name(0x6502)} {eds_values.supported_modes(eds):X}h"
+        yield f"{named} names no torque mode", modes.line if modes else None
 
 
 def torque_mode(eds: Eds) -> int:
@@ -200,7 +186,7 @@ def torque_mode(eds: Eds) -> int:
     if not modes:
         return CYCLIC_TORQUE
     # Bit n − 1 of 6502h stands for mode n.
-    return next((mode for mode in (CYCLIC_TORQUE, PROFILE_TORQUE) if modes >> mode - 1 & 1), 0)
+    return next((mode for mode in TORQUE_MODES if modes >> mode - 1 & 1), 0)
 
 
 def _object_lacks(eds: Eds, row: StandardObject) -> list[Lack]:
@@ -219,15 +205,13 @@ def _mapping_lacks(eds: Eds, row: StandardObject) -> Iterator[Lack]:
     entry, direction = row.found(eds), row.use.direction
     if entry is None or direction is None or carries(eds, direction, entry):
         return
-    present = records(eds, direction)
+    present, name, kind = records(eds, direction), object_name(row.index), direction.value
     if present and (any(pdo_room(eds, direction).values()) or not is_mappable(entry, direction)):
-        yield f"{object_name(row.index)} cannot be {row.use.words}", entry.line
+        yield f"{name} cannot be {row.use.words}", entry.line
     elif present:
-        yield (
-            f"no active {direction.value} carries {object_name(row.index)}, and no {direction.value} can be "
-            f"remapped: their records are read-only ({_first_records(direction)} and on)",
-            eds.objects[min(present.values()) + MAPPING].line,
-        )
+        why = f"their records are read-only ({_first_records(direction)} and on)"
+        line = eds.objects[min(present.values()) + MAPPING].line
+        yield f"no active {kind} carries {name}, and no {kind} can be remapped: {why}", line
 
 
 def _first_records(direction: Direction) -> str:

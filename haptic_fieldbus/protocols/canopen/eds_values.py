@@ -12,7 +12,6 @@ from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, OptionCode
 from haptic_fieldbus.drive.objects import NAMES, DataType, ObjectEntry
 from haptic_fieldbus.drive.rig import COUNTS, COUNTS_PER_SECOND, PERMILLE, TENTH_DEGREE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
-from haptic_fieldbus.errors import Fault
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.signals import Signal
 
@@ -49,10 +48,6 @@ class Finding:
     subindex: int = 0
     is_left_out: bool = False
     """True: the profile does not give the key, although the file has what it needs."""
-
-    def as_fault(self) -> Fault:
-        """Return the fault, with the line of the file."""
-        return Fault(self.key, self.fault, self.line)
 
 
 # The standard objects, and what the master does with each.
@@ -214,20 +209,15 @@ def number_of(eds: Eds, index: int, subindex: int = 0) -> int | None:
 def axes_words(indices: Iterable[int]) -> str:
     """Return what to do about a node that has a value of each axis in a sub-index of its own."""
     named = ", ".join(f"{index:04X}h:01 and :02" for index in indices)
-    return (
-        f"several axes share this node, each in its own sub-index ({named}): write one profile per axis, with "
-        "subindex = 1, 2 … in position.actual, torque.target and torque.actual"
-    )
+    advice = "write one profile per axis, with subindex = 1, 2 … in position.actual, torque.target and torque.actual"
+    return f"several axes share this node, each in its own sub-index ({named}): {advice}"
 
 
 def axes_in(eds: Eds) -> list[int]:
     """Return the objects that have a value of each of several axes in sub-indices."""
-    return [
-        index
-        for index in PER_AXIS
-        if all((entry := eds.find(index, each)) is not None and entry.type not in (None, EdsType.UNSIGNED8)
-               for each in (1, 2))
-    ]  # fmt: skip
+    no_values = (None, EdsType.UNSIGNED8)
+    found = {index: (eds.find(index, 1), eds.find(index, 2)) for index in PER_AXIS}
+    return [index for index, axes in found.items() if all(each and each.type not in no_values for each in axes)]
 
 
 def object_name(index: int) -> str:

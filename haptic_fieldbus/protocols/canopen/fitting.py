@@ -34,28 +34,23 @@ class MatchQuality(Enum):
     DRIVE = "possible match: a CiA 402 drive of a vendor without a profile"
 
 
-ORDER = tuple(MatchQuality)
-
-
 def fitting(
     profiles: Iterable[CanopenProfile], vendor_id: int | None, product_code: int | None, name: str | None
 ) -> list[tuple[CanopenProfile, MatchQuality]]:
     """Return the profiles that may be that of a CiA 402 drive, the surest first."""
-    graded = [(profile, _sureness(profile, vendor_id, product_code, name or "")) for profile in profiles]
+    graded = ((profile, _sureness(profile, vendor_id, product_code, name or "")) for profile in profiles)
     found = [(profile, sureness) for profile, sureness in graded if sureness is not None]
-    return sorted(found, key=lambda each: ORDER.index(each[1]))
+    return sorted(found, key=lambda each: [*MatchQuality].index(each[1]))
 
 
-def _sureness(
-    profile: CanopenProfile, vendor_id: int | None, product_code: int | None, name: str
-) -> MatchQuality | None:
+def _sureness(profile: CanopenProfile, vendor: int | None, product: int | None, name: str) -> MatchQuality | None:
     expected = profile.identity
     if expected.vendor_id is None and not expected.product_codes:
         return MatchQuality.DRIVE
-    if expected.vendor_id is not None and expected.vendor_id != vendor_id:
+    if expected.vendor_id is not None and expected.vendor_id != vendor:
         return None
     if expected.product_codes:
-        return MatchQuality.PRODUCT if product_code in expected.product_codes else None
+        return MatchQuality.PRODUCT if product in expected.product_codes else None
     model = profile.drive.model.split()[0].casefold()
     return MatchQuality.MODEL if model in name.casefold() else MatchQuality.VENDOR
 
@@ -67,6 +62,8 @@ _TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value"
          "pdo.inhibit_time_default", "sync.interpolation_time", "sync.powers", "sync.values",
          "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
 """Keys whose values the drive tells."""
+_KEPT = ("tpdo_types", "rpdo_types", "rpdo_acts", "entries")
+"""Keys of the PDOs whose values are those of the profile."""
 _CONSUMER = "link_loss.heartbeat_consumer"
 _OPTIONAL = ("torque.rated", "torque.rated_current", "link_loss.abort_connection_option",
              "link_loss.fault_reaction_option", _CONSUMER)  # fmt: skip
@@ -99,13 +96,7 @@ def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
         ),
         position=position,
         velocity=profile.velocity or (made.velocity if position is None else None),
-        pdo=replace(
-            made.pdo,
-            tpdo_types=profile.pdo.tpdo_types,
-            rpdo_types=profile.pdo.rpdo_types,
-            rpdo_acts=profile.pdo.rpdo_acts,
-            entries=profile.pdo.entries,
-        ),
+        pdo=replace(made.pdo, **{key: getattr(profile.pdo, key) for key in _KEPT}),
         sync=made.sync if profile.sync == SyncSection() else profile.sync,
         # The guard is that of the profile, else life guarding, else none.
         link_loss=replace(

@@ -49,8 +49,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
 
     `mode` is the mode of operation; None: a torque mode of 6502h.
     """
-    faults = [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in eds_pdos.automaton_lacks(eds)]
-    if faults:
+    if faults := [Fault("", f"not a CiA 402 drive: {lack}", line) for lack, line in eds_pdos.automaton_lacks(eds)]:
         raise EdsError(eds.source, faults)
     velocity = _velocity(eds)
     lacks = tuple(eds_pdos.force_lacks(eds, mode, velocity))
@@ -216,12 +215,8 @@ def _identity_sources(eds: Eds, found: str) -> Iterator[Source]:
 
 
 def _torque_sources(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
-    mode = (
-        f"{found}, [6502] DefaultValue"
-        if eds_values.supported_modes(eds)
-        else f"{ASSUMED}: {found} has no value for 6502h"
-    )
-    yield "torque.mode_of_operation", mode
+    modes, assumed = eds_values.supported_modes(eds), f"{ASSUMED}: {found} has no value for 6502h"
+    yield "torque.mode_of_operation", f"{found}, [6502] DefaultValue" if modes else assumed
     for key in ("torque.target", "torque.actual", "torque.rated", "torque.demand"):
         index = BY_KEY[key].index
         if value_at(profile, key) is None:
@@ -274,9 +269,7 @@ def _pdo_sources(section: PdoSection, eds: Eds, found: str) -> Iterator[Source]:
 
 def _written_sources(profile: CanopenProfile, section: str, found: str) -> Iterator[Source]:
     """Yield the sources of the objects of a section that the master writes."""
-    for row in OBJECTS:
-        if not row.key.startswith(section) or row is not BY_KEY[row.key]:
-            continue
+    for row in (row for row in OBJECTS if row.key.startswith(section) and row is BY_KEY[row.key]):
         value, subindex = value_at(profile, row.key), 0 if row.values else row.subindex
         if value is None:
             place = f"{row.index:04X}h{f':{subindex:02X}' if subindex else ''}"

@@ -15,6 +15,7 @@ from annotated_types import Ge, Le, Len
 from haptic_fieldbus.drive.fields import Table, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import ImageTooLargeError
+from haptic_fieldbus.protocols.protocol import Signals
 from haptic_fieldbus.signals import Signal
 
 SYNC_COB_ID = 0x080
@@ -119,10 +120,14 @@ class Pdo:
         return self.transmission_type in SYNCHRONOUS_TYPES
 
 
+Offered = Mapping[Signal, ObjectEntry]
+"""The object of each signal."""
+
+
 def lay_out(
     direction: Direction,
-    offered: Mapping[Signal, ObjectEntry],
-    signals: Sequence[Signal],
+    offered: Offered,
+    signals: Signals,
     *,
     node: int,
     transmission_type: int,
@@ -131,7 +136,7 @@ def lay_out(
 ) -> tuple[Pdo, ...]:
     """Return the PDOs with the signals that take the fewest bits; raises ImageTooLargeError when none have them all.
 
-    `offered` has the object of each signal; `room` has the number of mapping entries of each PDO of the direction that
+    `room` has the number of mapping entries of each PDO of the direction that
     can be mapped anew, by the number of the PDO. They are filled with the signals in their order. The other PDOs have
     `fixed` mappings, of which those are used that leave the fewest bits.
     """
@@ -169,14 +174,12 @@ def _choices(fixed: Sequence[FixedPdo], wanted: Mapping[int, Signal]) -> Iterato
         yield from combinations(useful, number)
 
 
-def _bits(offered: Mapping[Signal, ObjectEntry], chosen: Sequence[FixedPdo], frames: Sequence[Sequence[Signal]]) -> int:
-    own = [sum(offered[signal].type.size for signal in frame) for frame in frames]
+def _bits(offered: Offered, chosen: Sequence[FixedPdo], frames: Sequence[Signals]) -> int:
+    own = (sum(offered[signal].type.size for signal in frame) for frame in frames)
     return sum(worst_case_bits(octets) for octets in (*own, *(each.size for each in chosen)))
 
 
-def _with_fixed(
-    like: Pdo, chosen: Sequence[FixedPdo], offered: Mapping[Signal, ObjectEntry], wanted: Mapping[int, Signal]
-) -> Iterator[Pdo]:
+def _with_fixed(like: Pdo, chosen: Sequence[FixedPdo], offered: Offered, wanted: Mapping[int, Signal]) -> Iterator[Pdo]:
     """Yield the PDOs with fixed mappings; a signal that several of them carry is taken from the first."""
     left = dict(wanted)
     for each in chosen:
@@ -190,12 +193,7 @@ def _with_fixed(
 
 
 def _too_few(
-    direction: Direction,
-    offered: Mapping[Signal, ObjectEntry],
-    signals: Sequence[Signal],
-    node: int,
-    rooms: Sequence[int],
-    fixed: Sequence[FixedPdo],
+    direction: Direction, offered: Offered, signals: Signals, node: int, rooms: Sequence[int], fixed: Sequence[FixedPdo]
 ) -> str:
     """Return why the signals fit into no PDOs of a node."""
     carried = {value for each in fixed for value in each.maps}
@@ -204,20 +202,13 @@ def _too_few(
         maps = ([f"{value >> 16:04X}h:{value >> 8 & 0xFF:02X}" for value in each.maps] for each in fixed)
         named = zip(fixed, maps, strict=True)
         held = "; ".join(f"{direction.value}{each.number} {' + '.join(places)}" for each, places in named)
-        return (
-            f"no {direction.value} of node {node} carries {', '.join(map(str, missing))}, and the mapping is fixed: "
-            f"{held}"
-        )
-    frames = _frames(offered, signals, rooms)
-    return (
-        f"{len(signals)} signals need {len(frames)} {direction.value}s of node {node}, which has {len(rooms)}: "
-        + ", ".join(signal.value for signal in signals)
-    )
+        lacks = f"no {direction.value} of node {node} carries {', '.join(map(str, missing))}"
+        return f"{lacks}, and the mapping is fixed: {held}"
+    names, needed = ", ".join(signal.value for signal in signals), len(_frames(offered, signals, rooms))
+    return f"{len(signals)} signals need {needed} {direction.value}s of node {node}, which has {len(rooms)}: {names}"
 
 
-def _frames(
-    offered: Mapping[Signal, ObjectEntry], signals: Sequence[Signal], rooms: Sequence[int]
-) -> list[list[Signal]]:
+def _frames(offered: Offered, signals: Signals, rooms: Sequence[int]) -> list[list[Signal]]:
     """Return the signals of each PDO; beyond those that the drive has, each takes as many as its last one."""
     last = rooms[-1] if rooms else LARGEST_PAYLOAD
     frames: list[list[Signal]] = [[]]

@@ -53,12 +53,13 @@ def check_profile(document: Document) -> None:
     _check_objects(document)
     # What is asked is the target itself, which every profile has.
     protocol.check_echo(document, ECHOES.keys() - {"asked"}, "object")
-    _check_guard(document)
+    # A node has either heartbeats or node guarding (CiA 301 7.2.8.3.2).
+    guarding, expected = ("link_loss", "life_guarding"), "expected exactly one of them"
+    if document.value(*guarding) is True and "heartbeat_consumer" in document.table("link_loss"):
+        document.fault(guarding, f"true together with link_loss.heartbeat_consumer; {expected}")
     _check_fixed(document)
     _check_simulated(document)
-    rows = document.value("setup", "writes")
-    written = [("setup", "writes", number) for number in range(len(rows) if isinstance(rows, list) else 0)]
-    for path in (*written, ("torque", "slope")):
+    for path in (*document.rows("setup", "writes"), ("torque", "slope")):
         protocol.check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
 
 
@@ -81,39 +82,24 @@ def _check_fixed(document: Document) -> None:
     """Note a fixed mapping that no frame carries, and a PDO that is named twice."""
     for key in ("tpdo_fixed", "rpdo_fixed"):
         numbers: set[object] = set()
-        rows = document.value("pdo", key)
-        for place, each in enumerate(rows if isinstance(rows, list) else ()):
-            if not isinstance(each, dict):
-                continue
-            maps = each.get("maps")
-            bits = [value & 0xFF for value in maps if isinstance(value, int)] if isinstance(maps, list) else []
+        for path in document.rows("pdo", key):
+            bits = [value & 0xFF for value in document.rows(*path, "maps").values() if isinstance(value, int)]
             if sum(bits) > 8 * LARGEST_PAYLOAD or any(each not in OCTETS for each in bits):
                 expected = "objects of 8, 16 or 32 bits, 64 together, as in [0x60400010, 0x60710010]"
-                document.fault(("pdo", key, place, "maps"), f"not a PDO mapping; expected {expected}")
-            number = each.get("number")
+                document.fault((*path, "maps"), f"not a PDO mapping; expected {expected}")
+            number = document.value(*path, "number")
             if type(number) is int and number in numbers:
-                document.fault(("pdo", key, place, "number"), f"{number} is already used; expected another one")
+                document.fault((*path, "number"), f"{number} is already used; expected another one")
             numbers |= {number} if type(number) is int else set()
 
 
 def _check_simulated(document: Document) -> None:
     """Note a key of the simulated drive that names no object."""
+    forms = 'expected hexadecimal numbers or ranges as in "6007", "60C2:01" or "1400-1403:05"'
     for table in ("objects", "differs"):
         for key in document.table("simulation", table):
             if not _PLACE.fullmatch(key):
-                document.fault(
-                    ("simulation", table, key),
-                    'no object; expected hexadecimal numbers or ranges as in "6007", "60C2:01" or "1400-1403:05"',
-                )
-
-
-def _check_guard(document: Document) -> None:
-    """Note two guards: a node has either heartbeats or node guarding (CiA 301 7.2.8.3.2)."""
-    if document.value("link_loss", "life_guarding") is True and "heartbeat_consumer" in document.table("link_loss"):
-        document.fault(
-            ("link_loss", "life_guarding"),
-            "true together with link_loss.heartbeat_consumer; expected exactly one of them",
-        )
+                document.fault(("simulation", table, key), f"no object; {forms}")
 
 
 AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
@@ -286,9 +272,8 @@ class CanopenProfile(Cia402Profile):
     def guarded(self) -> bool:
         """True when the profile names a watch on the master, and a reaction of the drive to its loss."""
         section = self.link_loss
-        options = section.abort_connection_option, section.fault_reaction_option
-        reacts = section.reacts or any(option is not None for option in options)
-        return reacts and (section.heartbeat_consumer is not None or section.life_guarding)
+        reacts = section.reacts or section.abort_connection_option or section.fault_reaction_option
+        return bool(reacts) and (section.heartbeat_consumer is not None or section.life_guarding)
 
     @property
     def brakes(self) -> bool:

@@ -86,17 +86,12 @@ class Canopen(FieldbusProtocol):
         )
         for member in own:
             period_objects(member.profile, rate)  # refuses a period that the drive cannot take
-        can_bus = bus.can_section(section)
-        if any(member.traffic.node == can_bus.master_node for member in own):
-            raise PlanError(f"master_node {can_bus.master_node} of the bus is the node-ID of one of its drives")
+        line = bus.can_section(section)
+        if any(member.traffic.node == line.master_node for member in own):
+            raise PlanError(f"master_node {line.master_node} of the bus is the node-ID of one of its drives")
+        host = HostTimes(line.adapter_latency, line.jitter, line.simulated and not line.stands_for_real)
         return CanTraffic(
-            own,
-            can_bus.bitrate,
-            rate,
-            waiting,
-            listening=can_bus.listen,
-            chosen_master_node=can_bus.master_node,
-            host=HostTimes(can_bus.adapter_latency, can_bus.jitter, can_bus.simulated and not can_bus.stands_for_real),
+            own, line.bitrate, rate, waiting, listening=line.listen, chosen_master_node=line.master_node, host=host
         )
 
 

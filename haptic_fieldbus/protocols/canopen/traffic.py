@@ -55,10 +55,8 @@ class PdoTraffic:
         for key, pdos in (("in", self.tpdos), ("out", self.rpdos)):
             yield from _lines(key, pdos)
         if self.asked:
-            yield (
-                "ask",
-                f"SDO upload at most every {exactly(1e3 * watch_traffic.ASK_EVERY)} ms: {self.asked[0].address}",
-            )
+            every = exactly(1e3 * watch_traffic.ASK_EVERY)
+            yield "ask", f"SDO upload at most every {every} ms: {self.asked[0].address}"
 
     def summary(self) -> Iterator[str]:
         """Yield a line for each PDO with its signals."""
@@ -91,8 +89,7 @@ class PdoTraffic:
         """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
         if flag is LinkFlag.EMERGENCY:
             return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
-        unheard = self.life_guarding and flag is LinkFlag.NO_SIGN_OF_LIFE
-        text = NO_ANSWER if unheard else FAULT_TEXTS[flag]
+        text = NO_ANSWER if self.life_guarding and flag is LinkFlag.NO_SIGN_OF_LIFE else FAULT_TEXTS[flag]
         return text.format(node=self.node, frame=cob_id_words(code), bus=bus)
 
 
@@ -119,9 +116,8 @@ def asked_signals(profile: CanopenProfile) -> tuple[MappedSignal, ...]:
 
 def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
     """Return the signals of the PDOs in the order of their octets."""
-    return tuple(
-        MappedSignal(signal, str(entry), entry.type, entry.unit) for pdo in pdos for signal, entry, _ in pdo.needed
-    )
+    needed = [(signal, entry) for pdo in pdos for signal, entry, _ in pdo.needed]
+    return tuple(MappedSignal(signal, str(entry), entry.type, entry.unit) for signal, entry in needed)
 
 
 def _lines(key: str, pdos: tuple[Pdo, ...]) -> Iterator[tuple[str, str]]:
@@ -189,12 +185,10 @@ class CanTraffic:
         master, and what the profile sets up."""
         profile = self.member(axis).profile
         section, milliseconds = profile.link_loss, round(1e3 * self.guard(axis))
+        reactions = watch_traffic.reactions(section, brakes=rig.on_link_loss == "brake")
         held = [
             *watch_traffic.guard_objects(section, milliseconds, self.master_node, self.node_heartbeat_ms),
-            *(
-                (option.entry, value)
-                for option, value in watch_traffic.reactions(section, brakes=rig.on_link_loss == "brake")
-            ),
+            *((option.entry, value) for option, value in reactions),
             *((each.entry, each.value) for each in profile.setup.writes),
             (watch_traffic.MODE, profile.torque.mode_of_operation),
         ]
@@ -278,11 +272,9 @@ class CanTraffic:
         # The master counts periods, the nodes milliseconds.
         proofs = self.rate / self.heartbeat_every
         own = worst_case_bits(1) * proofs if self.beats else 0.0
-        theirs = [
-            watch_traffic.bits_a_second(member.profile, self.rate, proofs, self.node_heartbeat_ms)
-            for member in self.members
-        ]
-        return (self.period_bits * self.rate + own + sum(theirs)) / self.bitrate
+        milliseconds, profiles = self.node_heartbeat_ms, [member.profile for member in self.members]
+        theirs = sum(watch_traffic.bits_a_second(each, self.rate, proofs, milliseconds) for each in profiles)
+        return (self.period_bits * self.rate + own + theirs) / self.bitrate
 
     @property
     def highest_rate(self) -> float:
@@ -295,14 +287,13 @@ class CanTraffic:
         """Raise BusOverloadError, with the figures and a rate that fits, when the bus cannot carry this traffic."""
         if self._fits:
             return
-        rate, load, lower = self.rate, self.load, self._fitting_rate()
-        subject = f"bus {bus}: " if bus else ""
+        subject, lower = f"bus {bus}: " if bus else "", self._fitting_rate()
         fits = "No rate fits" if lower is None else f"Fits: --rate {exactly(lower)}"
-        raise BusOverloadError(
-            f"{subject}{exactly(rate)} Hz needs {self.period_bits} bits per period: {percent(load)} of {self.bitrate} "
-            f"bit/s, and {rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {COMPUTE_NS // 1000} µs of "
-            f"computing and RPDOs. Allowed: {percent(LARGEST_BUS_LOAD)} and one period. {fits}"
-        )
+        bits = f"{self.period_bits} bits per period: {percent(self.load)} of {self.bitrate} bit/s"
+        computing = f"{COMPUTE_NS // 1000} µs of computing"
+        times = f"{rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, {computing} and RPDOs"
+        allowed = f"Allowed: {percent(LARGEST_BUS_LOAD)} and one period"
+        raise BusOverloadError(f"{subject}{exactly(self.rate)} Hz needs {bits}, and {times}. {allowed}. {fits}")
 
     @property
     def _fits(self) -> bool:
@@ -324,10 +315,12 @@ class CanTraffic:
         member = self.member(axis)
         bus = self.answer_bits / self.bitrate + self.waiting + self.host.known_latency
         compute, period = COMPUTE_NS * 1e-9, round(1e9 / self.rate) * 1e-9
-        found = ways(member.profile.timing, bus + compute, self.host, period, on_reception=acts_on_reception(member))
-        drive = found.planned - bus - compute
-        lag, late = member.profile.torque_lag, self.host.lateness
-        return Delay(bus, compute, drive, lag, found.shortest, found.longest, late)
+        synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
+        # At the next SYNC also when the profile leaves it open, so that the longer delay is assumed.
+        on_reception = member.profile.pdo.rpdo_acts == "reception" and not synchronous
+        timing, lag = member.profile.timing, member.profile.torque_lag
+        planned, shortest, longest = ways(timing, bus + compute, self.host, period, on_reception=on_reception)
+        return Delay(bus, compute, planned - bus - compute, lag, shortest, longest, self.host.lateness)
 
     def member(self, axis: str) -> CanMember:
         """Return the axis of that name, which must be on this bus."""
@@ -336,8 +329,8 @@ class CanTraffic:
     @property
     def speed(self) -> str:
         """Bit rate in words."""
-        fast = self.bitrate >= 1_000_000
-        return f"{exactly(self.bitrate / 1e6)} Mbit/s" if fast else f"{exactly(self.bitrate / 1e3)} kbit/s"
+        factor, unit = (1e6, "Mbit/s") if self.bitrate >= 1_000_000 else (1e3, "kbit/s")
+        return f"{exactly(self.bitrate / factor)} {unit}"
 
     def line(self) -> str:
         """Return rate, bit rate and load in words."""
@@ -350,12 +343,3 @@ class CanTraffic:
     @cached_property
     def _bits_out(self) -> int:
         return sum(worst_case_bits(pdo.size) for member in self.members for pdo in member.traffic.rpdos)
-
-
-def acts_on_reception(member: CanMember) -> bool:
-    """Return True when RPDOs of the axis act on reception, False when at the next SYNC.
-
-    False also when the profile leaves it open, so that the longer delay is assumed.
-    """
-    synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
-    return member.profile.pdo.rpdo_acts == "reception" and not synchronous

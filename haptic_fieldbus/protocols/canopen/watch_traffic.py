@@ -26,9 +26,11 @@ from haptic_fieldbus.signals import Signal
 # Reference: CiA 402-2, 60C2h; CiA 301 4.2, 7.5.2.6 (1006h).
 
 _NS_PER_US = 1_000
+Writes = tuple[tuple[ObjectEntry, int], ...]
+"""Objects, each with the value that is written to it."""
 
 
-def period_objects(profile: CanopenProfile, rate: float) -> tuple[tuple[ObjectEntry, int], ...]:
+def period_objects(profile: CanopenProfile, rate: float) -> Writes:
     """Return the objects that tell the drive the period of a loop at `rate` [Hz], each with its value.
 
     They are empty for a drive that is not told. Raises PlanError for a period that the drive cannot take.
@@ -52,8 +54,7 @@ def _interpolation(profile: CanopenProfile, sync: SyncSection, period_ns: int) -
     """Return value and power of ten of the interpolation time period."""
     low, high = sync.values
     for power in sync.powers:
-        step_ns = 10 ** (9 + power)
-        value, rest = divmod(period_ns, step_ns)
+        value, rest = divmod(period_ns, 10 ** (9 + power))
         if not rest and low <= value <= high:
             return value, power
     steps = " or ".join(f"{exactly(10.0 ** (3 + power))} ms" for power in sync.powers)
@@ -61,9 +62,8 @@ def _interpolation(profile: CanopenProfile, sync: SyncSection, period_ns: int) -
 
 
 def _refusal(profile: CanopenProfile, period_ns: int, why: str) -> PlanError:
-    return PlanError(
-        f"{profile.title} does not support a period of {exactly(period_ns * 1e-6)} ms: {why}. Use another --rate"
-    )
+    period = f"{exactly(period_ns * 1e-6)} ms"
+    return PlanError(f"{profile.title} does not support a period of {period}: {why}. Use another --rate")
 
 
 PROOFS_PER_GUARD = 5
@@ -78,6 +78,11 @@ ASK_EVERY = 0.005
 """Shortest time between two questions for an echo that is asked by SDO [s]: a question and its answer are two frames
 of eight octets, which is more than a period needs."""
 
+QUESTION_BITS = 2 * worst_case_bits(8)
+"""Bits of a question by SDO and of its answer."""
+GUARDING_BITS = worst_case_bits(0) + worst_case_bits(1)
+"""Bits of a remote frame, which carries no data, and of its answer of one octet."""
+
 GUARD_TIME = ObjectEntry(0x100C, DataType.UINT16)
 LIFE_TIME_FACTOR = ObjectEntry(0x100D, DataType.UINT8)
 PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
@@ -89,16 +94,11 @@ QUICK_STOP = OptionCode(0x605A, 2)
 stay in *quick stop active*, and hold its shaft with torque for as long as it has power."""
 
 
-def guard_objects(
-    section: LinkLossSection, milliseconds: int, master_node: int, node_heartbeat_ms: int
-) -> tuple[tuple[ObjectEntry, int], ...]:
+def guard_objects(section: LinkLossSection, milliseconds: int, master_node: int, node_heartbeat_ms: int) -> Writes:
     """Return the objects by which master and drive watch each other, with their values; `milliseconds` is the guard."""
     if section.life_guarding:
-        return (
-            (PRODUCER_HEARTBEAT, 0),
-            (GUARD_TIME, milliseconds // PROOFS_PER_GUARD),
-            (LIFE_TIME_FACTOR, PROOFS_PER_GUARD),
-        )
+        guard = (GUARD_TIME, milliseconds // PROOFS_PER_GUARD)
+        return (PRODUCER_HEARTBEAT, 0), guard, (LIFE_TIME_FACTOR, PROOFS_PER_GUARD)
     index, ours = section.heartbeat_consumer, ((PRODUCER_HEARTBEAT, node_heartbeat_ms),)
     return ours if index is None else (*ours, (consumer_heartbeat(index), master_node << 16 | milliseconds))
 
@@ -137,23 +137,12 @@ def silence(section: LinkLossSection, rate: float, node_heartbeat_ms: int) -> fl
 
 def bits_a_second(profile: CanopenProfile, rate: float, proofs: float, node_heartbeat_ms: int) -> float:
     """Return the bits a second of one drive beside the exchange; `proofs` are signs of life of the master a second."""
-    questions = 2 * worst_case_bits(8) * min(rate, 1.0 / ASK_EVERY) if is_asked(profile) else 0.0
-    if profile.link_loss.life_guarding:
-        return questions + _guarding_bits() * proofs
-    return questions + worst_case_bits(1) * 1000 / node_heartbeat_ms
+    questions = QUESTION_BITS * min(rate, 1.0 / ASK_EVERY) if profile.echo is Signal.TARGET_ASKED else 0.0
+    guards = profile.link_loss.life_guarding
+    return questions + (GUARDING_BITS * proofs if guards else worst_case_bits(1) * 1000 / node_heartbeat_ms)
 
 
 def bits_at_once(profile: CanopenProfile) -> int:
     """Return the bits of all frames of one drive beside the exchange that can come in one period."""
-    questions = 2 * worst_case_bits(8) if is_asked(profile) else 0
-    return questions + (_guarding_bits() if profile.link_loss.life_guarding else worst_case_bits(1))
-
-
-def is_asked(profile: CanopenProfile) -> bool:
-    """Return True when the echo of the set-points is asked by SDO."""
-    return profile.echo is Signal.TARGET_ASKED
-
-
-def _guarding_bits() -> int:
-    """Return the bits of a remote frame, which carries no data, and of its answer of one octet."""
-    return worst_case_bits(0) + worst_case_bits(1)
+    questions = QUESTION_BITS if profile.echo is Signal.TARGET_ASKED else 0
+    return questions + (GUARDING_BITS if profile.link_loss.life_guarding else worst_case_bits(1))

@@ -131,21 +131,8 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
 
     Raises UsageError when the named bus is no Modbus line.
     """
-    new = named.section
+    new, own = named.section, f"{section.interface}:{section.channel}"
     if not isinstance(new, ModbusSection):
-        raise UsageError(
-            f'bus "{named.text}" is not a Modbus line, but {section.interface}:{section.channel} of the rig is'
-        )
+        raise UsageError(f'bus "{named.text}" is not a Modbus line, but {own} of the rig is')
     found = replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
-    return _standing_in(section, found)
-
-
-def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
-    """Return the simulated line in the place of `section` of a rig."""
-    interface = SIM_RTU if section.serial else SIM_TCP
-    return _standing_in(section, replace(section, interface=interface, channel=channel or SIMULATION_CHANNEL))
-
-
-def _standing_in(section: ModbusSection, found: ModbusSection) -> ModbusSection:
-    """Return the section that takes the place of another one, marked where it simulates a real one."""
     return StandInModbusSection(**vars(found)) if found.simulated and not section.simulated else found

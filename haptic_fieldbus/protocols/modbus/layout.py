@@ -9,14 +9,8 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.modbus import register_traffic
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
-from haptic_fieldbus.protocols.modbus.register_traffic import (
-    Block,
-    LineTimes,
-    RegisterRequest,
-    RegisterTraffic,
-    Transaction,
-    blocks,
-)
+from haptic_fieldbus.protocols.modbus.register_traffic import Block, LineTimes, RegisterTraffic, Transaction, blocks
+from haptic_fieldbus.protocols.protocol import Signals
 from haptic_fieldbus.signals import Signal
 
 Value = TypeVar("Value")
@@ -38,8 +32,7 @@ def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> LineTi
         return register_traffic.tcp_line(section.round_trip)
     baud, parity, stops = characters(section, profiles)
     bits = FRAME_BITS + int(parity != "none") + stops
-    own = [each.line.silence for each in profiles]
-    silences = [register_traffic.serial_line(baud, bits, silence).silence for silence in own]
+    silences = [register_traffic.serial_line(baud, bits, each.line.silence).silence for each in profiles]
     silence = max(silences) if section.silence is None else section.silence
     return register_traffic.serial_line(baud, bits, silence, section.round_trip or 0.0)
 
@@ -66,9 +59,7 @@ def _one(key: str, values: Iterable[Value]) -> Value:
     return first
 
 
-def lay_out_registers(
-    unit: int, profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]
-) -> RegisterTraffic:
+def lay_out_registers(unit: int, profile: ModbusProfile, line: LineTimes, incoming: Signals) -> RegisterTraffic:
     """Return the blocks of one unit, the one with the motion first; raises ImageTooLargeError."""
     written = blocks(profile, (Signal.CONTROLWORD, Signal.TARGET_TORQUE), profile.line.longest_write, 0)
     set_point = next(block for block in written if block.has(Signal.TARGET_TORQUE))
@@ -77,25 +68,18 @@ def lay_out_registers(
     ways = _unwatched(profile, watching or reads)
     register = profile.torque.target
     asked = replace(profile.mapped(Signal.TARGET_TORQUE, register), signal=Signal.TARGET_ASKED)
-    target = Block(register.address, register.count, (asked,), (0,))
-    return RegisterTraffic(
-        unit,
-        reads,
-        set_point,
-        command,
-        watching=watching,
-        read_back=target if ways and profile.line.reading is not None else None,
-        read_back_ways=ways,
-    )
+    is_asked = bool(ways) and profile.line.reading is not None
+    target = Block(register.address, register.count, (asked,), (0,)) if is_asked else None
+    return RegisterTraffic(unit, reads, set_point, command, watching=watching, read_back=target, read_back_ways=ways)
 
 
-def _reads(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
+def _reads(profile: ModbusProfile, line: LineTimes, incoming: Signals) -> tuple[Block, ...]:
     reads = blocks(profile, incoming, profile.line.longest_read, largest_gap(profile, line))
     motion = Signal.POSITION if Signal.POSITION in incoming else Signal.VELOCITY
     return tuple(sorted(reads, key=lambda block: not block.has(motion)))
 
 
-def _watching(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
+def _watching(profile: ModbusProfile, line: LineTimes, incoming: Signals) -> tuple[Block, ...]:
     """Return the blocks with torque actual added to the motion; none if it is there already or impossible."""
     if profile.echo is None or Signal.TORQUE_ACTUAL in incoming or profile.torque.actual is None:
         return ()
@@ -118,5 +102,6 @@ def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:
     """Return the largest gap that is quicker to read through than to skip by a second request [registers]."""
     if line.octet == 0.0:
         return profile.line.longest_read
-    alone = line.exchange(RegisterRequest(READ_HOLDING, Block(0, 0, (), ())), profile.line.answer_time) + line.silence
+    request = register_traffic.RegisterRequest(READ_HOLDING, Block(0, 0, (), ()))
+    alone = line.exchange(request, profile.line.answer_time) + line.silence
     return math.floor(alone / (2 * line.octet))

@@ -242,9 +242,8 @@ class ModbusProfile(DriveProfile):
         """Return a register as it is carried."""
         low_first = register.count > 1 and self.line.word_order == "low first"
         order = Order.BIG_LOW_WORD_FIRST if low_first else Order.BIG
-        return MappedSignal(
-            signal, f"register {register.address:04X}h {signal.value}", register.type, register.unit, order
-        )
+        address = f"register {register.address:04X}h {signal.value}"
+        return MappedSignal(signal, address, register.type, register.unit, order)
 
 
 def modbus_profile(profile: DriveProfile) -> ModbusProfile:
@@ -294,7 +293,9 @@ def check_profile(document: Document) -> None:
     _check_functions(document)
     protocol.check_types(document, {path: _TYPES.get(path, _ALL) for path in _registers(document)})
     protocol.check_units(document, _UNITS)
-    _check_full_scale(document)
+    scaled = any(document.value("torque", key, "unit") == FULL_SCALE for key in ("target", "actual", "demand", "limit"))
+    if scaled and "full_scale" not in document.table("torque"):
+        document.fault(("torque", "full_scale"), f'missing; the unit "{FULL_SCALE}" needs the torque at 32767 [N·m]')
     _check_values(document)
     protocol.check_echo(document, ECHOES, "register")
     _check_power(document)
@@ -306,10 +307,9 @@ def _check_line(document: Document) -> None:
     for key in ("baud", "parity", "stop_bits", "silence"):
         if isinstance(transports, list) and "rtu" not in transports and key in document.table("line"):
             document.fault(("line", key), 'no effect; expected "rtu" in line.transports, or no such key')
-    ranges = document.value("line", "readable")
-    for number, each in enumerate(ranges if isinstance(ranges, list) else ()):
+    for path, each in document.rows("line", "readable").items():
         if isinstance(each, list) and len(each) == 2 and all(type(end) is int for end in each) and each[0] > each[1]:
-            document.refuse(("line", "readable", number), "the first address before the last one")
+            document.refuse(path, "the first address before the last one")
 
 
 def _check_functions(document: Document) -> None:
@@ -327,9 +327,8 @@ def _check_functions(document: Document) -> None:
 
 def _check_values(document: Document) -> None:
     """Note values that their registers cannot hold, among them the time of the watchdog."""
-    protocol.check_fits(
-        document, ("mode", "value"), document.value("mode", "value"), document.value("mode", "write", "type")
-    )
+    mode = document.table("mode")
+    protocol.check_fits(document, ("mode", "value"), mode.get("value"), document.value("mode", "write", "type"))
     for path in _setup(document):
         protocol.check_fits(document, (*path, "value"), document.value(*path, "value"), document.value(*path, "type"))
     time, deadline = document.table("watchdog", "time"), document.value("watchdog", "deadline")
@@ -338,22 +337,14 @@ def _check_values(document: Document) -> None:
         protocol.check_fits(document, ("watchdog", "deadline"), steps, time.get("type"))
 
 
-def _check_full_scale(document: Document) -> None:
-    """Note a full scale that is missing."""
-    used = any(document.value("torque", key, "unit") == FULL_SCALE for key in ("target", "actual", "demand", "limit"))
-    if used and "full_scale" not in document.table("torque"):
-        document.fault(("torque", "full_scale"), f'missing; the unit "{FULL_SCALE}" needs the torque at 32767 [N·m]')
-
-
 def _check_power(document: Document) -> None:
     """Note a power table that is missing or not used."""
-    rows, table = document.value("power", "rows"), document.value("power", "table")
-    if table == "rows" and not rows:
+    has_rows = document.value("power", "table") == "rows"
+    if has_rows and not document.value("power", "rows"):
         document.fault(("power", "rows"), 'missing; expected a row for each state, since power.table is "rows"')
-    if table != "rows" and rows:
-        document.fault(("power", "rows"), 'no effect; expected power.table = "rows" too')
-    if table != "rows" and document.value("power", "reset") is not None:
-        document.fault(("power", "reset"), 'no effect; expected power.table = "rows" too')
+    for key in ("rows", "reset"):
+        if not has_rows and document.value("power", key) not in (None, []):
+            document.fault(("power", key), 'no effect; expected power.table = "rows" too')
 
 
 def _check_places(document: Document, paths: tuple[KeyPath, ...]) -> None:
@@ -379,19 +370,11 @@ def _count(data_type: object) -> int:
 
 def _setup(document: Document) -> tuple[KeyPath, ...]:
     """Return the places of the registers that are written before the drive is enabled."""
-    found: list[KeyPath] = []
-    for table in (("setup",), ("watchdog", "writes")):
-        rows = document.value(*table)
-        found += [(*table, number) for number in range(len(rows) if isinstance(rows, list) else 0)]
-    return tuple(found)
+    return (*document.rows("setup"), *document.rows("watchdog", "writes"))
 
 
 def _registers(document: Document) -> Iterator[KeyPath]:
     """Yield the places of all registers that the file gives."""
-    for path in (
-        *_READ, *_WRITTEN, *_setup(document), ("power", "error"), ("torque", "rated"), ("mode", "display"), ("serial",),
-    ):  # fmt: skip
-        if document.table(*path):
-            yield path
-    rows = document.value("identity")
-    yield from (("identity", number) for number in range(len(rows) if isinstance(rows, list) else 0))
+    others = (("power", "error"), ("torque", "rated"), ("mode", "display"), ("serial",))
+    yield from (path for path in (*_READ, *_WRITTEN, *_setup(document), *others) if document.table(*path))
+    yield from document.rows("identity")

@@ -2,17 +2,18 @@
 
 from dataclasses import replace
 
-from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, SIMULATION
+from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, DEFAULT_RATE, SIMULATION
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus import bus, profile
 from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
-from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes, RegisterTraffic
-from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, candidates
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
+from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, possible_ways
 from haptic_fieldbus.protocols.protocol import BusName, FieldbusProtocol, Members, Signals, traffic_as
 from haptic_fieldbus.protocols.traffic import HostTimes
 
@@ -46,7 +47,10 @@ class Modbus(FieldbusProtocol):
 
     def in_place_of(self, section: BusSection, named: BusName, channel: str | None) -> BusSection:
         own = bus.modbus_section(section)
-        return bus.simulated(own, channel) if named.text == SIMULATION else bus.in_place_of(own, named, channel)
+        if named.text == SIMULATION:  # the simulated line of the same kind
+            line = bus.ModbusSection(bus.SIM_RTU if own.serial else bus.SIM_TCP, bus.SIMULATION_CHANNEL)
+            named = BusName(SIMULATION, line)
+        return bus.in_place_of(own, named, channel)
 
     def power_table(self, profile: DriveProfile) -> PowerTable:
         power = modbus_profile(profile).power
@@ -69,27 +73,27 @@ class Modbus(FieldbusProtocol):
     def ways(
         self, section: BusSection, members: Members, rate: float | None, waiting: float
     ) -> tuple[ModbusTraffic, ...]:
-        """Return the ways that fit, the one whose torque is the youngest first; when none fits, the fastest alone."""
-        own, wire, host = _on_line(section, members)
-        found = candidates(own, wire, waiting, host)
-        if rate is not None:
-            at_rate = [replace(each, rate=rate) for each in found]
-            found = [each for each in at_rate if each.fits] or [max(at_rate, key=lambda each: each.highest_rate)]
-        return tuple(sorted(found, key=lambda each: each.age))
+        """Return the ways that fit, the one whose torque is the youngest first; when none fits, the fastest alone.
 
-
-def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], LineTimes, HostTimes]:
-    """Return the drives of a line, its times, and those of the host."""
-    own = tuple(
-        ModbusMember(name, modbus_profile(profile), traffic_as(RegisterTraffic, "registers", traffic))
-        for name, (profile, traffic) in members.items()
-    )
-    found = bus.modbus_section(section)
-    line = line_of(found, [member.profile for member in own])
-    # What the rig states of the way to the line is a part of its round trip.
-    is_ideal = found.simulated and not found.stands_for_real
-    host = HostTimes(None if found.round_trip is None else 0.0, found.jitter, is_ideal)
-    return own, line, host
+        Without a rate each has its own sustained one. Raises PlanError when there is no way.
+        """
+        own = tuple(
+            ModbusMember(name, modbus_profile(profile), traffic_as(RegisterTraffic, "registers", traffic))
+            for name, (profile, traffic) in members.items()
+        )
+        line = bus.modbus_section(section)
+        # What the rig states of the way to the line is a part of its round trip.
+        latency = None if line.round_trip is None else 0.0
+        host = HostTimes(latency, line.jitter, line.simulated and not line.stands_for_real)
+        wire = line_of(line, [member.profile for member in own])
+        found = [ModbusTraffic(own, wire, way, DEFAULT_RATE, waiting, host) for way in possible_ways(own)]
+        if not found:
+            titles = ", ".join(dict.fromkeys(each.profile.title for each in own))
+            fault = "the drives of the line share no function codes that read feedback and write set-points"
+            raise PlanError(f"{titles}: {fault}; expected 23, or 3 with 16 or 6")
+        at_rate = [replace(each, rate=each.sustained_rate if rate is None else rate) for each in found]
+        fitting = [each for each in at_rate if each.fits] or [max(at_rate, key=lambda each: each.highest_rate)]
+        return tuple(sorted(fitting, key=lambda each: each.age))
 
 
 PROTOCOL = Modbus()

@@ -14,6 +14,7 @@ from haptic_fieldbus.protocols.modbus.profile import (
     WRITE_SINGLE,
     LineSection,
     ModbusProfile,
+    Register,
 )
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import LinkFlag, Signal
@@ -65,42 +66,27 @@ def blocks(profile: ModbusProfile, signals: Sequence[Signal], longest: int, larg
     Raises ImageTooLargeError when one signal is longer than a request may be.
     """
     registers = profile.registers()
-    groups: list[list[Signal]] = []
+    groups: list[list[tuple[Signal, Register]]] = []
+    first = end = 0  # of the last group
     for signal in sorted(signals, key=lambda each: registers[each].address):
         own = registers[signal]
         if own.count > longest:
             raise ImageTooLargeError(f"{signal.value} needs {own.count} registers; a request may have {longest}")
-        if groups and _joins(profile, groups[-1], signal, longest, largest_gap):
-            groups[-1].append(signal)
-        else:
-            groups.append([signal])
+        gap, last = own.address - end, own.address + own.count
+        is_near = gap == 0 or (0 < gap <= largest_gap and profile.line.has_all(end, own.address))
+        if not groups or not is_near or last - first > longest:
+            groups.append([])
+            first = own.address
+        groups[-1].append((signal, own))
+        end = last
     return tuple(_block(profile, group) for group in groups)
 
 
-def _joins(profile: ModbusProfile, group: Sequence[Signal], signal: Signal, longest: int, largest_gap: int) -> bool:
-    """Return True when a signal that follows a group stands in one block with it."""
-    registers = profile.registers()
-    first, end, own = registers[group[0]].address, _end(profile, group), registers[signal]
-    gap = own.address - end
-    if gap < 0 or own.address + own.count - first > longest:
-        return False
-    return gap == 0 or (gap <= largest_gap and profile.line.has_all(end, own.address))
-
-
-def _end(profile: ModbusProfile, signals: Sequence[Signal]) -> int:
-    """Return the address behind the last register of these signals."""
-    return max(profile.registers()[signal].address + profile.registers()[signal].count for signal in signals)
-
-
-def _block(profile: ModbusProfile, signals: Sequence[Signal]) -> Block:
-    registers = profile.registers()
-    first = registers[signals[0]].address
-    return Block(
-        first,
-        _end(profile, signals) - first,
-        tuple(profile.mapped(signal, registers[signal]) for signal in signals),
-        tuple(2 * (registers[signal].address - first) for signal in signals),
-    )
+def _block(profile: ModbusProfile, members: Sequence[tuple[Signal, Register]]) -> Block:
+    first, last = members[0][1].address, members[-1][1]
+    signals = tuple(profile.mapped(signal, register) for signal, register in members)
+    offsets = tuple(2 * (register.address - first) for _, register in members)
+    return Block(first, last.address + last.count - first, signals, offsets)
 
 
 # What requests and answers take on a line: octets of each function, characters, silence, answer time.
@@ -134,13 +120,10 @@ class LineTimes:
     speed: str = ""
     """The line in words."""
 
-    def request_time(self, request: RegisterRequest) -> float:
-        """Return the time from the first octet of a request until the drive has all of it [s]."""
-        return self.octet * (self.frame_octets + request_octets(request)) + 0.5 * self.round_trip
-
     def executed(self, request: RegisterRequest, answer_time: float) -> float:
         """Return the time from the first octet of a request until the drive writes and reads [s]."""
-        return self.request_time(request) + self.silence + answer_time
+        sent = self.octet * (self.frame_octets + request_octets(request)) + 0.5 * self.round_trip
+        return sent + self.silence + answer_time
 
     def answer_duration(self, request: RegisterRequest) -> float:
         """Return the time from the begin of an answer until the master has all of it [s]."""
@@ -157,11 +140,9 @@ class LineTimes:
 
 def serial_line(baud: int, bits: int, silence: float | None, round_trip: float = 0.0) -> LineTimes:
     """Return an RTU line of `baud` bit/s with characters of so many bits; `silence` None: that of the standard."""
-    character = bits / baud
+    character, speed = bits / baud, f"Modbus RTU at {baud} bit/s"
     standard = LONGEST_SILENCE if baud > SILENT_ABOVE else SILENT_CHARACTERS * character
-    return LineTimes(
-        character, standard if silence is None else silence, round_trip, speed=f"Modbus RTU at {baud} bit/s"
-    )
+    return LineTimes(character, standard if silence is None else silence, round_trip, speed=speed)
 
 
 def tcp_line(round_trip: float | None) -> LineTimes:
@@ -242,16 +223,27 @@ class RegisterTraffic:
         return Signal.POSITION if Signal.POSITION in found else Signal.VELOCITY
 
     def requested(self, way: Transaction, line: LineTimes, section: LineSection) -> "RegisterTraffic":
-        """Return the same blocks with the requests of that way, which must be possible (`possible`)."""
+        """Return the same blocks with the requests of that way.
+
+        It must be `possible`; raises ValueError when the drive lacks a function that they need.
+        """
         reads = self.watching if self.watching and way is Transaction.READ_WRITE else self.reads
-        reading, writing = _requests(replace(self, reads=reads), way, section)
-        both = (*reading, *writing)
+        read = [RegisterRequest(section.reading, block) for block in reads if section.reading is not None]
+        function = section.writing(self.set_point.count)
+        if way is Transaction.READ_WRITE:
+            reading, writing = [RegisterRequest(READ_WRITE, reads[0], self.set_point), *read[1:]], []
+        elif function is None or len(read) < len(reads):
+            raise ValueError(f"unit {self.unit} has no functions for {way}")
+        else:
+            # The motion is read last, so that it is the youngest.
+            reading, writing = read[::-1], [RegisterRequest(function, write=self.set_point)]
+        both = [*reading, *writing]
         return replace(
             self,
             reads=reads,
             asked=self.read_back if way in self.read_back_ways else None,
-            reading=reading,
-            writing=writing,
+            reading=tuple(reading),
+            writing=tuple(writing),
             times=tuple(line.exchange(each, section.answer_time) for each in both),
             octets=tuple(line.octets(each) for each in both),
         )
@@ -341,23 +333,6 @@ def possible(way: Transaction, traffic: RegisterTraffic, section: LineSection) -
         return READ_WRITE in section.functions and (len(traffic.reads) == 1 or section.reading is not None)
     written = (traffic.set_point, *((traffic.command,) if traffic.command else ()))
     return section.reading is not None and all(section.writing(block.count) for block in written)
-
-
-def _requests(
-    traffic: RegisterTraffic, way: Transaction, section: LineSection
-) -> tuple[tuple[RegisterRequest, ...], tuple[RegisterRequest, ...]]:
-    """Return the requests before and after computing.
-
-    Raises ValueError when the drive lacks a function that they need.
-    """
-    reading = [RegisterRequest(section.reading, block) for block in traffic.reads if section.reading is not None]
-    if way is Transaction.READ_WRITE:
-        return (RegisterRequest(READ_WRITE, traffic.reads[0], traffic.set_point), *reading[1:]), ()
-    function = section.writing(traffic.set_point.count)
-    if function is None or len(reading) < len(traffic.reads):
-        raise ValueError(f"unit {traffic.unit} has no functions for {way}")
-    # The motion is read last, so that it is the youngest.
-    return tuple(reading[::-1]), (RegisterRequest(function, write=traffic.set_point),)
 
 
 def _names(block: Block) -> str:

@@ -12,17 +12,11 @@ from typing import ClassVar
 
 from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.errors import BusOverloadError, PlanError
+from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.modbus import register_traffic
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
-from haptic_fieldbus.protocols.modbus.register_traffic import (
-    TCP_OCTETS,
-    LineTimes,
-    RegisterRequest,
-    RegisterTraffic,
-    Transaction,
-    possible,
-)
+from haptic_fieldbus.protocols.modbus.register_traffic import LineTimes, RegisterTraffic, Transaction, possible
 from haptic_fieldbus.protocols.protocol import BusMember
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, IDEAL, Delay, HostTimes, OtherMasters, round_down, ways
 from haptic_fieldbus.signals import Signal
@@ -76,8 +70,13 @@ class ModbusTraffic:
     @cached_property
     def instants(self) -> Timeline:
         """Times of one period."""
-        latched, written = {}, {}
-        shown, at = self._read_back()
+        latched, written, shown, at = {}, {}, {}, 0.0
+        # Any one of the target torques is read back in a period, so the longest time counts.
+        for member in self.members:
+            if (block := self.of(member.axis).asked) is not None:
+                request = register_traffic.RegisterRequest(member.profile.line.reading or READ_HOLDING, block)
+                shown[member.axis], end = self._pass(member, request, 0.0)
+                at = max(at, end)
         for member in self.members:
             for request in self.of(member.axis).reading:
                 executed, at = self._pass(member, request, at)
@@ -94,16 +93,6 @@ class ModbusTraffic:
             for request in self.of(member.axis).writing:
                 written[member.axis], at = self._pass(member, request, at)
         return Timeline(latched, written, feedback, at, shown)
-
-    def _read_back(self) -> tuple[dict[str, float], float]:
-        """Return when each target torque that is read back is read, and the time that the longest of them takes [s]."""
-        passed = {
-            member.axis: self._pass(member, RegisterRequest(member.profile.line.reading or READ_HOLDING, block), 0.0)
-            for member in self.members
-            if (block := self.of(member.axis).asked) is not None
-        }
-        shown = {axis: executed for axis, (executed, _) in passed.items()}
-        return shown, max((end for _, end in passed.values()), default=0.0)
 
     def shown_by(self, axis: str) -> Signal:
         """Return the signal that shows set-points of another master, whether or not it is read."""
@@ -124,7 +113,7 @@ class ModbusTraffic:
         every = turns if shown_by is Signal.TARGET_ASKED else 1
         return OtherMasters(shown_by, instants.written[axis] - instants.shown[axis] + unsure + lag, every)
 
-    def _pass(self, member: ModbusMember, request: RegisterRequest, at: float) -> tuple[float, float]:
+    def _pass(self, member: ModbusMember, request: register_traffic.RegisterRequest, at: float) -> tuple[float, float]:
         """Return when the drive executes a request that is sent at that time, and when the next may be sent [s]."""
         answer_time = member.profile.line.answer_time
         end = at + self.wire.exchange(request, answer_time) + self.wire.silence
@@ -133,20 +122,19 @@ class ModbusTraffic:
     @cached_property
     def _bound(self) -> dict[str, RegisterTraffic]:
         """Registers of each axis with the requests of this way."""
-        return {
-            member.axis: member.traffic.requested(self.way, self.wire, member.profile.line) for member in self.members
-        }
+        return {each.axis: each.traffic.requested(self.way, self.wire, each.profile.line) for each in self.members}
 
     def of(self, axis: str) -> RegisterTraffic:
         """Return the registers of an axis with their requests."""
         return self._bound[axis]
 
     def guard(self, axis: str) -> float:
-        """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least."""
+        """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least, in whole
+        steps of its register."""
         watchdog = self.member(axis).profile.watchdog
-        if watchdog is None:
-            return watchdog_time(0.0, self.rate)
-        return watchdog_time(watchdog.deadline, self.rate, STEPS_PER_SECOND.get(watchdog.time.unit, 1e3))
+        deadline, unit = (watchdog.deadline, watchdog.time.unit) if watchdog is not None else (0.0, "ms")
+        steps = STEPS_PER_SECOND.get(unit, 1e3)
+        return math.ceil(max(deadline, PERIODS_PER_GUARD / self.rate) * steps - 1e-9) / steps
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
         """Return what is written to the drive of an axis before its watchdog is proved: watchdog, reactions, set-up."""
@@ -163,7 +151,7 @@ class ModbusTraffic:
     @property
     def waits_for_answers(self) -> bool:
         """True on TCP: requests would queue behind one without an answer, and be executed late."""
-        return self.wire.frame_octets == TCP_OCTETS
+        return self.wire.frame_octets == register_traffic.TCP_OCTETS
 
     def latch(self, axis: str) -> float:
         """Return the time from the beginning of the exchange until the drive of an axis latches [s]."""
@@ -227,33 +215,22 @@ class ModbusTraffic:
         if self.fits:
             return
         subject = f"bus {bus}: " if bus else ""
-        raise BusOverloadError(
-            f"{subject}{exactly(self.rate)} Hz is too fast: {self.exchange} takes "
-            f"{rounded(1e3 * self.shortest_period)} ms per period at {self.speed}. Fits: --rate "
-            f"{exactly(self.sustained_rate)}"
-        )
+        takes = f"{self.exchange} takes {rounded(1e3 * self.shortest_period)} ms per period at {self.speed}"
+        fits = f"Fits: --rate {exactly(self.sustained_rate)}"
+        raise BusOverloadError(f"{subject}{exactly(self.rate)} Hz is too fast: {takes}. {fits}")
 
     def delay(self, axis: str) -> Delay:
         """Return the delay budget of an axis, by the way of its set-points and its profile."""
         member, instants = self.member(axis), self.instants
-        period = round(1e9 / self.rate) * 1e-9
-        later = period if self.way is Transaction.READ_WRITE else 0.0
+        period, first = round(1e9 / self.rate) * 1e-9, self.way is Transaction.READ_WRITE
+        later = period if first else 0.0
         arrival, compute = later + instants.written[axis] - instants.latched[axis], COMPUTE_NS * 1e-9
-        found = ways(member.profile.timing, arrival, self.host, period, on_reception=True)
+        planned, shortest, longest = ways(member.profile.timing, arrival, self.host, period, on_reception=True)
         # When the drive writes and reads during its answer time is not known. Function 23 writes before it reads.
         early = member.profile.line.answer_time
-        late = 0.0 if self.way is Transaction.READ_WRITE else early
-        lag = member.profile.torque_lag
-        return Delay(
-            arrival - compute,
-            compute,
-            found.planned - arrival,
-            lag,
-            found.shortest - early,
-            found.longest + late,
-            self.host.lateness,
-            acts_first=self.way is Transaction.READ_WRITE,
-        )
+        late = 0.0 if first else early
+        bus, drive, lag = arrival - compute, planned - arrival, member.profile.torque_lag
+        return Delay(bus, compute, drive, lag, shortest - early, longest + late, self.host.lateness, acts_first=first)
 
     def member(self, axis: str) -> ModbusMember:
         """Return the axis of that name, which must be on this line."""
@@ -262,8 +239,7 @@ class ModbusTraffic:
     @property
     def exchange(self) -> str:
         """The way by its functions."""
-        traffic = self.of(self.members[0].axis)
-        functions = dict.fromkeys(request.function for request in traffic.requests)
+        functions = dict.fromkeys(request.function for request in self.of(self.members[0].axis).requests)
         return " then ".join(f"FC{function}" for function in functions)
 
     @property
@@ -285,28 +261,6 @@ STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
 """Unit of the register of a watchdog → steps in a second."""
 
 
-def watchdog_time(deadline: float, rate: float, steps: float = 1e3) -> float:
-    """Return the time of a watchdog [s]: the deadline, but five periods at least, in whole steps of its register.
-
-    `steps` is the number of steps in a second.
-    """
-    return math.ceil(max(deadline, PERIODS_PER_GUARD / rate) * steps - 1e-9) / steps
-
-
 def possible_ways(members: tuple[ModbusMember, ...]) -> list[Transaction]:
     """Return the ways whose functions all drives have."""
     return [way for way in Transaction if all(possible(way, each.traffic, each.profile.line) for each in members)]
-
-
-def candidates(
-    members: tuple[ModbusMember, ...], wire: LineTimes, waiting: float, host: HostTimes
-) -> list[ModbusTraffic]:
-    """Return the traffic of each possible way at its own sustained rate; raises PlanError when there is none."""
-    found = [ModbusTraffic(members, wire, way, DEFAULT_RATE, waiting, host) for way in possible_ways(members)]
-    if not found:
-        titles = ", ".join(dict.fromkeys(each.profile.title for each in members))
-        raise PlanError(
-            f"{titles}: the drives of the line share no function codes that read feedback and write set-points; "
-            "expected 23, or 3 with 16 or 6"
-        )
-    return [replace(each, rate=each.sustained_rate) for each in found]

@@ -13,7 +13,7 @@ from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SetupSection
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, acts_on_reception
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.signals import LinkFlag
 from tests.builders import PROFILE, can_traffic, plan_of
@@ -98,9 +98,12 @@ def test_what_does_not_act_on_reception_waits_for_the_next_sync(acts: str) -> No
 
 
 def test_a_synchronous_rpdo_never_acts_on_reception() -> None:
+    traffic = acting(0.0)
+    (member,) = traffic.members
     rpdos = tuple(replace(pdo, transmission_type=1) for pdo in MEMBER.traffic.rpdos)
-    assert acts_on_reception(MEMBER)
-    assert not acts_on_reception(replace(MEMBER, traffic=replace(MEMBER.traffic, rpdos=rpdos)))
+    synchronous = replace(traffic, members=(replace(member, traffic=replace(MEMBER.traffic, rpdos=rpdos)),))
+    assert traffic.delay("handle").transport == pytest.approx(277e-6)
+    assert synchronous.delay("handle").transport == pytest.approx(0.001)
 
 
 def test_a_bus_that_carries_the_plan_passes() -> None:

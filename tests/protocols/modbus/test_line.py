@@ -71,7 +71,6 @@ def test_silence_is_three_and_a_half_characters_and_fixed_above_19200(baud: int,
 def test_on_rtu_the_drive_works_when_silence_has_told_it_the_end() -> None:
     line, request = serial_line(115200, 11, None), COUNTED[4][0]
     character = 11 / 115200
-    assert line.request_time(request) == pytest.approx(17 * character)
     assert line.executed(request, 1e-3) == pytest.approx(17 * character + 1.75e-3 + 1e-3)
     assert line.answer_duration(request) == pytest.approx(13 * character)
     assert line.exchange(request, 1e-3) == pytest.approx(30 * character + 1.75e-3 + 1e-3)
