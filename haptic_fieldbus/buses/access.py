@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from haptic_fieldbus.buses.bus import StepwiseBus
+from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DocumentError, UsageError
@@ -134,28 +136,38 @@ def look_at(
     now_ns: Callable[[], int],
     *,
     arrived_ns: Callable[[], int],
-    error_code: Callable[[Mapping[Signal, int]], int | None],
+    power: PowerTable,
+    error: Entry | None,
     silent: str,
+    emergency: Callable[[], int | None] = lambda: None,
     refused: Callable[[Entry], str] = lambda entry: "",
 ) -> DriveReading:
     """Read all values that `watch` shows of a drive; if the first answer does not come, the rest is not read.
 
-    `arrived_ns` is the instant of the last answer. `silent` and `refused` add to the note about a drive that does not
-    answer, and about an entry that it does not give. Raises BusError when the bus is dead.
+    `arrived_ns` is the instant of the last answer. The code of a fault is read from the entry `error`; where it gives
+    none, it is that of `emergency`. `silent` and `refused` add to the note about a drive that does not answer, and
+    about an entry that it does not give. Raises BusError when the bus is dead.
     """
     began_ns = t_ns = now_ns()
     values: dict[Signal, int] = {}
     notes: list[str] = []
     for signal, entry in entries.items():
+        if signal not in SHOWN:
+            continue
         try:
             values[signal] = read(entry)
-        except BusTimeoutError as error:
+        except BusTimeoutError as silence:
             if not values:
-                return DriveReading(t_ns, note=f"{error}; {silent}")
-            return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, note=str(error))
-        except BusConfigurationError as error:
-            notes.append(f"{error}{refused(entry)}")
+                return DriveReading(t_ns, note=f"{silence}; {silent}")
+            return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, note=str(silence))
+        except BusConfigurationError as refusal:
+            notes.append(f"{refusal}{refused(entry)}")
         if signal is Signal.POSITION:
             t_ns = arrived_ns()
-    code = error_code(values)
+    code = None
+    if error is not None and power.state(values.get(Signal.STATUSWORD, 0)) in FAULTS:
+        try:
+            code = read(error)
+        except (BusConfigurationError, BusTimeoutError):
+            code = emergency()
     return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))

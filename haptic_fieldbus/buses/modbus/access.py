@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.buses import scan_result
-from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, BusAccess, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
@@ -17,7 +17,6 @@ from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.setup import ADVICE
 from haptic_fieldbus.buses.modbus.transport import SerialTransport, TcpTransport, Transport
 from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
-from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.buses.torque_limits import rated_torque
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
@@ -48,18 +47,15 @@ def adapter_checks(section: ModbusSection, root: Path = SYS) -> Iterator[Check]:
     if not section.serial:
         yield Check("usb_latency_timer", None, "none: the line is a network")
         return
-    yield _access(section.channel)
-    yield latency_timer(section.channel, root)
-
-
-def _access(device: str) -> Check:
-    """Check that this user may read and write the serial port."""
+    device = section.channel
     if not Path(device).exists():
-        return Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
-    if os.access(device, os.R_OK | os.W_OK):
-        return Check("serial_access", True, f"{device} can be read and written")
-    advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in again"
-    return Check("serial_access", False, f"no permission to open {device}", advice)
+        yield Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
+    elif os.access(device, os.R_OK | os.W_OK):
+        yield Check("serial_access", True, f"{device} can be read and written")
+    else:
+        advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in again"
+        yield Check("serial_access", False, f"no permission to open {device}", advice)
+    yield latency_timer(device, root)
 
 
 def round_trip_checks(
@@ -119,25 +115,14 @@ class LineObserver:
         if self.masters:
             return DriveReading(now_ns(), note="not asked")
         return look_at(
-            {signal: register for signal, register in profile.registers().items() if signal in SHOWN},
+            profile.registers(),
             lambda register: unit.read(register, ANSWER_TIMEOUT, 1),
             now_ns,
             arrived_ns=lambda: requester.arrived_ns,
-            error_code=partial(_error_code, unit, profile, power),
+            power=power,
+            error=profile.power.error,
             silent=ADVICE[requester.transport.serial],
         )
-
-
-def _error_code(
-    unit: UnitClient, profile: ModbusProfile, power: PowerTable, values: Mapping[Signal, int]
-) -> int | None:
-    """Return the error code of a drive in fault; None where it has no register for it."""
-    if power.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS or profile.power.error is None:
-        return None
-    try:
-        return unit.read(profile.power.error, ANSWER_TIMEOUT, 1)
-    except (RefusedError, BusTimeoutError):
-        return None
 
 
 # Opening the line of a rig: a connection or a serial port.
@@ -169,6 +154,11 @@ THERE_NS = 200_000_000
 GAPS_TRIED = 3
 """Gaps between the registers of a profile of which one register is read."""
 NO_PROFILE = "no matching profile: the drive lacks registers of each profile, or is another model"
+OTHERS_TOO = (
+    ", but also other registers between them, as any server may have. If you know the drive, use --drive PROFILE"
+)
+MODEL_MATCHES = "likely: the model registers match the profile"
+REGISTERS_MATCH = "possible match: it has the registers of the profile, and none between them"
 
 
 def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[ModbusProfile]) -> Scan:
@@ -178,57 +168,36 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
     except ForeignMasterError as error:
         return Scan(requester.name, (), str(error), f"{error}; no requests were sent")
     asked = sorted(set(units))
-    found = [_found(requester, unit, profiles) for unit in asked if _answers(requester, unit)]
+    found = [found for unit in asked if (found := _found(requester, unit, profiles)) is not None]
     told = f"Requested: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
     return Scan(requester.name, tuple(found), f"{listened}. {told}")
 
 
-def _answers(requester: Requester, unit: int) -> bool:
-    requester.ask(Question(unit, READ_HOLDING, 0, 1))
-    answer = requester.answer(requester.clock.now_ns() + THERE_NS)
-    if answer is None:
+def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode | None:
+    """Read the registers that the profiles name from a unit; None when it does not answer."""
+    requester.ask(Question(number, READ_HOLDING, 0, 1))
+    if requester.answer(requester.clock.now_ns() + THERE_NS) is None:
         requester.forget()
-    return answer is not None
-
-
-def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode:
-    """Read the registers that the profiles name from a unit that answered."""
+        return None
     fitting = [profile for profile in profiles if _fits(_unit(requester, number, profile), profile)]
     usable = [profile for profile in fitting if profile.drive.usable]
     # One that is known by its values comes before one that is known by its registers alone.
     best = next((profile for profile in usable if _tells(profile)), None)
     best = best or next((each for each in usable if _lacks_others(_unit(requester, number, each), each)), None)
+    if best is None and not fitting:
+        return FoundNode(number, sure=NO_PROFILE)
     if best is None:
-        return FoundNode(number, sure=_why_none(fitting))
+        why = f"no profile proposed: the drive has the registers of {', '.join(map(_named, fitting))}"
+        return FoundNode(number, sure=why + (OTHERS_TOO if usable else ""))
     unit = _unit(requester, number, best)
     known = {each.name: unit.optional(each) for each in best.identity}
-    sure = "possible match: it has the registers of the profile, and none between them"
-    if _tells(best):
-        sure = "likely: the model registers match the profile"
-    also = ", ".join(_named(profile) for profile in fitting if profile is not best)
-    return FoundNode(
-        number,
-        known.get("vendor"),
-        known.get("product code"),
-        known.get("revision"),
-        None if best.serial is None else unit.optional(best.serial),
-        profile=best.name,
-        sure=sure + (f"; {also} would match too" if also else ""),
-        power_state=PROTOCOL.power_table(best).state(unit.read(best.power.status)).value,
-    )
-
-
-def _why_none(fitting: Sequence[ModbusProfile]) -> str:
-    """Return why no profile is proposed, with those whose registers the unit has."""
-    if not fitting:
-        return NO_PROFILE
-    has = f"no profile proposed: the drive has the registers of {', '.join(map(_named, fitting))}"
-    if not any(profile.drive.usable for profile in fitting):
-        return has
-    return (
-        f"{has}, but also other registers between them, as any server may have. If you know the drive, use --drive "
-        "PROFILE"
-    )
+    vendor, product, revision = (known.get(name) for name in ("vendor", "product code", "revision"))
+    serial = None if best.serial is None else unit.optional(best.serial)
+    sure = MODEL_MATCHES if _tells(best) else REGISTERS_MATCH
+    if len(fitting) > 1:
+        sure += f"; {', '.join(_named(profile) for profile in fitting if profile is not best)} would match too"
+    state = PROTOCOL.power_table(best).state(unit.read(best.power.status)).value
+    return FoundNode(number, vendor, product, revision, serial, None, best.name, sure, power_state=state)
 
 
 def _named(profile: ModbusProfile) -> str:
