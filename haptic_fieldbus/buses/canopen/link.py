@@ -5,9 +5,8 @@ from collections.abc import Callable, Sequence
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
-from haptic_fieldbus.signals import LinkFlag, Signal
+from haptic_fieldbus.signals import LinkFlag
 
 # TPDOs as answers to SYNC: which of them is the sample of this period.
 #
@@ -304,15 +303,3 @@ class OutgoingPdo:
 def _wanted(pdo: Pdo) -> tuple[slice, ...] | None:
     """Return the octets of the payload that the image has; None: all of them."""
     return tuple(place for *_, place in pdo.needed) if pdo.unneeded else None
-
-
-def statusword_places(plan: Plan) -> tuple[int, ...]:
-    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
-    places = []
-    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
-        offset = image.inputs[0]
-        for mapped in axis.traffic.incoming:
-            if mapped.signal is Signal.STATUSWORD:
-                places.append(offset)
-            offset += mapped.type.size
-    return tuple(places)

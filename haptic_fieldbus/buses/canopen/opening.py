@@ -167,9 +167,7 @@ ADVICE: Mapping[str, str] = {
     "virtual": "type virtual:NAME",
 }
 """Package to install or bus name to type, by the name of the interface."""
-NO_MODULE = (
-    "install this package with its extra multicast (in a checkout: `pip install -e '.[multicast]'`), or msgpack"
-)
+NO_MODULE = "install this package with its extra multicast (in a checkout: `pip install -e '.[multicast]'`), or msgpack"
 """Advice for udp_multicast in place of the one above, where the module that it imports is not installed."""
 OF_A_PACKAGE = "install the driver that the package of this interface requires"
 """Advice for an interface that another package adds to python-can."""

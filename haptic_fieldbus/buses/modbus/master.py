@@ -31,11 +31,12 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over seria
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 
-from haptic_fieldbus.buses.bus import traffic_of
+from haptic_fieldbus.buses.bus import offsets_of, traffic_of
 from haptic_fieldbus.buses.modbus.exchange import Turns, listen
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.link import Reading, StoredSetPoint, TargetReading, UnitLink, offsets_of, times_of
+from haptic_fieldbus.buses.modbus.link import Reading, StoredSetPoint, TargetReading, UnitLink, times_of
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.setup import UnitSetup
 from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK, Transport
@@ -62,7 +63,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest, Transaction, read_back_signals
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest, Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
@@ -122,8 +123,17 @@ class UnitRelease(DriveRelease[Undone]):
 
     def question(self) -> Question:
         """Return the next request; the drive must not be settled."""
-        if not self._to_do:
-            self._to_do = self._undo(*self._undoing[0]) if self.free else self._freeing()
+        if not self._to_do and self.free:
+            register, before = self._undoing[0]
+            self._to_do = [
+                _Move(self.unit.writing(register, before), _nothing),
+                _Move(self.unit.reading(register), partial(self._compare, before)),
+            ]
+        elif not self._to_do:
+            self._to_do = [_Move(self._off, _nothing), _Move(self._status, self._judge)]
+            if self._zeros:
+                self._zeros -= 1
+                self._to_do.insert(0, _Move(self._zero, self._zeroed))
         return self._to_do[0].question
 
     def take(self, answer: Answer | None) -> None:
@@ -142,13 +152,6 @@ class UnitRelease(DriveRelease[Undone]):
         """Begin again with zero torque, after the line was reopened."""
         self._to_do, self._zeros = [], MOST_ZEROS
 
-    def _freeing(self) -> list[_Move]:
-        steps = [_Move(self._off, _nothing), _Move(self._status, self._judge)]
-        if self._zeros:
-            self._zeros -= 1
-            steps.insert(0, _Move(self._zero, self._zeroed))
-        return steps
-
     def _zeroed(self, answer: Answer) -> None:
         self._zeros = 0
 
@@ -163,13 +166,7 @@ class UnitRelease(DriveRelease[Undone]):
     def _note_fault(self, register: Register, answer: Answer) -> None:
         self.fault = from_words(register, answer.registers, self._order)
 
-    def _undo(self, register: Register, before: int) -> list[_Move]:
-        return [
-            _Move(self.unit.writing(register, before), _nothing),
-            _Move(self.unit.reading(register), lambda answer: self._compare(answer, before)),
-        ]
-
-    def _compare(self, answer: Answer, before: int) -> None:
+    def _compare(self, before: int, answer: Answer) -> None:
         register, _ = self._undoing[0]
         if from_words(register, answer.registers, self._order) == before:
             self._undoing.pop(0)
@@ -365,16 +362,12 @@ class ModbusBus(ReleasedBus[LineRelease]):
 
     def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
         """Prepare all requests and offsets, so that the loop looks nothing up."""
-        axes = tuple(zip(plan.axes, plan.image.axes, strict=True))
         self._setups = tuple(self._setup_of(axis, traffic, plan) for axis in plan.axes)
-        bound = [self._bound(axis, places, traffic, image) for axis, places in axes]
-        self._links = tuple(link for link, _, _ in bound)
-        readings = tuple(reading for _, of_axis, _ in bound for reading in of_axis)
-        targets = tuple(target for _, _, of_axis in bound for target in of_axis)
+        axes = zip(plan.axes, plan.image.axes, strict=True)
+        self._links, of_axes, asked = zip(*(self._bound(*each, traffic, image) for each in axes), strict=True)
+        readings, targets = tuple(chain.from_iterable(of_axes)), tuple(filter(None, asked))
         writes = traffic.way is Transaction.READ_THEN_WRITE
-        self._exchange = Turns(
-            self._requester, readings, image, period_ns=plan.period_ns, writes=writes, targets=targets
-        )
+        self._exchange = Turns(self._requester, readings, targets, image, period_ns=plan.period_ns, writes=writes)
         self._drives = tuple(map(UnitRelease, self._setups))
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
         guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._setups)
@@ -393,43 +386,36 @@ class ModbusBus(ReleasedBus[LineRelease]):
 
     def _bound(
         self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
-    ) -> tuple[UnitLink, list[Reading], list[TargetReading]]:
-        """Return the link to one axis, the requests of its reading part, and those that read its target torque back."""
+    ) -> tuple[UnitLink, list[Reading], TargetReading | None]:
+        """Return the link to one axis, the requests of its reading part, and that which reads its target torque back.
+
+        None: its target torque is not read back.
+        """
         member, of_axis = traffic.member(axis.name), traffic.of(axis.name)
         profile, own = member.profile, member.traffic
-        form, function, start = self._requester.form, profile.line.reading, places.inputs[0]
+        form, function = self._requester.form, profile.line.reading
         set_point = StoredSetPoint(own, profile.line, places.outputs[0])
         link = UnitLink(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
         if set_point.function is not None:
             link.writing = tuple(form(set_point.writing(block)) for block in set_point.blocks)
+        offsets = offsets_of(of_axis.incoming, places.inputs[0])
         readings: list[Reading] = []
         for request, block in ((each, each.read) for each in of_axis.reading):
             if block is None:
                 continue
-            times, offsets = times_of(traffic, profile, request), offsets_of(of_axis.reads, start)
+            times = times_of(traffic, profile, request)
             readings.append(Reading(link, block, times, image, offsets, latches=block.has(own.motion)))
             if function is not None:
                 readings[-1].alone = form(Question(axis.node, function, block.address, block.count))
             if request.write is not None:
                 readings[-1].writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
-        targets: list[TargetReading] = []
-        if (block := of_axis.asked) is not None:
-            function = function or READ_HOLDING
-            times = times_of(traffic, profile, RegisterRequest(function, block))
-            # Its signals are the last ones of the axis.
-            asked, came = read_back_signals(block)
-            end = sum(places.inputs) - came.type.size
-            offsets = {came.signal: end, asked.signal: end - asked.type.size}
-            targets.append(TargetReading(link, block, times, image, offsets))
-            targets[0].alone = form(Question(axis.node, function, block.address, block.count))
-        return link, readings, targets
-
-    def read(self, deadline_ns: int) -> bytearray:
-        """Exchange feedback once and return the input image, by the deadline [ns]; raises BusError when dead."""
-        exchange = self._exchange
-        exchange.prepare(deadline_ns)
-        exchange.begin()
-        return exchange.collect(deadline_ns)
+        if (block := of_axis.asked) is None:
+            return link, readings, None
+        function = function or READ_HOLDING
+        times = times_of(traffic, profile, RegisterRequest(function, block))
+        target = TargetReading(link, block, times, image, offsets)
+        target.alone = form(Question(axis.node, function, block.address, block.count))
+        return link, readings, target
 
     def prepare(self, deadline_ns: int) -> None:
         """Take the answer to the last set-point, until the deadline [ns] at the latest; raises BusError when dead."""
