@@ -190,7 +190,18 @@ class TorqueLimits(Generic[Entry]):
         Raises BusError, BusConfigurationError when a limit cannot be raised.
         """
         if self.before and self.notes is not None:
-            self._note(self.notes)
+            # Former and new values go to the file first: the run may be killed before it writes to the drive.
+            ours = {each: self._value(was) for each, was in self.before.items()}
+            noted = {
+                str(each): ([ours[each], self.left.get(each, ours[each])], was) for each, was in self.before.items()
+            }
+            try:
+                self.notes.write(noted)
+            except OSError as error:
+                self.warn(
+                    f"{self.notes.path} cannot be written ({error.strerror}): if a run is killed, its torque limit "
+                    "stays in the drive"
+                )
         for entry, original in list(self.before.items()):
             try:
                 self.node.write(entry, self._value(original))
@@ -200,19 +211,6 @@ class TorqueLimits(Generic[Entry]):
                 if self.node.read(entry) == original:
                     del self.before[entry]
                 self.warn(f"{error}: the drive keeps its own limit; only the loop applies the limit of the axis")
-
-    def _note(self, notes: "RestoreFile") -> None:
-        """Write former and new values to the file first: the run may be killed before it writes to the drive."""
-        try:
-            ours = {each: self._value(was) for each, was in self.before.items()}
-            notes.write(
-                {str(each): ([ours[each], self.left.get(each, ours[each])], was) for each, was in self.before.items()}
-            )
-        except OSError as error:
-            self.warn(
-                f"{notes.path} cannot be written ({error.strerror}): if a run is killed, its torque limit stays in "
-                "the drive"
-            )
 
     @property
     def restoring(self) -> tuple[tuple[Entry, int], ...]:
@@ -250,14 +248,11 @@ class TorqueLimits(Generic[Entry]):
             f"axis.{self.axis.name}.limits.effort"
         )
 
-    def _share(self, steps: int) -> float:
-        return steps * self.step / self.axis.rated_effort
-
     def _percent(self, steps: int) -> str:
-        return percent(self._share(steps))
+        return percent(steps * self.step / self.axis.rated_effort)
 
     def _permille(self, steps: int) -> str:
-        return f"{exactly(1e3 * self._share(steps))} ‰"
+        return f"{exactly(1e3 * (steps * self.step / self.axis.rated_effort))} ‰"
 
 
 Changes = Mapping[str, tuple[list[int], int]]

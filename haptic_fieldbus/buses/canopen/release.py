@@ -158,9 +158,8 @@ class Release(BusRelease[NodeRelease]):
     def _send_set_points(self) -> None:
         """Send target torque 0 and controlword *disable voltage*."""
         for cob_id, data in self._torque_free:
-            self._try(
-                f"set-point of zero torque {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, bytes(data))
-            )
+            failure = f"set-point of zero torque {cob_id:03X}h was not sent"
+            self._try(failure, partial(self._wire.send, cob_id, bytes(data)))
 
     def _listen(self, deadline_ns: int) -> None:
         self._try("SYNC to the drives was not sent", partial(self._sync, deadline_ns))

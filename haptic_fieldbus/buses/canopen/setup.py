@@ -68,7 +68,8 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     """
     section = profile.commissioning
     shown: list[str] = []
-    told = list(_left_out(profile))
+    lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
+    told = [f"{profile.title} is a generic profile, and this drive lacks {', '.join(lacking)}"] if lacking else []
     for each in section.shown:
         value = node.optional(each.entry)
         if each.needed and not value:
@@ -89,13 +90,6 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     warning = first_enabling(profile)
     if warning:
         yield warning
-
-
-def _left_out(profile: CanopenProfile) -> Iterator[str]:
-    """Yield a sentence with the objects that a general profile names and this drive lacks."""
-    lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
-    if lacking:
-        yield f"{profile.title} is a generic profile, and this drive lacks {', '.join(lacking)}"
 
 
 def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
@@ -154,20 +148,14 @@ def map_pdos(node: Node, member: CanMember) -> None:
         used = {pdo.number: pdo for pdo in pdos}
         # In the order of the numbers: a PDO beyond the fourth takes the COB-ID of one that is off by then.
         for number, room in sorted(member.profile.pdo.room(direction).items()):
+            entry = _communication(direction, number, DataType.UINT32, 1)
             # A PDO without room for a mapping may not be there at all.
-            cob_id = _switch_off(node, direction, number, node.read if room else node.optional)
+            held = node.read(entry) if room else node.optional(entry)
+            cob_id = COB_ID_INVALID if held is None else held | COB_ID_INVALID
+            if held not in (None, cob_id):
+                node.write(entry, cob_id)
             if number in used:
                 _map(node, used[number], cob_id, inhibited=bool(member.profile.pdo.inhibit_time_default))
-
-
-def _switch_off(node: Node, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
-    """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
-    entry = _communication(direction, number, DataType.UINT32, 1)
-    cob_id = COB_ID_INVALID if (held := read(entry)) is None else held
-    if not cob_id & COB_ID_INVALID:
-        cob_id |= COB_ID_INVALID
-        node.write(entry, cob_id)
-    return cob_id
 
 
 def _map(node: Node, pdo: Pdo, cob_id: int, *, inhibited: bool) -> None:
@@ -230,6 +218,7 @@ SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRA
 NO_ANSWER_ADVICE = "check the power and the node-ID of the drive, the bit rate, the wiring and both 120 Ω terminators"
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
+STILL_ENABLED = "is still enabled after the command disable voltage"
 
 
 @dataclass(frozen=True)
@@ -379,17 +368,14 @@ class NodeSetup:
             ) from error
 
     def _check_no_fault(self) -> None:
-        statusword = self.node.read(STATUSWORD)
-        if CIA402.state(statusword) not in FAULTS:
-            return
-        way = "write 6040h = 0 and then 80h with the drive's own tool"
-        raise standing_fault(self.node.label, CIA402.state(statusword), self.node.optional(ERROR_CODE), "603Fh", way)
+        state = CIA402.state(self.node.read(STATUSWORD))
+        if state in FAULTS:
+            way = "write 6040h = 0 and then 80h with the drive's own tool"
+            raise standing_fault(self.node.label, state, self.node.optional(ERROR_CODE), "603Fh", way)
 
     def _check_sync(self) -> None:
         sync = self.node.optional(SYNC_ID)
-        if sync is None:
-            return
-        if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
+        if sync is not None and (sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER):
             raise BusConfigurationError(
                 f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is required"
             )
@@ -398,12 +384,7 @@ class NodeSetup:
         """Switch the power stage off if an earlier master left it on."""
         if self.energised():
             self.node.send(CONTROLWORD, DISABLE_VOLTAGE)
-        poll(
-            self.node,
-            DISABLE_TIMEOUT,
-            lambda: not self.energised(),
-            lambda: "is still enabled after the command disable voltage",
-        )
+        poll(self.node, DISABLE_TIMEOUT, lambda: not self.energised(), lambda: STILL_ENABLED)
 
     def energised(self, timeout: float = SDO_TIMEOUT) -> bool:
         """Read the statusword within `timeout` [s]; True when the motor can carry torque. Raises BusError."""
@@ -466,11 +447,10 @@ class NodeSetup:
         return f"on link loss {words} within {self._deadline_ms} ms"
 
     def _set_mode(self) -> None:
-        mode = self.member.profile.torque.mode_of_operation
-        self.node.write(MODE, mode)
-        poll(
-            self.node,
-            self.member.profile.timing.mode_change_timeout,
-            lambda: self.node.read(MODE_DISPLAY) == mode,
-            lambda: f"did not accept mode of operation {mode}: {MODE_DISPLAY} is {self.node.read(MODE_DISPLAY)}",
+        node, profile, mode = self.node, self.member.profile, self.member.profile.torque.mode_of_operation
+        node.write(MODE, mode)
+        wrong, timeout = (
+            f"did not accept mode of operation {mode}: {MODE_DISPLAY} is",
+            profile.timing.mode_change_timeout,
         )
+        poll(node, timeout, lambda: node.read(MODE_DISPLAY) == mode, lambda: f"{wrong} {node.read(MODE_DISPLAY)}")

@@ -43,7 +43,10 @@ class UnitSetup:
         self._check_fault()
         known = self._check_identity()
         refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
-        identity = self._identity(known)
+        # Modbus itself defines no identity: what there is comes from the registers that the profile names.
+        register = self.profile.serial
+        serial = None if register is None else known_number(self.unit.optional(register), register.type)
+        identity = Identity(*map(known.get, ("vendor", "product code", "revision")), serial)
         self.torque_limits.inspect(identity, self.unit.optional)
         return DriveFacts(
             axis=self.axis.name,
@@ -87,17 +90,17 @@ class UnitSetup:
             state = self.axis.power.state(self.unit.read(self.profile.power.status))
         except BusTimeoutError as error:
             raise BusTimeoutError(f"{error}: {ADVICE[self.unit.requester.transport.serial]}") from error
-        if state not in FAULTS:
-            return
         register = self.profile.power.error
-        code = None if register is None else self.unit.optional(register)
-        raise standing_fault(self.unit.label, state, code, register, "use its own tool")
+        if state in FAULTS:
+            code = None if register is None else self.unit.optional(register)
+            raise standing_fault(self.unit.label, state, code, register, "use its own tool")
 
-    def _check_identity(self) -> dict[str, int]:
-        """Return the values by which the drive tells its model; raises BusConfigurationError for another model."""
-        known = {}
+    def _check_identity(self) -> dict[str, int | None]:
+        """Return the numbers by which the drive tells its model; raises BusConfigurationError for another model."""
+        known: dict[str, int | None] = {}
         for each in self.profile.identity:
-            known[each.name] = value = self.unit.read(each)
+            value = self.unit.read(each)
+            known[each.name] = known_number(value, each.type)
             if each.values and value not in each.values:
                 wanted = " or ".join(f"{code:08X}h" for code in each.values)
                 raise BusConfigurationError(
@@ -106,26 +109,10 @@ class UnitSetup:
                 )
         return known
 
-    def _identity(self, known: dict[str, int]) -> Identity:
-        """Return the identity of the drive from registers that its profile names; Modbus itself defines none."""
-        types, register = {each.name: each.type for each in self.profile.identity}, self.profile.serial
-        vendor, product, revision = (
-            known_number(known[name], types[name]) if name in known else None
-            for name in ("vendor", "product code", "revision")
-        )
-        serial = None if register is None else known_number(self.unit.optional(register), register.type)
-        return Identity(vendor, product, revision, serial)
-
     def _set_mode(self) -> None:
-        mode = self.profile.mode
-        if mode is None:
-            return
-        self.unit.ensure(mode.write, mode.value)
-        display = mode.display
-        if display is not None:
-            poll(
-                self.unit,
-                self.profile.timing.mode_change_timeout,
-                lambda: self.unit.read(display) == mode.value,
-                lambda: f"did not accept mode {mode.value}: {display} is {self.unit.read(display)}",
-            )
+        mode, unit, timeout = self.profile.mode, self.unit, self.profile.timing.mode_change_timeout
+        if mode is not None:
+            unit.ensure(mode.write, mode.value)
+        if mode is not None and (display := mode.display) is not None:
+            wrong = f"did not accept mode {mode.value}: {display} is"
+            poll(unit, timeout, lambda: unit.read(display) == mode.value, lambda: f"{wrong} {unit.read(display)}")
