@@ -449,8 +449,6 @@ class NodeSetup:
     def _set_mode(self) -> None:
         node, profile, mode = self.node, self.member.profile, self.member.profile.torque.mode_of_operation
         node.write(MODE, mode)
-        wrong, timeout = (
-            f"did not accept mode of operation {mode}: {MODE_DISPLAY} is",
-            profile.timing.mode_change_timeout,
-        )
+        wrong = f"did not accept mode of operation {mode}: {MODE_DISPLAY} is"
+        timeout = profile.timing.mode_change_timeout
         poll(node, timeout, lambda: node.read(MODE_DISPLAY) == mode, lambda: f"{wrong} {node.read(MODE_DISPLAY)}")
