@@ -1,7 +1,7 @@
 """Opening the buses of one protocol, and the questions to a drive that come before a plan."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -21,6 +21,10 @@ SHOWN = (Signal.STATUSWORD, Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTU
 ANSWER_TIMEOUT = 0.1
 """Time for which a look waits for an answer [s]: a drive that is gone must not hold up the look at another."""
 
+Axes = Mapping[str, RigAxis]
+"""Axes of a rig by name."""
+Logs = AbstractContextManager[Mapping[str, Any]]
+"""Traffic logs by the name of their bus, open for as long as the block lasts."""
 Entry = TypeVar("Entry")
 """An object or a register."""
 Profile = TypeVar("Profile", bound=DriveProfile)
@@ -47,9 +51,7 @@ class BusAccess(Protocol):
     Each protocol has its own type of traffic log. Callers only pass a log from `logs` to `open_bus`.
     """
 
-    def logs(
-        self, record: Path | None, buses: Sequence[str], *, simulated: bool
-    ) -> AbstractContextManager[Mapping[str, Any]]:
+    def logs(self, record: Path | None, buses: Sequence[str], *, simulated: bool) -> Logs:
         """Open a traffic log for each named bus; an empty mapping when `record` is not a file of traffic.
 
         Unless the buses are `simulated`, the log must not make the loop wait.
@@ -66,16 +68,14 @@ class BusAccess(Protocol):
         """
         return None
 
-    def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
+    def fitted(self, section: BusSection, axes: Axes) -> Mapping[str, DriveProfile]:
         """Return, by axis, each general profile fitted to its drive; axes with another profile are left out.
 
         Nothing is written. Raises UsageError or BusError, as `rated_torque` does.
         """
         return {}
 
-    def scan(
-        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
-    ) -> Scan:
+    def scan(self, section: BusSection, axes: Axes, profiles: str | Path | None, nodes: Sequence[int] = ()) -> Scan:
         """Find the devices of a bus by reading alone; `axes` are those that a simulated bus has.
 
         `profiles` is a folder of own profiles, `nodes` are the numbers that are asked; none given: those that a
@@ -83,11 +83,11 @@ class BusAccess(Protocol):
         """
         raise UsageError(f"{section.protocol} buses cannot be scanned")
 
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Observer]:
+    def onlooker(self, section: BusSection, axes: Axes) -> AbstractContextManager[Observer]:
         """Open a bus to look at the drives of these axes; raises UsageError or BusError."""
         raise UsageError(f"drives on {section.protocol} buses cannot be watched")
 
-    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+    def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:
         """Check adapter and bus for a loop of this rate [Hz], with the help of the drives of these axes.
 
         A fault of the bus is a check that fails. Raises UsageError.
@@ -119,15 +119,11 @@ def checks_on(
 
 def profiles_of(kind: type[Profile], profiles: str | Path | None) -> list[Profile]:
     """Return all profiles of one protocol that can be read."""
-    found = []
+    found: list[DriveProfile] = []
     for name in known_names(profiles):
-        try:
-            profile = load_profile(name, profiles)
-        except (DocumentError, UsageError):
-            continue  # `profiles list` tells what is wrong with it
-        if isinstance(profile, kind):
-            found.append(profile)
-    return found
+        with suppress(DocumentError, UsageError):  # `profiles list` tells what is wrong with it
+            found.append(load_profile(name, profiles))
+    return [profile for profile in found if isinstance(profile, kind)]
 
 
 def look_at(

@@ -212,11 +212,6 @@ class TorqueLimits(Generic[Entry]):
                     del self.before[entry]
                 self.warn(f"{error}: the drive keeps its own limit; only the loop applies the limit of the axis")
 
-    @property
-    def restoring(self) -> tuple[tuple[Entry, int], ...]:
-        """Entries and values that put the limits back."""
-        return tuple(self.before.items())
-
     def restored(self) -> None:
         """Forget the changes, since the drive has confirmed that they are undone, or holds values of its own."""
         if self.notes is None:

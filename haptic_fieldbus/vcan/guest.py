@@ -216,9 +216,11 @@ class Guest(ProcessGroup):
         self._sinks: dict[int, Sink] = {}
         status, out, err, kernel = map(self._pipe, (self.heard.hear, output, error, self.heard.hear_kernel))
         control, self._control = os.pipe()
-        words = command_line(folder, {"ssl0": (control, status), "con1": ("null", out), "con2": ("null", err)})
+        terminals = (f"ssl0=fd:{control},fd:{status}", f"con1=null,fd:{out}", f"con2=null,fd:{err}")
         inherited = (status, out, err, kernel, control)
-        super().__init__(words, environment, wakeup, folder=folder, keep=inherited, output=kernel)
+        super().__init__(
+            command_line(folder, terminals), environment, wakeup, folder=folder, keep=inherited, output=kernel
+        )
         for descriptor in inherited:
             os.close(descriptor)
         for descriptor in self._sinks:
@@ -297,13 +299,8 @@ def memory_folder() -> str:
     )
 
 
-def command_line(folder: Path, channels: dict[str, tuple[int | str, int]]) -> list[str]:
-    """Return the words that start the kernel; `channels` are the file descriptors of its terminals."""
-
-    def channel(end: int | str) -> str:
-        return f"fd:{end}" if isinstance(end, int) else end
-
-    terminals = (f"{name}={channel(reads)},{channel(writes)}" for name, (reads, writes) in channels.items())
+def command_line(folder: Path, terminals: Sequence[str]) -> list[str]:
+    """Return the words that start the kernel; `terminals` are its terminals with their file descriptors."""
     return [
         program(KERNEL) or KERNEL,
         f"mem={MEMORY_MB}M",

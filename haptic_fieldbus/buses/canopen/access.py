@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from haptic_fieldbus.buses import scan_result
-from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, BusAccess, checks_on, look_at, profiles_of
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, Axes, BusAccess, Logs, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.canopen import setup
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.master import CanopenBus
@@ -304,9 +304,7 @@ def _unless_refused(ask: Callable[[], Value]) -> Value | None:
 class CanopenAccess(BusAccess):
     """The I/O half of CANopen; its buses are opened by python-can, its logs take CAN frames."""
 
-    def logs(
-        self, record: Path | None, buses: Sequence[str], *, simulated: bool
-    ) -> AbstractContextManager[Mapping[str, FrameLog]]:
+    def logs(self, record: Path | None, buses: Sequence[str], *, simulated: bool) -> Logs:
         return frame_logs(record, buses, simulated=simulated)
 
     def open_bus(self, section: BusSection, clock: Clock, log: FrameLog | None) -> CanopenBus:
@@ -321,7 +319,7 @@ class CanopenAccess(BusAccess):
             raw = nodes[name].optional(mapped.entry)
         return None if raw is None else raw * RATED_TORQUE_UNITS[mapped.unit]
 
-    def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
+    def fitted(self, section: BusSection, axes: Axes) -> Mapping[str, DriveProfile]:
         loaded = {name: (axis, canopen_profile(load_profile(axis.profile))) for name, axis in axes.items()}
         general = {name: each for name, each in loaded.items() if each[1].drive.evidence == STANDARD}
         if not general:
@@ -329,21 +327,19 @@ class CanopenAccess(BusAccess):
         with _asked(can_section(section), general) as nodes:
             return {name: fit_to_drive(profile, nodes[name]) for name, (_, profile) in general.items()}
 
-    def scan(
-        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
-    ) -> Scan:
+    def scan(self, section: BusSection, axes: Axes, profiles: str | Path | None, nodes: Sequence[int] = ()) -> Scan:
         own = can_section(section)
         with opened(own, axes) as wire:
             return scan_bus(wire, own.listen, own.bitrate, profiles_of(CanopenProfile, profiles), nodes or NODES)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[BusObserver]:
+    def onlooker(self, section: BusSection, axes: Axes) -> Iterator[BusObserver]:
         own = can_section(section)
         drives = {name: (axis.node, canopen_profile(load_profile(axis.profile))) for name, axis in axes.items()}
         with opened(own, axes) as wire:
             yield BusObserver(wire, drives, own.listen, own.master_node or MASTER_NODES[0])
 
-    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+    def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:
         own = can_section(section)
         further = partial(_on_the_bus, section=own, axes=axes, rate=rate)
         return checks_on(opened(own, axes), adapter_checks(own), further)
@@ -361,7 +357,7 @@ def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
         raise BusConfigurationError(f"{node.label}: {told}. Nothing was written") from error
 
 
-def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Wire]:
+def opened(section: CanSection, axes: Axes) -> AbstractContextManager[Wire]:
     """Open a bus for as long as the block lasts; a simulated one has the drives of these axes, in real time.
 
     Raises UsageError or BusError.
@@ -399,7 +395,7 @@ def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfi
             raise BusTimeoutError(f"{error}; {NO_ANSWER_ADVICE}") from error
 
 
-def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+def _on_the_bus(wire: Wire, section: CanSection, axes: Axes, rate: float) -> tuple[Check, ...]:
     """Check that there is no other master, then measure the round trip to a drive; raises BusError."""
     nodes = [axis.node for axis in axes.values()]
     master_node = section.master_node or MASTER_NODES[0]

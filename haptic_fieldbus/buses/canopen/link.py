@@ -172,9 +172,7 @@ class Answers:
 
 
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
-STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
-    int(flag) for flag in LinkFlag
-)
+STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = map(int, LinkFlag)
 _OPERATIONAL = int(NmtState.OPERATIONAL)
 LOST_AFTER = 1.0
 """Time with answers after which one that is still missing counts as lost [s].

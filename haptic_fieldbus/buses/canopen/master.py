@@ -24,7 +24,7 @@ import can
 
 from haptic_fieldbus.buses.bus import offsets_of, traffic_of
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
+from haptic_fieldbus.buses.canopen.guard import Guard, ProofsOfLife
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, OutgoingPdo
 from haptic_fieldbus.buses.canopen.node import ABORTED, REPEATED, NmtState, Node, address, request, uploaded_value
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
@@ -262,7 +262,9 @@ class CanopenBus(ReleasedBus[Release]):
         shares = axis.profile.offers()[Signal.TARGET_TORQUE].unit in SHARES_OF_RATED
         permille, real = axis.effort_unit if shares else 1e-3 * axis.rated_effort, not plan.simulated
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
-        return NodeSetup(node, axis, traffic, member, limits, self.warnings.append)
+        section, guard_ms = member.profile.link_loss, round(traffic.guard(axis.name) * 1e3)
+        guard = Guard(node, section, guard_ms, traffic.master_node, traffic.node_heartbeat_ms)
+        return NodeSetup(node, axis, traffic, member, guard, limits, self.warnings.append)
 
     def _sync_once(self, deadline_ns: int) -> None:
         self.prepare(deadline_ns)

@@ -229,6 +229,8 @@ class NodeSetup:
     axis: AxisPlan
     bus: CanTraffic
     member: CanMember
+    guard: Guard
+    """The drive's watch on us."""
     torque_limits: TorqueLimits[ObjectEntry]
     warn: Callable[[str], None]
 
@@ -419,19 +421,9 @@ class NodeSetup:
                 raise
             self.warn(f"{self.node.label}: {entry} is read-only and stays {self.node.read(entry)}")
 
-    @property
-    def guard(self) -> Guard:
-        """The drive's watch on us."""
-        section, bus = self.member.profile.link_loss, self.bus
-        return Guard(self.node, section, self._deadline_ms, bus.master_node, bus.node_heartbeat_ms)
-
     def final_writes(self) -> tuple[tuple[ObjectEntry, int], ...]:
         """Return the entries to write at the end: they switch the guard off and restore the former limits."""
-        return (*self.guard.disarming, *self.torque_limits.restoring)
-
-    @property
-    def _deadline_ms(self) -> int:
-        return round(self.bus.guard(self.axis.name) * 1e3)
+        return (*self.guard.disarming, *self.torque_limits.before.items())
 
     @property
     def _reactions(self) -> tuple[tuple[OptionCode, int], ...]:
@@ -444,7 +436,7 @@ class NodeSetup:
         # Without 6007h a lost link is a fault, after which 605Eh says the same of the shaft.
         reaction = SHAFT_FREE if option is None else self._reactions[0][1]
         words = SHAFT_WORDS.get(reaction, f"reaction of the drive as configured ({reaction})")
-        return f"on link loss {words} within {self._deadline_ms} ms"
+        return f"on link loss {words} within {self.guard.milliseconds} ms"
 
     def _set_mode(self) -> None:
         node, profile, mode = self.node, self.member.profile, self.member.profile.torque.mode_of_operation

@@ -2,14 +2,14 @@
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.buses import scan_result
-from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, BusAccess, checks_on, look_at, profiles_of
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, Axes, BusAccess, Logs, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
@@ -58,15 +58,14 @@ def adapter_checks(section: ModbusSection, root: Path = SYS) -> Iterator[Check]:
     yield latency_timer(device, root)
 
 
-def round_trip_checks(
-    requester: Requester, unit: UnitClient, profile: ModbusProfile, rate: float
-) -> tuple[Check, Check]:
+def round_trip_checks(unit: UnitClient, profile: ModbusProfile, rate: float) -> tuple[Check, Check]:
     """Ask for the status many times, and check the round trip and its jitter for a loop of this rate [Hz].
 
     Raises BusError when the line is dead.
     """
+    requester, asked = unit.requester, scan_result.QUESTIONS
     times: list[float] = []
-    for _ in range(scan_result.QUESTIONS):
+    for _ in range(asked):
         requester.ask(unit.reading(profile.power.status))
         if requester.answer(requester.sent_ns + scan_result.ANSWER_NS) is not None:
             times.append((requester.arrived_ns - requester.sent_ns) * 1e-9)
@@ -74,9 +73,7 @@ def round_trip_checks(
             break  # a unit that is not there
         requester.forget()
     serial = requester.transport.serial
-    return scan_result.timing_checks(
-        f"unit {unit.id}", times, scan_result.QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial]
-    )
+    return scan_result.timing_checks(unit.label, times, asked, rate, silent=ADVICE[serial], slow=SLOW[serial])
 
 
 # Looking at drives without touching them: their registers are read, and nothing is written.
@@ -242,9 +239,7 @@ def _readable(unit: UnitClient, register: Register) -> bool:
 class ModbusAccess(BusAccess):
     """The I/O half of Modbus. It has no log of its own: rows hold all that is exchanged."""
 
-    def logs(
-        self, record: Path | None, buses: Sequence[str], *, simulated: bool
-    ) -> AbstractContextManager[Mapping[str, Any]]:
+    def logs(self, record: Path | None, buses: Sequence[str], *, simulated: bool) -> Logs:
         """Return no logs; raises UsageError when `record` is a file of CAN frames."""
         if record is not None and record.suffix in FRAME_SUFFIXES:
             raise UsageError(
@@ -267,9 +262,7 @@ class ModbusAccess(BusAccess):
             unit = UnitClient(requester, axis.node, f"unit {axis.node} (axis {name})", profile.line)
             return rated_torque(profile.title, str(register), register.unit, unit.read(register))
 
-    def scan(
-        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
-    ) -> Scan:
+    def scan(self, section: BusSection, axes: Axes, profiles: str | Path | None, nodes: Sequence[int] = ()) -> Scan:
         own = modbus_section(section)
         transport = "rtu" if own.serial else "tcp"
         fitting = [each for each in profiles_of(ModbusProfile, profiles) if transport in each.line.transports]
@@ -278,7 +271,7 @@ class ModbusAccess(BusAccess):
             return scan_line(requester, nodes or [axis.node for axis in axes.values()], fitting)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[LineObserver]:
+    def onlooker(self, section: BusSection, axes: Axes) -> Iterator[LineObserver]:
         profiles = {name: modbus_profile(load_profile(axis.profile)) for name, axis in axes.items()}
         drives = {
             name: (axis.node, profiles[name], PROTOCOL.power_table(profiles[name])) for name, axis in axes.items()
@@ -286,7 +279,7 @@ class ModbusAccess(BusAccess):
         with opened(modbus_section(section), list(profiles.values())) as requester:
             yield LineObserver(requester, drives)
 
-    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+    def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:
         own = modbus_section(section)
         profiles = [modbus_profile(load_profile(axis.profile)) for axis in axes.values()]
         first = next(iter(axes.values()))
@@ -319,7 +312,7 @@ def _on_the_line(requester: Requester, axis: RigAxis, profile: ModbusProfile, ra
     except ForeignMasterError as error:
         return scan_result.another_master(str(error))
     unit = UnitClient(requester, axis.node, f"unit {axis.node}", profile.line)
-    return alone, *round_trip_checks(requester, unit, profile, rate)
+    return alone, *round_trip_checks(unit, profile, rate)
 
 
 ACCESS = ModbusAccess()

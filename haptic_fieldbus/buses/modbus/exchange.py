@@ -54,28 +54,24 @@ def listen(requester: Requester, seconds: float = LISTENING) -> str:
     return f"{requester.name}: listened for {exactly(seconds)} s without sending; received nothing"
 
 
-def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable, done: str) -> PowerState:
-    """Return the power state of a drive without another master; `done` is a sentence on what was already done.
-
-    Raises ForeignMasterError when its registers say that somebody does, or BusError.
-    """
+def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
+    """Raise ForeignMasterError when the registers of a drive say that another master commands it, or BusError."""
     target = unit.optional(profile.torque.target) or 0
     if target:
-        raise _commanded(unit, f"{profile.torque.target} (target torque) is {target}", done)
+        raise _commanded(unit, f"{profile.torque.target} (target torque) is {target}")
     command = unit.optional(profile.power.command) or power.off
     enabling = {power.answer(PowerState.SWITCHED_ON), power.answer(PowerState.OPERATION_ENABLED)} - {power.off}
     if command in enabling:
-        raise _commanded(unit, f"{profile.power.command} (command) is {command:04X}h, which enables it", done)
+        raise _commanded(unit, f"{profile.power.command} (command) is {command:04X}h, which enables it")
     state = power.state(unit.read(profile.power.status))
     if state in ENERGISED:
-        raise _commanded(unit, f"{profile.power.status} (status) shows the state {state.value}", done)
-    return state
+        raise _commanded(unit, f"{profile.power.status} (status) shows the state {state.value}")
 
 
-def _commanded(unit: UnitClient, what: str, done: str) -> ForeignMasterError:
+def _commanded(unit: UnitClient, what: str) -> ForeignMasterError:
     return ForeignMasterError(
         f"{unit.label} is commanded by another master, or a master that died left it so: {what}. {ONE_MASTER}. If "
-        f"there is no other master, switch the drive off and on. {done}"
+        f"there is no other master, switch the drive off and on. Nothing was written"
     )
 
 

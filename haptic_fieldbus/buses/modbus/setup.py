@@ -42,11 +42,11 @@ class UnitSetup:
         """
         self._check_fault()
         known = self._check_identity()
-        refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
+        refuse_unrest(self.unit, self.profile, self.axis.power)
         # Modbus itself defines no identity: what there is comes from the registers that the profile names.
         register = self.profile.serial
         serial = None if register is None else known_number(self.unit.optional(register), register.type)
-        identity = Identity(*map(known.get, ("vendor", "product code", "revision")), serial)
+        identity = Identity(known.get("vendor"), known.get("product code"), known.get("revision"), serial)
         self.torque_limits.inspect(identity, self.unit.optional)
         return DriveFacts(
             axis=self.axis.name,
@@ -66,7 +66,7 @@ class UnitSetup:
                 f"{self.profile.title} has no watchdog (profile: watchdog). It could hold the last torque when the "
                 "cable breaks; refused"
             )
-        refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
+        refuse_unrest(self.unit, self.profile, self.axis.power)
         self.unit.write(self.profile.torque.target, 0)
         for each in self.profile.setup:
             self.unit.ensure(each, each.value)
@@ -82,7 +82,7 @@ class UnitSetup:
 
     def final_writes(self) -> tuple[tuple[Register, int], ...]:
         """Return the entries to write at the end: they switch the watchdog off and restore the former limits."""
-        return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.restoring)
+        return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.before.items())
 
     def _check_fault(self) -> None:
         """Raise DriveFaultError for a drive in fault; the first question, so it also finds a unit that is not there."""
