@@ -33,13 +33,10 @@ Profile = TypeVar("Profile", bound=DriveProfile)
 class Observer(Protocol):
     """Reads from drives and writes nothing. While another master commands them, it only listens."""
 
-    @property
-    def listened(self) -> str:
-        """Sentence about what was heard before anything was sent."""
-
-    @property
-    def masters(self) -> str:
-        """Sentence about another master. While there is one, the drives are not asked. Empty without one."""
+    listened: str
+    """Sentence about what was heard before anything was sent."""
+    masters: str
+    """Sentence about another master. While there is one, the drives are not asked. Empty without one."""
 
     def look(self) -> Mapping[str, DriveReading]:
         """Return what each drive says now, by the name of its axis; raises BusError only when the bus is dead."""
@@ -98,8 +95,7 @@ class BusAccess(Protocol):
 class OpenBus(Protocol):
     """A bus that is open, with the name that users give it."""
 
-    @property
-    def name(self) -> str: ...
+    name: str
 
 
 Opened = TypeVar("Opened", bound=OpenBus)

@@ -165,7 +165,11 @@ def traffic_of(plan: Plan, kind: type[OfProtocol]) -> OfProtocol:
     return bus.traffic
 
 
-def offsets_of(signals: Iterable[MappedSignal], start: int) -> dict[Signal, int]:
+Offsets = Mapping[Signal, int]
+"""Offset of each signal in an image."""
+
+
+def offsets_of(signals: Iterable[MappedSignal], start: int) -> Offsets:
     """Return the offset of each signal in an image in which they follow one another from `start`."""
     offsets = {}
     for mapped in signals:

@@ -75,8 +75,7 @@ ServerRequest = TypeVar("ServerRequest", contravariant=True)
 class LimitedDrive(Protocol[ServerRequest]):
     """The drive behind the limits; its methods raise BusError."""
 
-    @property
-    def label(self) -> str: ...
+    label: str
 
     def read(self, entry: ServerRequest, /) -> int: ...
 
@@ -157,9 +156,8 @@ class TorqueLimits(Generic[Entry]):
             self.before[entry] = original
             self.sentences.append(self._words(entry, original))
         if self.before and self.noted and self.notes is None:
-            self.warn(
-                f"{self.node.label} has no serial number: if a run is killed, its torque limit stays in the drive"
-            )
+            told = "has no serial number: if a run is killed, its torque limit stays in the drive"
+            self.warn(f"{self.node.label} {told}")
 
     def _value(self, original: int) -> int:
         """Return the limit of the axis with the sign of the drive's own limit [steps]."""

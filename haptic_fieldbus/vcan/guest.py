@@ -218,9 +218,8 @@ class Guest(ProcessGroup):
         control, self._control = os.pipe()
         terminals = (f"ssl0=fd:{control},fd:{status}", f"con1=null,fd:{out}", f"con2=null,fd:{err}")
         inherited = (status, out, err, kernel, control)
-        super().__init__(
-            command_line(folder, terminals), environment, wakeup, folder=folder, keep=inherited, output=kernel
-        )
+        words = command_line(folder, terminals)
+        super().__init__(words, environment, wakeup, folder=folder, keep=inherited, output=kernel)
         for descriptor in inherited:
             os.close(descriptor)
         for descriptor in self._sinks:

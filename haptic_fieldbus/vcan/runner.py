@@ -108,10 +108,9 @@ UP = 0x1
 
 def is_up(interface: str) -> bool:
     """Return whether an interface of this name exists and is up."""
-    try:
+    with suppress(FileNotFoundError):
         return bool(int((NET / interface / "flags").read_text(), 16) & UP)
-    except FileNotFoundError:
-        return False
+    return False
 
 
 @contextmanager
@@ -196,7 +195,8 @@ def run(task: GuestTask, note: Callable[[str], None]) -> int:
 def _attend(place: ProcessGroup, limit_s: float, arrived: list[signal.Signals]) -> int:
     """Wait for the end of the command, and return its exit status.
 
-    A signal, or SIGTERM at the time limit, is passed on to it. A second signal, or a late end, kills it.
+    A signal, or SIGTERM at the time limit, is passed on to it. A second signal, or a late end, kills it; the status is
+    then that of the signal that it did not obey.
     """
     lives = place.ready or _wait(place, BOOT_LIMIT_S, arrived, lambda: place.ready)
     if arrived and not place.ready:
@@ -204,7 +204,14 @@ def _attend(place: ProcessGroup, limit_s: float, arrived: list[signal.Signals]) 
     if lives and not place.ready:
         raise VcanError(f"the guest kernel was not ready within {BOOT_LIMIT_S:g} s{place.last_words()}")
     if lives and _wait(place, limit_s, arrived) and place.status is None:
-        return _end(place, limit_s, arrived)
+        # The command has a while to end after a signal.
+        timed_out = not arrived
+        asked = signal.SIGTERM if timed_out else arrived.pop(0)
+        place.send(asked)
+        _wait(place, GRACE_S, arrived)
+        if timed_out:
+            raise VcanError(f"the command was ended at its time limit of {limit_s:g} s", TIMED_OUT)
+        return SIGNALLED + asked if place.status is None else place.status
     if place.status is None:
         raise VcanError(f"the guest kernel ended before the command did{place.last_words()}")
     return place.status
@@ -217,17 +224,6 @@ def _wait(place: ProcessGroup, seconds: float, arrived: list[signal.Signals], do
         if not place.turn(deadline):
             return False
     return True
-
-
-def _end(place: ProcessGroup, limit_s: float, arrived: list[signal.Signals]) -> int:
-    """Signal the command to end, and return its exit status, or that of the signal that it did not obey in time."""
-    timed_out = not arrived
-    asked = signal.SIGTERM if timed_out else arrived.pop(0)
-    place.send(asked)
-    _wait(place, GRACE_S, arrived)
-    if timed_out:
-        raise VcanError(f"the command was ended at its time limit of {limit_s:g} s", TIMED_OUT)
-    return SIGNALLED + asked if place.status is None else place.status
 
 
 @contextmanager

@@ -86,10 +86,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     told.extend(_other_counts(node, profile, axis))
     if shown:
         yield f"Set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
-    yield from told
-    warning = first_enabling(profile)
-    if warning:
-        yield warning
+    yield from filter(None, [*told, first_enabling(profile)])
 
 
 def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
@@ -252,15 +249,9 @@ class NodeSetup:
             self._check_asked()
         profile = self.member.profile
         rated = None if profile.torque.rated is None else profile.torque.rated.entry
-        return DriveFacts(
-            axis=self.axis.name,
-            node=self.node.id,
-            title=profile.title,
-            identity=identity,
-            rated_torque=checked_rated_torque(self.node, profile.title, self.axis, rated),
-            link_loss=self._link_loss_words(),
-            changes=(*self.torque_limits.sentences, *commissioned(self.node, profile, self.axis)),
-        )
+        rating, lost = checked_rated_torque(self.node, profile.title, self.axis, rated), self._link_loss_words()
+        changes = (*self.torque_limits.sentences, *commissioned(self.node, profile, self.axis))
+        return DriveFacts(self.axis.name, self.node.id, profile.title, identity, rating, lost, changes)
 
     def configure(self) -> None:
         """Write all entries and read each back; the node is then pre-operational and torque-free. Raises BusError."""

@@ -201,8 +201,11 @@ class Turns:
                 self._take(reading, form, until_ns)
             if at < last:
                 self._asked = self._ask(present[at + 1])
-        if requester.unasked or requester.garbled:
-            self._overhear()
+        # Octets that were no answers may be a command of another master.
+        for octets in (requester.unasked, requester.garbled):
+            if octets and requester.transport.serial and self.foreign is None:
+                self.foreign = foreign_write(octets, self._units)
+        requester.unasked = requester.garbled = b""
         # Write all headers.
         now_ns, latch_ns = self._now_ns(), 0
         for link in self._links:
@@ -291,14 +294,6 @@ class Turns:
         if asked.values:
             link.set_point.answered()
         return True
-
-    def _overhear(self) -> None:
-        """Search octets that were no answers for a command of another master."""
-        requester = self._requester
-        for octets in (requester.unasked, requester.garbled):
-            if requester.transport.serial and self.foreign is None:
-                self.foreign = foreign_write(octets, self._units)
-        requester.unasked = requester.garbled = b""
 
     def _confirm(self, link: UnitLink, answer: Answer | None) -> None:
         if self._asked is not None:

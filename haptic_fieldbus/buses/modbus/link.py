@@ -1,9 +1,9 @@
 """The link to one axis: what its unit answers goes into the input image, with its age and the flags of the link."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from struct import Struct
 
+from haptic_fieldbus.buses.bus import Offsets
 from haptic_fieldbus.buses.modbus.framing import FrameForm, Question
 from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -138,14 +138,7 @@ class Reading:
     """One request of the reading part: its forms, where its registers go, and its times."""
 
     def __init__(
-        self,
-        link: UnitLink,
-        block: Block,
-        times: "Times",
-        image: bytearray,
-        offsets: Mapping[Signal, int],
-        *,
-        latches: bool,
+        self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Offsets, *, latches: bool
     ) -> None:
         """Take the offsets of the unit's signals in the image; `latches` tells that the motion is in this block."""
         self.link, self.block, self.times, self.latches = link, block, times, latches
@@ -192,9 +185,7 @@ class Reading:
 class TargetReading(Reading):
     """The request that reads back the target torque of a unit, so that one of another master is seen."""
 
-    def __init__(
-        self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Mapping[Signal, int]
-    ) -> None:
+    def __init__(self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Offsets) -> None:
         super().__init__(link, block, times, image, offsets, latches=False)
         self._came = slice(offsets[Signal.ASKED_PERIODS], offsets[Signal.ASKED_PERIODS] + 2)
 
@@ -259,7 +250,7 @@ class WideValue:
         return doubted
 
 
-def _joined(block: Block, offsets: Mapping[Signal, int]) -> list[tuple[int, int, int]]:
+def _joined(block: Block, offsets: Offsets) -> list[tuple[int, int, int]]:
     """Return the place in the image, and the begin and end in the block, of signals that are neighbours in both."""
     copies: list[tuple[int, int, int]] = []
     for mapped, (start, end) in zip(block.signals, block.places, strict=True):

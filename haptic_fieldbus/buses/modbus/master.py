@@ -29,7 +29,6 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over seria
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 
@@ -81,10 +80,8 @@ Undone = tuple[Register, int]
 """A register, and the value that it held before the run."""
 
 
-@dataclass(frozen=True)
-class _Move:
-    question: Question
-    done: Callable[[Answer], None]
+_Move = tuple[Question, Callable[[Answer], None]]
+"""A request, and what is done with its answer."""
 
 
 class UnitRelease(DriveRelease[Undone]):
@@ -125,26 +122,24 @@ class UnitRelease(DriveRelease[Undone]):
         """Return the next request; the drive must not be settled."""
         if not self._to_do and self.free:
             register, before = self._undoing[0]
-            self._to_do = [
-                _Move(self.unit.writing(register, before), _nothing),
-                _Move(self.unit.reading(register), partial(self._compare, before)),
-            ]
+            compare = partial(self._compare, before)
+            self._to_do = [(self.unit.writing(register, before), _nothing), (self.unit.reading(register), compare)]
         elif not self._to_do:
-            self._to_do = [_Move(self._off, _nothing), _Move(self._status, self._judge)]
+            self._to_do = [(self._off, _nothing), (self._status, self._judge)]
             if self._zeros:
                 self._zeros -= 1
-                self._to_do.insert(0, _Move(self._zero, self._zeroed))
-        return self._to_do[0].question
+                self._to_do.insert(0, (self._zero, self._zeroed))
+        return self._to_do[0][0]
 
     def take(self, answer: Answer | None) -> None:
         """Take the answer to the last question; without one, and after an exception, the next question follows."""
-        step = self._to_do.pop(0)
+        _, done = self._to_do.pop(0)
         if answer is None and self.free:
             self._to_do = []  # what is put back is read back only after it was written
         elif answer is None:
             return
         elif answer.exception is None:
-            step.done(answer)
+            done(answer)
         elif self.free:
             self._keep(f"exception {answer.exception}")
 
@@ -160,7 +155,7 @@ class UnitRelease(DriveRelease[Undone]):
         if not self._asked and state in FAULTS:
             self.fault, register = NO_CODE, self._profile.power.error
             if register is not None:
-                self._to_do.append(_Move(self.unit.reading(register), partial(self._note_fault, register)))
+                self._to_do.append((self.unit.reading(register), partial(self._note_fault, register)))
         self._asked, self.free = True, state not in ENERGISED
 
     def _note_fault(self, register: Register, answer: Answer) -> None:
@@ -439,12 +434,11 @@ class ModbusBus(ReleasedBus[LineRelease]):
     @property
     def causes(self) -> dict[str, tuple[LinkFlag, int]]:
         """By axis, the fault that a drive reported while it was freed, unless it is that of having lost us."""
-        found = {}
-        for each, drive in zip(self._setups, self._drives, strict=True):
-            watchdog = each.profile.watchdog
-            if drive.fault and (watchdog is None or drive.fault != watchdog.fault):
-                found[each.axis.name] = (LinkFlag.EMERGENCY, drive.fault)
-        return found
+        return {
+            each.axis.name: (LinkFlag.EMERGENCY, drive.fault)
+            for each, drive in zip(self._setups, self._drives, strict=True)
+            if drive.fault and (each.profile.watchdog is None or drive.fault != each.profile.watchdog.fault)
+        }
 
     def ask(self, axis: str) -> int | None:
         """Read the statusword of an axis; None without an answer in some milliseconds."""

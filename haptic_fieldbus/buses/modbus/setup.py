@@ -48,16 +48,10 @@ class UnitSetup:
         serial = None if register is None else known_number(self.unit.optional(register), register.type)
         identity = Identity(known.get("vendor"), known.get("product code"), known.get("revision"), serial)
         self.torque_limits.inspect(identity, self.unit.optional)
-        return DriveFacts(
-            axis=self.axis.name,
-            node=self.unit.id,
-            title=self.profile.title,
-            identity=identity,
-            rated_torque=checked_rated_torque(self.unit, self.profile.title, self.axis, self.profile.torque.rated),
-            link_loss=UNGUARDED if self.watchdog is None else self.watchdog.words,
-            changes=tuple(self.torque_limits.sentences),
-            listened=listened,
-        )
+        title, lost = self.profile.title, UNGUARDED if self.watchdog is None else self.watchdog.words
+        rating = checked_rated_torque(self.unit, title, self.axis, self.profile.torque.rated)
+        changes = tuple(self.torque_limits.sentences)
+        return DriveFacts(self.axis.name, self.unit.id, title, identity, rating, lost, changes, listened)
 
     def configure(self) -> None:
         """Write all registers and read each back; the drive stays off. Raises BusError or ForeignMasterError."""

@@ -114,9 +114,8 @@ class TcpTransport:
         self._address = self._socket.getpeername()[:2]
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
-        self._poll = None
-        if hasattr(select, "poll"):  # Windows has none
-            self._poll = select.poll()
+        self._poll = select.poll() if hasattr(select, "poll") else None  # Windows has none
+        if self._poll is not None:
             self._poll.register(self._socket, select.POLLIN)
         self._unacknowledged = False
         """Whether octets came since the last request."""
