@@ -1,7 +1,7 @@
 """Opening CANopen buses on any python-can interface; drives found, watched and measured by reading alone."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -295,10 +295,9 @@ def _nmt_state(node: Node) -> int | None:
 
 def _unless_refused(ask: Callable[[], Value]) -> Value | None:
     """Return an answer; None when the node refuses or stays silent."""
-    try:
+    with suppress(BusConfigurationError, BusTimeoutError):
         return ask()
-    except (BusConfigurationError, BusTimeoutError):
-        return None
+    return None
 
 
 class CanopenAccess(BusAccess):

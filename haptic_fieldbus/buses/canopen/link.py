@@ -193,9 +193,7 @@ class Link:
         `silence` is the time without a sign of life after which the node counts as gone, `period` that of the loop [s].
         """
         self._window = round(LOST_AFTER / period)
-        self._node = node
-        self._image = image
-        self._header = header
+        self._node, self._image, self._header = node, image, header
         self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size, _wanted(pdo)) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)

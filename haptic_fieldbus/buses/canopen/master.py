@@ -250,8 +250,7 @@ class CanopenBus(ReleasedBus[Release]):
             drives.append(NodeRelease(setup, self._wire, link, image, statusword))
             if own.asked:
                 self._askings.append(TargetReadback(setup, self._wire, image, start, plan.period))
-        free = [(output.cob_id, output.torque_free) for output in self._outputs]
-        self._release = Release(self._wire, drives, free, self._sync_once, traffic)
+        self._release = Release(self._wire, drives, self._outputs, self._sync_once, traffic)
         self._proves_while_computing = traffic.proves_while_computing
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 

@@ -204,9 +204,8 @@ class Node:
         """
         data = self._upload(entry, timeout)
         if len(data) < entry.type.size:
-            raise BusConfigurationError(
-                f"{self.label}, reading {entry}: received {len(data)} octets, expected {entry.type.value}"
-            )
+            wrong = f"received {len(data)} octets, expected {entry.type.value}"
+            raise BusConfigurationError(f"{self.label}, reading {entry}: {wrong}")
         return entry.type.unpack(data[: entry.type.size])
 
     def found(self, index: int, subindex: int) -> bytes | None:
@@ -261,9 +260,8 @@ class Node:
         self.send(entry, value)
         held = self.read(entry)
         if held != value:
-            raise BusConfigurationError(
-                f"{self.label} did not keep {entry}: wrote {_shown(value)}, read back {_shown(held)}"
-            )
+            differs = f"wrote {_shown(value)}, read back {_shown(held)}"
+            raise BusConfigurationError(f"{self.label} did not keep {entry}: {differs}")
 
     def command(self, state: NmtState) -> None:
         """Command an NMT state; only a heartbeat shows that it is reached, see `confirm`. Raises BusError."""

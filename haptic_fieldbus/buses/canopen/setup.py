@@ -13,7 +13,7 @@ from functools import partial
 
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.guard import Guard
-from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.buses.canopen.node import READ_ONLY, NmtState, Node
 from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, checked_rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
@@ -238,8 +238,14 @@ class NodeSetup:
         """
         self._check_device_type()
         vendor, product = self._check_identity()
-        self._check_no_fault()
-        self._check_sync()
+        state = CIA402.state(self.node.read(STATUSWORD))
+        if state in FAULTS:
+            way = "write 6040h = 0 and then 80h with the drive's own tool"
+            raise standing_fault(self.node.label, state, self.node.optional(ERROR_CODE), "603Fh", way)
+        sync = self.node.optional(SYNC_ID)
+        if sync is not None and (sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER):
+            consumer = f"a SYNC consumer at {SYNC_COB_ID:03X}h is required"
+            raise BusConfigurationError(f"{self.node.label}: {SYNC_ID} is {sync:08X}h; {consumer}")
         numbers = (vendor, product, self.node.optional(REVISION), self.node.optional(SERIAL))
         identity = Identity(*map(known_number, numbers))
         limits = self._limits()
@@ -360,28 +366,15 @@ class NodeSetup:
                 f"{percent(HOLDING_SHARE)} of rated"
             ) from error
 
-    def _check_no_fault(self) -> None:
-        state = CIA402.state(self.node.read(STATUSWORD))
-        if state in FAULTS:
-            way = "write 6040h = 0 and then 80h with the drive's own tool"
-            raise standing_fault(self.node.label, state, self.node.optional(ERROR_CODE), "603Fh", way)
-
-    def _check_sync(self) -> None:
-        sync = self.node.optional(SYNC_ID)
-        if sync is not None and (sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER):
-            raise BusConfigurationError(
-                f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is required"
-            )
-
     def _disable(self) -> None:
         """Switch the power stage off if an earlier master left it on."""
         if self.energised():
             self.node.send(CONTROLWORD, DISABLE_VOLTAGE)
         poll(self.node, DISABLE_TIMEOUT, lambda: not self.energised(), lambda: STILL_ENABLED)
 
-    def energised(self, timeout: float = SDO_TIMEOUT) -> bool:
-        """Read the statusword within `timeout` [s]; True when the motor can carry torque. Raises BusError."""
-        return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
+    def energised(self) -> bool:
+        """Read the statusword; True when the motor can carry torque. Raises BusError."""
+        return CIA402.state(self.node.read(STATUSWORD)) in ENERGISED
 
     def _guard_link(self) -> None:
         """Arm the drive's watchdog, and set reactions to the loss of the master that leave no torque."""

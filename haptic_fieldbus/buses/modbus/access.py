@@ -10,7 +10,7 @@ from typing import Any
 
 from haptic_fieldbus.buses import scan_result
 from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, Axes, BusAccess, Logs, checks_on, look_at, profiles_of
-from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
+from haptic_fieldbus.buses.modbus.exchange import listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
 from haptic_fieldbus.buses.modbus.requester import Requester
@@ -23,7 +23,6 @@ from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -81,22 +80,19 @@ def round_trip_checks(unit: UnitClient, profile: ModbusProfile, rate: float) -> 
 # Reading feeds no watchdog, but it takes the line: as soon as octets come on a serial line that nobody here asked for,
 # somebody else uses it, and nothing more is asked. On TCP another master is not disturbed.
 
-Drive = tuple[int, ModbusProfile, PowerTable]
-"""Unit id, profile, and the table of its power states."""
-
 
 class LineObserver:
     """Observer of the drives of one line. It listens before it sends anything. Raises BusError."""
 
-    def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
+    def __init__(self, requester: Requester, drives: Mapping[str, tuple[int, ModbusProfile]]) -> None:
         self.masters = ""
         self._requester = requester
         self._drives = {
-            axis: (UnitClient(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile, power)
-            for axis, (unit, profile, power) in drives.items()
+            axis: (UnitClient(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile)
+            for axis, (unit, profile) in drives.items()
         }
         try:
-            self.listened = listen(requester, seconds)
+            self.listened = listen(requester)
         except ForeignMasterError as error:
             self.listened = self.masters = str(error)
 
@@ -104,7 +100,7 @@ class LineObserver:
         """Return what each drive says now; raises BusError when the line is dead."""
         return {axis: self._look_at(*drive) for axis, drive in self._drives.items()}
 
-    def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> DriveReading:
+    def _look_at(self, unit: UnitClient, profile: ModbusProfile) -> DriveReading:
         requester = self._requester
         if requester.transport.serial and requester.unasked and not self.masters:
             self.masters = f"another master on {requester.name}: received octets without a request"
@@ -116,7 +112,7 @@ class LineObserver:
             lambda register: unit.read(register, ANSWER_TIMEOUT, 1),
             now_ns,
             arrived_ns=lambda: requester.arrived_ns,
-            power=power,
+            power=PROTOCOL.power_table(profile),
             error=profile.power.error,
             silent=ADVICE[requester.transport.serial],
         )
@@ -129,9 +125,8 @@ def open_line(section: ModbusSection, clock: Clock) -> Transport:
     """Open a real line; raises BusError when it cannot be opened, UsageError for one that is simulated."""
     name = f"{section.interface}:{section.channel}"
     if section.simulated:
-        raise UsageError(
-            f"{section.interface} exists only in a simulated run; real interfaces are modbus-tcp and modbus-rtu"
-        )
+        real = "real interfaces are modbus-tcp and modbus-rtu"
+        raise UsageError(f"{section.interface} exists only in a simulated run; {real}")
     if not section.serial:
         return TcpTransport(name, section.address, clock)
     return SerialTransport(name, section.channel, clock)
@@ -272,11 +267,8 @@ class ModbusAccess(BusAccess):
 
     @contextmanager
     def onlooker(self, section: BusSection, axes: Axes) -> Iterator[LineObserver]:
-        profiles = {name: modbus_profile(load_profile(axis.profile)) for name, axis in axes.items()}
-        drives = {
-            name: (axis.node, profiles[name], PROTOCOL.power_table(profiles[name])) for name, axis in axes.items()
-        }
-        with opened(modbus_section(section), list(profiles.values())) as requester:
+        drives = {name: (axis.node, modbus_profile(load_profile(axis.profile))) for name, axis in axes.items()}
+        with opened(modbus_section(section), [profile for _, profile in drives.values()]) as requester:
             yield LineObserver(requester, drives)
 
     def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:

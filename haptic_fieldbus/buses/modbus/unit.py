@@ -53,10 +53,8 @@ class UnitClient:
     """The unit with this id; `label` names it in messages, `section` tells which functions it has."""
 
     def __init__(self, requester: Requester, unit: int, label: str, section: LineSection) -> None:
-        self.id = unit
-        self.label = label
-        self.requester = requester
-        self._section = section
+        self.id, self.label = unit, label
+        self.requester, self._section = requester, section
 
     def now_ns(self) -> int:
         """Return the time of the clock of the line."""
