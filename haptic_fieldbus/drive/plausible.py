@@ -46,6 +46,11 @@ class Typical:
         """Return whether the value is in range."""
         return self.low <= value <= self.high
 
+    @property
+    def text(self) -> str:
+        """The range in words."""
+        return f"from {exactly(self.low)} to {exactly(self.high)} {self.unit}".rstrip()
+
 
 RANGES: dict[Ranged, Typical] = {
     "rated_torque": Typical(
@@ -105,8 +110,7 @@ def implausible(known: dict[str, Any], workspace: Workspace | None) -> Iterator[
             # The unit in which the value would be plausible, where there is one.
             meant = next(((size * beyond[0], unit) for size, unit in each.slips if each.has(size * beyond[0])), None)
             hint = f"; is this in {meant[1]}? It would be {rounded(meant[0])} {each.unit}" if meant else ""
-            span = f"from {exactly(each.low)} to {exactly(each.high)} {each.unit}".rstrip()
-            yield key, f"{span} ({each.why}){hint}; {_excused(key)}"
+            yield key, f"{each.text} ({each.why}){hint}; {_excused(key)}"
     yield from _contradictions(credible, i_know)
 
 

@@ -19,16 +19,9 @@ from typing import Any
 
 import can
 
+from haptic_fieldbus.buses import usb_serial
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.scan_result import Check
-from haptic_fieldbus.buses.usb_serial import (
-    NO_SERIAL_LINE,
-    NO_SUCH_DEVICE,
-    SYS,
-    is_missing,
-    latency_timer,
-    leads_elsewhere,
-)
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
@@ -73,7 +66,7 @@ def kernel_has_can() -> bool:
         return error.errno != errno.EAFNOSUPPORT
 
 
-def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_ip) -> Iterator[Check]:
+def adapter_checks(section: CanSection, root: Path = usb_serial.SYS, show: Show = shown_by_ip) -> Iterator[Check]:
     """Yield the checks of the adapter of a bus; those that do not apply to its interface are missing or None."""
     if section.interface == "socketcan":
         yield from _socketcan_checks(section, root / "class" / "net" / section.channel, _details(show(section.channel)))
@@ -83,7 +76,7 @@ def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_
         yield Check("bit_rate", None, told)
         yield Check("queue", None, f"{section.interface} reports no queue")
     if section.interface in SERIAL:
-        yield latency_timer(section.channel.split("@")[0], root)
+        yield usb_serial.latency_timer(section.channel.split("@")[0], root)
     else:
         yield Check("usb_latency_timer", None, "the bus uses no serial port")
 
@@ -199,10 +192,10 @@ def open_can(section: CanSection) -> can.BusABC:
     try:
         bus = can.Bus(section.channel, section.interface, **given)
     except FOREIGN as error:
-        if section.interface in SERIAL and leads_elsewhere(section.channel.partition("@")[0], error):
-            raise BusError(f"{subject}: {NO_SERIAL_LINE}") from error
-        if section.interface in SERIAL and is_missing(error):
-            raise BusError(f"{subject}: {NO_SUCH_DEVICE}") from error
+        if section.interface in SERIAL and usb_serial.leads_elsewhere(section.channel.partition("@")[0], error):
+            raise BusError(f"{subject}: {usb_serial.NO_SERIAL_LINE}") from error
+        if section.interface in SERIAL and usb_serial.is_missing(error):
+            raise BusError(f"{subject}: {usb_serial.NO_SUCH_DEVICE}") from error
         if section.interface == "socketcan" and not kernel_has_can():
             raise BusError(f"{subject}: {NO_CAN}") from error
         raise type(ours := translate(error, subject))(f"{ours}; {advice}") from error

@@ -32,6 +32,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
 
+from haptic_fieldbus.buses import release
 from haptic_fieldbus.buses.bus import offsets_of, traffic_of
 from haptic_fieldbus.buses.modbus.exchange import Turns, listen
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
@@ -40,16 +41,6 @@ from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.setup import UnitSetup
 from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK, Transport
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
-from haptic_fieldbus.buses.release import (
-    FAULT_RESET,
-    FAULTS,
-    NO_CODE,
-    BusRelease,
-    DriveRelease,
-    ReleasedBus,
-    check_cleared,
-    other_fault,
-)
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import ENERGISED, PowerTable
@@ -84,7 +75,7 @@ _Move = tuple[Question, Callable[[Answer], None]]
 """A request, and what is done with its answer."""
 
 
-class UnitRelease(DriveRelease[Undone]):
+class UnitRelease(release.DriveRelease[Undone]):
     """One drive on its way to zero torque."""
 
     def __init__(self, setup: UnitSetup) -> None:
@@ -152,8 +143,8 @@ class UnitRelease(DriveRelease[Undone]):
 
     def _judge(self, answer: Answer) -> None:
         state = self._power.state(from_words(self._profile.power.status, answer.registers, self._order))
-        if not self._asked and state in FAULTS:
-            self.fault, register = NO_CODE, self._profile.power.error
+        if not self._asked and state in release.FAULTS:
+            self.fault, register = release.NO_CODE, self._profile.power.error
             if register is not None:
                 self._to_do.append((self.unit.reading(register), partial(self._note_fault, register)))
         self._asked, self.free = True, state not in ENERGISED
@@ -193,7 +184,7 @@ GRACE = 0.05
 """Time from the end of the longest watchdog to the last look [s]."""
 
 
-class LineRelease(BusRelease[UnitRelease]):
+class LineRelease(release.BusRelease[UnitRelease]):
     """The release of all drives of one line."""
 
     def __init__(self, requester: Requester, drives: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
@@ -292,13 +283,13 @@ class LineRelease(BusRelease[UnitRelease]):
 def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
     """Clear the fault of a drive that lost its master; raises DriveFaultError for another fault, or BusError."""
     status, command = profile.power.status, profile.power.command
-    if power.state(unit.read(status)) not in FAULTS:
+    if power.state(unit.read(status)) not in release.FAULTS:
         return
-    code = NO_CODE if profile.power.error is None else unit.optional(profile.power.error) or NO_CODE
+    code = release.NO_CODE if profile.power.error is None else unit.optional(profile.power.error) or release.NO_CODE
     expected = None if profile.watchdog is None else profile.watchdog.fault
-    if expected is not None and code not in (expected, NO_CODE):
-        raise other_fault(unit.label, f"{code:04X}h")
-    reset = FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
+    if expected is not None and code not in (expected, release.NO_CODE):
+        raise release.other_fault(unit.label, f"{code:04X}h")
+    reset = release.FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
     if reset is None:
         raise DriveFaultError(
             f"{unit.label} is in fault for a lost master, but {profile.title} has no command that resets it "
@@ -306,7 +297,7 @@ def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> 
         )
     for each in (power.off, reset, power.off):
         unit.send(command, each)
-    check_cleared(unit, lambda: power.state(unit.read(status)) not in FAULTS)
+    release.check_cleared(unit, lambda: power.state(unit.read(status)) not in release.FAULTS)
 
 
 UNGUARDED = 1.0
@@ -315,7 +306,7 @@ ANSWER_TIME = 0.01
 """[s]; so long an answer beside the exchange is waited for at least."""
 
 
-class ModbusBus(ReleasedBus[LineRelease]):
+class ModbusBus(release.ReleasedBus[LineRelease]):
     """A Modbus master on any transport; `section` is its bus in the rig."""
 
     def __init__(self, transport: Transport, clock: Clock, section: ModbusSection) -> None:
