@@ -281,8 +281,7 @@ class RestoreFile:
     def write(self, changes: "Changes") -> None:
         """Write the changes, before they are made; raises OSError, and an earlier note is then as it was."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        held = {"changes": changes, "digest": self._digest(changes)}
-        write_file(self.path, json.dumps(held).encode())
+        write_file(self.path, json.dumps({"changes": changes, "digest": self._digest(changes)}).encode())
 
     def _digest(self, changes: Mapping[str, object]) -> str:
         """Return a digest of the changes and the identity of their drive."""

@@ -66,8 +66,7 @@ class Answers:
         """Take the octets of the payload that the image has at `offset`; None: all of them."""
         self.cob_id = cob_id
         self.exchange = Exchange()
-        self.fresh = False
-        self.malformed = False
+        self.fresh = self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
         self.least = 0

@@ -86,8 +86,7 @@ class ForeignMaster:
     def __init__(self, wire: Wire, one: OneMaster, warn: Callable[[str], None]) -> None:
         self.cob_id: int | None = None
         """COB-ID of the first command of another master; None while there was none."""
-        self._one = one
-        self._warn = warn
+        self._one, self._warn = one, warn
         self._told: set[int] = set()
         for can_id in one.watched:
             wire.listen(can_id, partial(self._heard, can_id))

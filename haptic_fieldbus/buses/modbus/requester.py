@@ -31,8 +31,7 @@ class Requester:
 
     def __init__(self, transport: Transport, clock: Clock, *, echo: bool = False) -> None:
         self.transport, self.name = transport, transport.name
-        self.clock = clock
-        self.echo = echo
+        self.clock, self.echo = clock, echo
         self.silence_ns = 0
         """Silence that must separate two frames [ns]."""
         self.surprises: Counter[DroppedOctets] = Counter()
