@@ -1,13 +1,15 @@
 """Opening the buses of one protocol, and the questions to a drive that come before a plan."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from haptic_fieldbus.buses.bus import StepwiseBus
+from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DocumentError, UsageError
@@ -19,6 +21,10 @@ SHOWN = (Signal.STATUSWORD, Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTU
 ANSWER_TIMEOUT = 0.1
 """Time for which a look waits for an answer [s]: a drive that is gone must not hold up the look at another."""
 
+Axes = Mapping[str, RigAxis]
+"""Axes of a rig by name."""
+Logs = AbstractContextManager[Mapping[str, Any]]
+"""Traffic logs by the name of their bus, open for as long as the block lasts."""
 Entry = TypeVar("Entry")
 """An object or a register."""
 Profile = TypeVar("Profile", bound=DriveProfile)
@@ -27,13 +33,10 @@ Profile = TypeVar("Profile", bound=DriveProfile)
 class Observer(Protocol):
     """Reads from drives and writes nothing. While another master commands them, it only listens."""
 
-    @property
-    def listened(self) -> str:
-        """Sentence about what was heard before anything was sent."""
-
-    @property
-    def masters(self) -> str:
-        """Sentence about another master. While there is one, the drives are not asked. Empty without one."""
+    listened: str
+    """Sentence about what was heard before anything was sent."""
+    masters: str
+    """Sentence about another master. While there is one, the drives are not asked. Empty without one."""
 
     def look(self) -> Mapping[str, DriveReading]:
         """Return what each drive says now, by the name of its axis; raises BusError only when the bus is dead."""
@@ -45,9 +48,7 @@ class BusAccess(Protocol):
     Each protocol has its own type of traffic log. Callers only pass a log from `logs` to `open_bus`.
     """
 
-    def logs(
-        self, record: Path | None, buses: Sequence[str], *, simulated: bool
-    ) -> AbstractContextManager[Mapping[str, Any]]:
+    def logs(self, record: Path | None, buses: Sequence[str], *, simulated: bool) -> Logs:
         """Open a traffic log for each named bus; an empty mapping when `record` is not a file of traffic.
 
         Unless the buses are `simulated`, the log must not make the loop wait.
@@ -64,16 +65,14 @@ class BusAccess(Protocol):
         """
         return None
 
-    def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
+    def fitted(self, section: BusSection, axes: Axes) -> Mapping[str, DriveProfile]:
         """Return, by axis, each general profile fitted to its drive; axes with another profile are left out.
 
         Nothing is written. Raises UsageError or BusError, as `rated_torque` does.
         """
         return {}
 
-    def scan(
-        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
-    ) -> Scan:
+    def scan(self, section: BusSection, axes: Axes, profiles: str | Path | None, nodes: Sequence[int] = ()) -> Scan:
         """Find the devices of a bus by reading alone; `axes` are those that a simulated bus has.
 
         `profiles` is a folder of own profiles, `nodes` are the numbers that are asked; none given: those that a
@@ -81,11 +80,11 @@ class BusAccess(Protocol):
         """
         raise UsageError(f"{section.protocol} buses cannot be scanned")
 
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Observer]:
+    def onlooker(self, section: BusSection, axes: Axes) -> AbstractContextManager[Observer]:
         """Open a bus to look at the drives of these axes; raises UsageError or BusError."""
         raise UsageError(f"drives on {section.protocol} buses cannot be watched")
 
-    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+    def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:
         """Check adapter and bus for a loop of this rate [Hz], with the help of the drives of these axes.
 
         A fault of the bus is a check that fails. Raises UsageError.
@@ -96,8 +95,7 @@ class BusAccess(Protocol):
 class OpenBus(Protocol):
     """A bus that is open, with the name that users give it."""
 
-    @property
-    def name(self) -> str: ...
+    name: str
 
 
 Opened = TypeVar("Opened", bound=OpenBus)
@@ -117,15 +115,11 @@ def checks_on(
 
 def profiles_of(kind: type[Profile], profiles: str | Path | None) -> list[Profile]:
     """Return all profiles of one protocol that can be read."""
-    found = []
+    found: list[DriveProfile] = []
     for name in known_names(profiles):
-        try:
-            profile = load_profile(name, profiles)
-        except (DocumentError, UsageError):
-            continue  # `profiles list` tells what is wrong with it
-        if isinstance(profile, kind):
-            found.append(profile)
-    return found
+        with suppress(DocumentError, UsageError):  # `profiles list` tells what is wrong with it
+            found.append(load_profile(name, profiles))
+    return [profile for profile in found if isinstance(profile, kind)]
 
 
 def look_at(
@@ -134,28 +128,38 @@ def look_at(
     now_ns: Callable[[], int],
     *,
     arrived_ns: Callable[[], int],
-    error_code: Callable[[Mapping[Signal, int]], int | None],
+    power: PowerTable,
+    error: Entry | None,
     silent: str,
+    emergency: Callable[[], int | None] = lambda: None,
     refused: Callable[[Entry], str] = lambda entry: "",
 ) -> DriveReading:
     """Read all values that `watch` shows of a drive; if the first answer does not come, the rest is not read.
 
-    `arrived_ns` is the instant of the last answer. `silent` and `refused` add to the note about a drive that does not
-    answer, and about an entry that it does not give. Raises BusError when the bus is dead.
+    `arrived_ns` is the instant of the last answer. The code of a fault is read from the entry `error`; where it gives
+    none, it is that of `emergency`. `silent` and `refused` add to the note about a drive that does not answer, and
+    about an entry that it does not give. Raises BusError when the bus is dead.
     """
     began_ns = t_ns = now_ns()
     values: dict[Signal, int] = {}
     notes: list[str] = []
     for signal, entry in entries.items():
+        if signal not in SHOWN:
+            continue
         try:
             values[signal] = read(entry)
-        except BusTimeoutError as error:
+        except BusTimeoutError as silence:
             if not values:
-                return DriveReading(t_ns, note=f"{error}; {silent}")
-            return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, note=str(error))
-        except BusConfigurationError as error:
-            notes.append(f"{error}{refused(entry)}")
+                return DriveReading(t_ns, note=f"{silence}; {silent}")
+            return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, note=str(silence))
+        except BusConfigurationError as refusal:
+            notes.append(f"{refusal}{refused(entry)}")
         if signal is Signal.POSITION:
             t_ns = arrived_ns()
-    code = error_code(values)
+    code = None
+    if error is not None and power.state(values.get(Signal.STATUSWORD, 0)) in FAULTS:
+        try:
+            code = read(error)
+        except (BusConfigurationError, BusTimeoutError):
+            code = emergency()
     return DriveReading(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))

@@ -23,16 +23,17 @@ rate had a skew of 0 in 99 of 100 periods and of 3 bits at most (4000 periods).
 Reference: CiA 301 7.2.5 (SYNC). SYNC synchronises the devices of one bus; only the master synchronises several buses.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from haptic_fieldbus.drive.objects import Identity
+from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import BusTraffic
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.signals import LinkFlag, Signal
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,19 @@ def traffic_of(plan: Plan, kind: type[OfProtocol]) -> OfProtocol:
     if not isinstance(bus.traffic, kind):
         raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
     return bus.traffic
+
+
+Offsets = Mapping[Signal, int]
+"""Offset of each signal in an image."""
+
+
+def offsets_of(signals: Iterable[MappedSignal], start: int) -> Offsets:
+    """Return the offset of each signal in an image in which they follow one another from `start`."""
+    offsets = {}
+    for mapped in signals:
+        offsets[mapped.signal] = start
+        start += mapped.type.size
+    return offsets
 
 
 class InSteps:

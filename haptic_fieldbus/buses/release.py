@@ -37,8 +37,7 @@ Undone = TypeVar("Undone", bound=tuple[object, object], covariant=True)
 class PolledDrive(Protocol):
     """A drive that is asked again and again."""
 
-    @property
-    def label(self) -> str: ...
+    label: str
 
     def now_ns(self) -> int: ...
 

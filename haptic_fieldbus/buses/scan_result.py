@@ -130,30 +130,24 @@ def timing_checks(
     `times` are those of the answers [s]; `silent` and `slow` are the advice for no answer and for slow ones.
     """
     if len(times) < 2:
-        return (
-            Check("round_trip", False, f"{subject} does not answer", silent),
-            Check("round_trip_jitter", None, "not measured"),
-        )
+        silence = Check("round_trip", False, f"{subject} does not answer", silent)
+        return silence, Check("round_trip_jitter", None, "not measured")
     from statistics import quantiles  # imported here, because a run has no use for it
 
     cuts = quantiles(times, n=100, method="inclusive")
-    usual, late = cuts[49], cuts[98]
+    usual, jitter = cuts[49], cuts[98] - cuts[49]
+    fitting_rate = rounded(JITTER_SHARE / max(jitter, 1e-9), 2)
     lost = f", {asked - len(times)} of {asked} without answer" if len(times) < asked else ""
     quick = usual <= LONGEST_ROUND_TRIP and not lost
-    jitter = late - usual
     steady = jitter <= JITTER_SHARE / rate
-    fitting_rate = JITTER_SHARE / max(jitter, 1e-9)
     unsteady = (
         f"at {rounded(rate)} Hz feedback would be late in some periods: give this program real-time rights "
-        f"(scheduling, memory), reduce the load of this computer, or use --rate {rounded(fitting_rate, 2)}"
+        f"(scheduling, memory), reduce the load of this computer, or use --rate {fitting_rate}"
     )
     told = f"{_ms(min(times))} ms (min), {_ms(usual)} ms (median), {_ms(max(times))} ms (max), {subject}{lost}"
-    return (
-        Check("round_trip", quick, told, "" if quick else slow),
-        Check(
-            "round_trip_jitter", steady, f"p99 is {_ms(jitter)} ms longer than the median", "" if steady else unsteady
-        ),
-    )
+    spread = f"p99 is {_ms(jitter)} ms longer than the median"
+    round_trip = Check("round_trip", quick, told, "" if quick else slow)
+    return round_trip, Check("round_trip_jitter", steady, spread, "" if steady else unsteady)
 
 
 def _ms(seconds: float) -> str:

@@ -75,8 +75,7 @@ ServerRequest = TypeVar("ServerRequest", contravariant=True)
 class LimitedDrive(Protocol[ServerRequest]):
     """The drive behind the limits; its methods raise BusError."""
 
-    @property
-    def label(self) -> str: ...
+    label: str
 
     def read(self, entry: ServerRequest, /) -> int: ...
 
@@ -157,9 +156,8 @@ class TorqueLimits(Generic[Entry]):
             self.before[entry] = original
             self.sentences.append(self._words(entry, original))
         if self.before and self.noted and self.notes is None:
-            self.warn(
-                f"{self.node.label} has no serial number: if a run is killed, its torque limit stays in the drive"
-            )
+            told = "has no serial number: if a run is killed, its torque limit stays in the drive"
+            self.warn(f"{self.node.label} {told}")
 
     def _value(self, original: int) -> int:
         """Return the limit of the axis with the sign of the drive's own limit [steps]."""
@@ -190,7 +188,18 @@ class TorqueLimits(Generic[Entry]):
         Raises BusError, BusConfigurationError when a limit cannot be raised.
         """
         if self.before and self.notes is not None:
-            self._note(self.notes)
+            # Former and new values go to the file first: the run may be killed before it writes to the drive.
+            ours = {each: self._value(was) for each, was in self.before.items()}
+            noted = {
+                str(each): ([ours[each], self.left.get(each, ours[each])], was) for each, was in self.before.items()
+            }
+            try:
+                self.notes.write(noted)
+            except OSError as error:
+                self.warn(
+                    f"{self.notes.path} cannot be written ({error.strerror}): if a run is killed, its torque limit "
+                    "stays in the drive"
+                )
         for entry, original in list(self.before.items()):
             try:
                 self.node.write(entry, self._value(original))
@@ -200,24 +209,6 @@ class TorqueLimits(Generic[Entry]):
                 if self.node.read(entry) == original:
                     del self.before[entry]
                 self.warn(f"{error}: the drive keeps its own limit; only the loop applies the limit of the axis")
-
-    def _note(self, notes: "RestoreFile") -> None:
-        """Write former and new values to the file first: the run may be killed before it writes to the drive."""
-        try:
-            ours = {each: self._value(was) for each, was in self.before.items()}
-            notes.write(
-                {str(each): ([ours[each], self.left.get(each, ours[each])], was) for each, was in self.before.items()}
-            )
-        except OSError as error:
-            self.warn(
-                f"{notes.path} cannot be written ({error.strerror}): if a run is killed, its torque limit stays in "
-                "the drive"
-            )
-
-    @property
-    def restoring(self) -> tuple[tuple[Entry, int], ...]:
-        """Entries and values that put the limits back."""
-        return tuple(self.before.items())
 
     def restored(self) -> None:
         """Forget the changes, since the drive has confirmed that they are undone, or holds values of its own."""
@@ -250,14 +241,11 @@ class TorqueLimits(Generic[Entry]):
             f"axis.{self.axis.name}.limits.effort"
         )
 
-    def _share(self, steps: int) -> float:
-        return steps * self.step / self.axis.rated_effort
-
     def _percent(self, steps: int) -> str:
-        return percent(self._share(steps))
+        return percent(steps * self.step / self.axis.rated_effort)
 
     def _permille(self, steps: int) -> str:
-        return f"{exactly(1e3 * self._share(steps))} ‰"
+        return f"{exactly(1e3 * (steps * self.step / self.axis.rated_effort))} ‰"
 
 
 Changes = Mapping[str, tuple[list[int], int]]
@@ -293,8 +281,7 @@ class RestoreFile:
     def write(self, changes: "Changes") -> None:
         """Write the changes, before they are made; raises OSError, and an earlier note is then as it was."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        held = {"changes": changes, "digest": self._digest(changes)}
-        write_file(self.path, json.dumps(held).encode())
+        write_file(self.path, json.dumps({"changes": changes, "digest": self._digest(changes)}).encode())
 
     def _digest(self, changes: Mapping[str, object]) -> str:
         """Return a digest of the changes and the identity of their drive."""

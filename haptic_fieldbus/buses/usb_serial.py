@@ -6,6 +6,7 @@ The latency timer is the time for which an FTDI chip holds back what it received
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 from haptic_fieldbus.buses.scan_result import Check
@@ -19,10 +20,9 @@ NO_SUCH_DEVICE = "no such device; plug the adapter in, or see `ls /dev/tty*`"
 
 def leads_elsewhere(port: str, error: BaseException | None) -> bool:
     """Return whether a port could not be opened because its path leads to a file, a folder or another device."""
-    while error is not None:
-        if error.args[:1] == (errno.ENOTTY,):  # pyserial repeats an error of termios in words alone
-            return True
-        error = error.__context__
+    # pyserial repeats an error of termios in words alone.
+    if any(each.args[:1] == (errno.ENOTTY,) for each in _with_contexts(error)):
+        return True
     try:
         return not stat.S_ISCHR(os.stat(port).st_mode)
     except (OSError, ValueError):  # there is nothing of this name
@@ -31,11 +31,14 @@ def leads_elsewhere(port: str, error: BaseException | None) -> bool:
 
 def is_missing(error: BaseException | None) -> bool:
     """Return whether a port could not be opened because there is no device of its name."""
+    return any(getattr(each, "errno", None) == errno.ENOENT for each in _with_contexts(error))
+
+
+def _with_contexts(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error, and those during whose handling it was raised."""
     while error is not None:
-        if getattr(error, "errno", None) == errno.ENOENT:
-            return True
+        yield error
         error = error.__context__
-    return False
 
 
 def latency_timer(port: str, root: Path = SYS) -> Check:

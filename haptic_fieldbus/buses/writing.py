@@ -99,20 +99,16 @@ class WritingProcess:
 
     def _pass_on(self) -> None:
         """Hand over as much as the pipe takes now; raises BrokenPipeError when nobody reads it."""
-        try:
+        with suppress(BlockingIOError):
             while self._rest:
                 self._rest = self._rest[os.write(self._pipe, self._rest) :]
-        except BlockingIOError:
-            pass
 
     def close(self) -> None:
         """Hand over the rest and wait for the end; raises OSError when the file is not complete."""
         end = monotonic() + PARTING
-        try:
+        with suppress(BrokenPipeError):  # the process tells why
             while self._rest and select([], [self._pipe], [], max(0.0, end - monotonic()))[1]:
                 self._pass_on()
-        except BrokenPipeError:
-            pass  # the process tells why
         try:
             _, told = self._process.communicate(timeout=max(1.0, end - monotonic()))
         except subprocess.TimeoutExpired:

@@ -79,20 +79,8 @@ HandleRange = Annotated[tuple[AnyFloat, AnyFloat], Measured(Quantity.LENGTH, Non
 """Lower and upper place [m or rad]."""
 
 Ranged = Literal[
-    "rated_torque",
-    "torque_constant",
-    "rated_current",
-    "peak_current",
-    "inertia",
-    "viscous_damping",
-    "coulomb_friction",
-    "encoder_counts_per_revolution",
-    "mechanism.metres_per_revolution",
-    "mechanism.gear_ratio",
-    "limits.effort",
-    "limits.speed",
-    "limits.position",
-    "limits.acceleration",
-    "limits.power",
-]
+    "rated_torque", "torque_constant", "rated_current", "peak_current", "inertia", "viscous_damping",
+    "coulomb_friction", "encoder_counts_per_revolution", "mechanism.metres_per_revolution", "mechanism.gear_ratio",
+    "limits.effort", "limits.speed", "limits.position", "limits.acceleration", "limits.power",
+]  # fmt: skip
 """Keys of an axis whose values have a range (`drive.plausible`)."""

@@ -126,11 +126,8 @@ def _contradictions(known: dict[str, Any], i_know: Any) -> Iterator[tuple[str, s
     torque = current * constant
     if rated > 0.0 and torque > 0.0 and not 1.0 / LARGEST_RATIO <= torque / rated <= LARGEST_RATIO:
         hint = "; is this in mN·m/A?" if 1.0 / LARGEST_RATIO <= 1e-3 * (torque / rated) <= LARGEST_RATIO else ""
-        yield (
-            "torque_constant",
-            f"within a factor of {LARGEST_RATIO:g} of rated_torque / rated_current, {exactly(rated)} N·m / "
-            f"{exactly(current)} A{hint}; {_excused('torque_constant')}",
-        )
+        ratio = f"rated_torque / rated_current, {exactly(rated)} N·m / {exactly(current)} A"
+        yield "torque_constant", f"within a factor of {LARGEST_RATIO:g} of {ratio}{hint}; {_excused('torque_constant')}"
 
 
 def _excused(key: str) -> str:
@@ -159,19 +156,15 @@ def check_plausible(document: Document, axis: str) -> None:
 
 def _check_intervals(document: Document, axis: str) -> None:
     """Note a measured value without an interval around it."""
-    path = ("axis", axis, "identified")
+    path, otherwise = ("axis", axis, "identified"), f"without [axis.{axis}.identified] the values of the axis count"
     for key in IN_INTERVALS:
         value, interval = document.value(*path, key), document.value(*path, f"{key}_interval")
         if not _is_number(value):
             continue
-        ends = interval if isinstance(interval, list | tuple) and len(interval) == 2 else (None, None)
-        low, high = ends
+        low, high = interval if isinstance(interval, list | tuple) and len(interval) == 2 else (None, None)
         if not (_is_number(low) and _is_number(high) and low <= value <= high):
-            document.refuse(
-                (*path, f"{key}_interval"),
-                f"[lowest, highest] around {key} = {exactly(value)}; without [axis.{axis}.identified] the values "
-                "of the axis count",
-            )
+            expected = f"[lowest, highest] around {key} = {exactly(value)}"
+            document.refuse((*path, f"{key}_interval"), f"{expected}; {otherwise}")
 
 
 def _check_measured(document: Document, axis: str) -> None:
@@ -182,8 +175,7 @@ def _check_measured(document: Document, axis: str) -> None:
         return
     low, high = (factor * asked + more for factor, more in MEASURED)
     if measured is None or (_is_number(measured) and not low <= measured <= high):
+        expected = f"from {rounded(low)} to {rounded(high)} ms for asked_ms = {exactly(asked)}"
         document.refuse(
-            (*path, "guard_ms"),
-            f"from {rounded(low)} to {rounded(high)} ms for asked_ms = {exactly(asked)}; without "
-            f"[axis.{axis}.proved] the next run tests the watchdog",
+            (*path, "guard_ms"), f"{expected}; without [axis.{axis}.proved] the next run tests the watchdog"
         )

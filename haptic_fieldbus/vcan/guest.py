@@ -68,15 +68,6 @@ kill -s KILL 0
 """
 
 
-def waited(selector: selectors.BaseSelector, deadline: float, wakeup: int) -> set[int]:
-    """Wait until a time of the monotonic clock [s], and return what can be read; `wakeup` is emptied."""
-    seconds = None if deadline == inf else max(0.0, deadline - monotonic())
-    ready = {key.fd for key, _ in selector.select(seconds)}
-    if wakeup in ready:
-        os.read(wakeup, 1024)
-    return ready
-
-
 class ProcessGroup:
     """A program in its own process group, with a shell that waits for the end of the runner."""
 
@@ -84,6 +75,7 @@ class ProcessGroup:
         self,
         words: Sequence[str],
         environment: Mapping[str, str],
+        wakeup: int,
         *,
         folder: Path | str = "",
         keep: Sequence[int] = (),
@@ -91,7 +83,8 @@ class ProcessGroup:
     ) -> None:
         """Start the program; it keeps the file descriptors in `keep`, and `output` is its standard output and error.
 
-        Without `output` it has those of the runner. `folder` is removed when the runner is killed.
+        Without `output` it has those of the runner. `folder` is removed when the runner is killed. A signal makes the
+        file descriptor `wakeup` readable.
         """
         reading, self._lifeline = os.pipe()
         self._watcher = subprocess.Popen(
@@ -116,13 +109,38 @@ class ProcessGroup:
             self._end_watcher()
             raise VcanError(f"{words[0]} cannot be started: {error.strerror}", CANNOT_RUN) from error
         os.write(self._lifeline, f"{self._process.pid}\n".encode())
-        self.ended = os.pidfd_open(self._process.pid)
-        """Readable once the program has ended."""
+        self._ended, self._wakeup = os.pidfd_open(self._process.pid), wakeup
+        """Readable once the program has ended, and after a signal."""
+        self._selector = selectors.DefaultSelector()
+        for descriptor in (self._ended, wakeup):
+            self._selector.register(descriptor, selectors.EVENT_READ)
 
+    @property
+    def ready(self) -> bool:
+        """True when the command has been started."""
+        return True
+
+    @property
     def status(self) -> int | None:
-        """Return the exit status, 128 + number for a signal; None while it runs."""
+        """Exit status of the command, 128 + number for a signal; None while it runs."""
         code = self._process.poll()
         return code if code is None or code >= 0 else SIGNALLED - code
+
+    def last_words(self) -> str:
+        """Return the end of the output where it is read: of the kernel of a guest alone."""
+        return ""
+
+    def turn(self, deadline: float) -> bool:
+        """Wait until a time of the monotonic clock [s] or a signal; False once the program has ended."""
+        return self._ended not in self._readable(deadline)
+
+    def _readable(self, deadline: float) -> set[int]:
+        """Wait until a time of the monotonic clock [s], and return what can be read; `wakeup` is emptied."""
+        seconds = None if deadline == inf else max(0.0, deadline - monotonic())
+        ready = {key.fd for key, _ in self._selector.select(seconds)}
+        if self._wakeup in ready:
+            os.read(self._wakeup, 1024)
+        return ready
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal to the group; the waiting shell ignores signals that request an end."""
@@ -135,7 +153,8 @@ class ProcessGroup:
                 os.killpg(self._process.pid, signal.SIGKILL)
         self._end_watcher()
         self._process.wait()
-        os.close(self.ended)
+        self._selector.close()
+        os.close(self._ended)
 
     def _end_watcher(self) -> None:
         """End the waiting shell with all others of its group."""
@@ -184,7 +203,7 @@ class GuestReports:
         self.kernel = (self.kernel + octets)[-CHUNK:]
 
 
-class Guest:
+class Guest(ProcessGroup):
     """A running guest kernel, and the pipes to it."""
 
     def __init__(self, folder: Path, output: Sink, error: Sink, wakeup: int) -> None:
@@ -194,17 +213,16 @@ class Guest:
         """
         environment = {"PATH": os.environ.get("PATH", os.defpath), "TMPDIR": memory_folder(), "HOME": str(folder)}
         self.heard = GuestReports()
-        self._wakeup = wakeup
         self._sinks: dict[int, Sink] = {}
-        self._selector = selectors.DefaultSelector()
         status, out, err, kernel = map(self._pipe, (self.heard.hear, output, error, self.heard.hear_kernel))
         control, self._control = os.pipe()
-        words = command_line(folder, {"ssl0": (control, status), "con1": ("null", out), "con2": ("null", err)})
+        terminals = (f"ssl0=fd:{control},fd:{status}", f"con1=null,fd:{out}", f"con2=null,fd:{err}")
         inherited = (status, out, err, kernel, control)
-        self._group = ProcessGroup(words, environment, folder=folder, keep=inherited, output=kernel)
+        words = command_line(folder, terminals)
+        super().__init__(words, environment, wakeup, folder=folder, keep=inherited, output=kernel)
         for descriptor in inherited:
             os.close(descriptor)
-        for descriptor in (self._group.ended, wakeup):
+        for descriptor in self._sinks:
             self._selector.register(descriptor, selectors.EVENT_READ)
 
     @property
@@ -228,10 +246,15 @@ class Guest:
 
     def turn(self, deadline: float) -> bool:
         """Pass on output until a time of the monotonic clock [s] or a signal; False once the guest has ended."""
-        ready = waited(self._selector, deadline, self._wakeup)
+        ready = self._readable(deadline)
         for descriptor in ready & self._sinks.keys():
-            self._pass_on(descriptor)
-        return self._group.ended not in ready
+            octets = os.read(descriptor, CHUNK)
+            self._sinks[descriptor](octets)
+            if not octets:
+                self._selector.unregister(descriptor)
+                del self._sinks[descriptor]
+                os.close(descriptor)
+        return self._ended not in ready
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal to the command."""
@@ -240,13 +263,12 @@ class Guest:
 
     def close(self) -> None:
         """End the guest at once if it still runs, and pass on its remaining output."""
-        self._group.close()
+        super().close()
         try:
-            for descriptor in list(self._sinks):
-                while self._pass_on(descriptor):
-                    pass
+            for descriptor, sink in self._sinks.items():
+                while octets := os.read(descriptor, CHUNK):
+                    sink(octets)
         finally:
-            self._selector.close()
             for descriptor in (*self._sinks, self._control):
                 os.close(descriptor)
 
@@ -254,19 +276,7 @@ class Guest:
         """Return the writing end of a pipe into a sink."""
         reading, writing = os.pipe()
         self._sinks[reading] = sink
-        self._selector.register(reading, selectors.EVENT_READ)
         return writing
-
-    def _pass_on(self, descriptor: int) -> bool:
-        """Pass on available output; False at its end."""
-        octets = os.read(descriptor, CHUNK)
-        if octets:
-            self._sinks[descriptor](octets)
-            return True
-        self._selector.unregister(descriptor)
-        del self._sinks[descriptor]
-        os.close(descriptor)
-        return False
 
 
 def memory_folder() -> str:
@@ -288,13 +298,8 @@ def memory_folder() -> str:
     )
 
 
-def command_line(folder: Path, channels: dict[str, tuple[int | str, int]]) -> list[str]:
-    """Return the words that start the kernel; `channels` are the file descriptors of its terminals."""
-
-    def channel(end: int | str) -> str:
-        return f"fd:{end}" if isinstance(end, int) else end
-
-    terminals = (f"{name}={channel(reads)},{channel(writes)}" for name, (reads, writes) in channels.items())
+def command_line(folder: Path, terminals: Sequence[str]) -> list[str]:
+    """Return the words that start the kernel; `terminals` are its terminals with their file descriptors."""
     return [
         program(KERNEL) or KERNEL,
         f"mem={MEMORY_MB}M",

@@ -2,13 +2,12 @@
 
 import os
 import re
-import selectors
 import shlex
 import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.resources import files
@@ -17,7 +16,7 @@ from pathlib import Path
 from time import monotonic
 
 from haptic_fieldbus.errors import UsageError, VcanError
-from haptic_fieldbus.vcan.guest import CANNOT_RUN, SIGNALLED, Guest, ProcessGroup, require_guest, waited
+from haptic_fieldbus.vcan.guest import CANNOT_RUN, SIGNALLED, Guest, ProcessGroup, require_guest
 
 # Folder in which the guest finds what it shall do, and the host's folders that it shall write to.
 
@@ -63,10 +62,11 @@ def written(task: GuestTask) -> Iterator[Path]:
     Raises VcanError when it cannot be written.
     """
     try:
-        folder = Path(tempfile.mkdtemp(prefix="haptic-fieldbus-vcan-"))
+        made = tempfile.TemporaryDirectory(prefix="haptic-fieldbus-vcan-", ignore_cleanup_errors=True)
     except OSError as error:
         raise VcanError(f"no temporary folder for the guest kernel: {error.strerror or error}") from error
-    try:
+    with made as name:
+        folder = Path(name)
         try:
             (folder / "init").write_bytes(files("haptic_fieldbus.vcan").joinpath("guest.sh").read_bytes())
             (folder / "settings").write_bytes(os.fsencode(_settings(task)))
@@ -74,8 +74,6 @@ def written(task: GuestTask) -> Iterator[Path]:
         except OSError as error:
             raise VcanError(f"{folder} cannot be written: {error.strerror}") from error
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _settings(task: GuestTask) -> str:
@@ -91,7 +89,7 @@ def _settings(task: GuestTask) -> str:
 
 def _command(task: GuestTask) -> str:
     """Return a script that executes the command; its status is 126 or 127 if the command cannot start, as in env(1)."""
-    environment = {**_environment("guest"), **OWN_ENVIRONMENT}
+    environment = {**os.environ, PLACE_VARIABLE: "guest", **OWN_ENVIRONMENT}
     words = [*(f"{name}={value}" for name, value in environment.items()), *task.command]
     return (
         "echo $$ >/run/command.pid\n"
@@ -110,10 +108,9 @@ UP = 0x1
 
 def is_up(interface: str) -> bool:
     """Return whether an interface of this name exists and is up."""
-    try:
+    with suppress(FileNotFoundError):
         return bool(int((NET / interface / "flags").read_text(), 16) & UP)
-    except FileNotFoundError:
-        return False
+    return False
 
 
 @contextmanager
@@ -129,7 +126,12 @@ def lent(interfaces: Sequence[str]) -> Iterator[bool]:
 def _lend(interface: str, taken_back: ExitStack) -> bool:
     """Return whether the interface is up now, as a vcan; to set it up takes the right to change interfaces."""
     if not (NET / interface).exists():
-        if not _add(interface):
+        added = _ip("link", "add", interface, "type", "vcan")
+        if not added and hasattr(os, "geteuid") and os.geteuid() == 0:
+            with suppress(FileNotFoundError):
+                subprocess.run(["modprobe", "vcan"], capture_output=True, check=False)
+            added = _ip("link", "add", interface, "type", "vcan")
+        if not added:
             return False
         taken_back.callback(_ip, "link", "del", interface)
     # The kernel tells the kind of an interface; none of its files does.
@@ -143,16 +145,6 @@ def _lend(interface: str, taken_back: ExitStack) -> bool:
     return _ip("link", "set", interface, "up")
 
 
-def _add(interface: str) -> bool:
-    if _ip("link", "add", interface, "type", "vcan"):
-        return True
-    if hasattr(os, "geteuid") and os.geteuid() == 0:
-        with suppress(FileNotFoundError):
-            subprocess.run(["modprobe", "vcan"], capture_output=True, check=False)
-        return _ip("link", "add", interface, "type", "vcan")
-    return False
-
-
 def _ip(*words: str, shows: str = "") -> bool:
     """Return whether `ip` from iproute2 exists, succeeds, and prints a text."""
     try:
@@ -160,42 +152,6 @@ def _ip(*words: str, shows: str = "") -> bool:
     except FileNotFoundError:
         return False
     return done.returncode == 0 and shows in done.stdout
-
-
-class HostCommand:
-    """A command on this machine, with its interfaces; it ends with its runner, as in a guest."""
-
-    ready = True
-
-    def __init__(self, command: Sequence[str], environment: Mapping[str, str], wakeup: int) -> None:
-        self._wakeup = wakeup
-        self._group = ProcessGroup(command, environment)
-        self._selector = selectors.DefaultSelector()
-        for descriptor in (self._group.ended, wakeup):
-            self._selector.register(descriptor, selectors.EVENT_READ)
-
-    @property
-    def status(self) -> int | None:
-        """Exit status of the command, once it has ended."""
-        return self._group.status()
-
-    def turn(self, deadline: float) -> bool:
-        """Wait until a time of the monotonic clock [s] or a signal; False once the command has ended."""
-        ready = waited(self._selector, deadline, self._wakeup)
-        return self._group.ended not in ready
-
-    def send(self, number: signal.Signals) -> None:
-        """Let the command have a signal."""
-        self._group.send(number)
-
-    def last_words(self) -> str:
-        """Return nothing: the output of the command is not read."""
-        return ""
-
-    def close(self) -> None:
-        """End the remaining processes of the command."""
-        self._group.close()
-        self._selector.close()
 
 
 TIMED_OUT, NOT_FOUND = 124, 127
@@ -208,12 +164,9 @@ PLACE_VARIABLE = "HAPTIC_FIELDBUS_VCAN"
 """Environment variable with the place of a command: `host` or `guest`."""
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that are passed on to the command; a second one ends it at once."""
+NOTHING_WRITABLE = "the command can write to $TMPDIR only; for a folder of the host use --out"
 NAME = re.compile(r"[A-Za-z0-9._-]{1,15}")
 """Name of an interface, as permitted by Linux, without special characters of a shell."""
-
-
-Place = HostCommand | Guest
-"""Where a command runs."""
 
 
 def run(task: GuestTask, note: Callable[[str], None]) -> int:
@@ -228,19 +181,22 @@ def run(task: GuestTask, note: Callable[[str], None]) -> int:
         names = " ".join(task.interfaces)
         if there and not task.guest:
             note(f"{names} of this machine")
-            with closing(HostCommand(task.command, _environment("host"), wakeup)) as place:
-                return _attend(place, task.limit_s, arrived)
+            with closing(ProcessGroup(task.command, {**os.environ, PLACE_VARIABLE: "host"}, wakeup)) as command:
+                return _attend(command, task.limit_s, arrived)
         require_guest()
         task.require_folders()
-        note(f"{names} in a guest kernel; {_writable(task.writable)}")
+        writable = ", ".join(str(folder.resolve()) for folder in task.writable)
+        told = f"it can write to $TMPDIR, and on the host to {writable}" if writable else NOTHING_WRITABLE
+        note(f"{names} in a guest kernel; {told}")
         with written(task) as folder, closing(Guest(folder, _writer(1), _writer(2), wakeup)) as guest:
             return _attend(guest, task.limit_s, arrived)
 
 
-def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
+def _attend(place: ProcessGroup, limit_s: float, arrived: list[signal.Signals]) -> int:
     """Wait for the end of the command, and return its exit status.
 
-    A signal, or SIGTERM at the time limit, is passed on to it. A second signal, or a late end, kills it.
+    A signal, or SIGTERM at the time limit, is passed on to it. A second signal, or a late end, kills it; the status is
+    then that of the signal that it did not obey.
     """
     lives = place.ready or _wait(place, BOOT_LIMIT_S, arrived, lambda: place.ready)
     if arrived and not place.ready:
@@ -248,30 +204,26 @@ def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
     if lives and not place.ready:
         raise VcanError(f"the guest kernel was not ready within {BOOT_LIMIT_S:g} s{place.last_words()}")
     if lives and _wait(place, limit_s, arrived) and place.status is None:
-        return _end(place, limit_s, arrived)
+        # The command has a while to end after a signal.
+        timed_out = not arrived
+        asked = signal.SIGTERM if timed_out else arrived.pop(0)
+        place.send(asked)
+        _wait(place, GRACE_S, arrived)
+        if timed_out:
+            raise VcanError(f"the command was ended at its time limit of {limit_s:g} s", TIMED_OUT)
+        return SIGNALLED + asked if place.status is None else place.status
     if place.status is None:
         raise VcanError(f"the guest kernel ended before the command did{place.last_words()}")
     return place.status
 
 
-def _wait(place: Place, seconds: float, arrived: list[signal.Signals], enough: Callable[[], bool] = bool) -> bool:
-    """Wait for the end of the command, a signal, the end of a time [s], or `enough`; False when the place ended."""
+def _wait(place: ProcessGroup, seconds: float, arrived: list[signal.Signals], done: Callable[[], bool] = bool) -> bool:
+    """Wait for the end of the command, a signal, the end of a time [s], or `done`; False when the place ended."""
     deadline = monotonic() + seconds
-    while place.status is None and not arrived and not enough() and monotonic() < deadline:
+    while place.status is None and not arrived and not done() and monotonic() < deadline:
         if not place.turn(deadline):
             return False
     return True
-
-
-def _end(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
-    """Signal the command to end, and return its exit status, or that of the signal that it did not obey in time."""
-    timed_out = not arrived
-    asked = signal.SIGTERM if timed_out else arrived.pop(0)
-    place.send(asked)
-    _wait(place, GRACE_S, arrived)
-    if timed_out:
-        raise VcanError(f"the command was ended at its time limit of {limit_s:g} s", TIMED_OUT)
-    return SIGNALLED + asked if place.status is None else place.status
 
 
 @contextmanager
@@ -305,17 +257,6 @@ def _check(task: GuestTask) -> None:
         if "/" in word and Path(word).exists():
             raise VcanError(f"{word}: no permission to run it", CANNOT_RUN)
         raise VcanError(f'no program "{word}"' + ("" if "/" in word else " in the folders of PATH"), NOT_FOUND)
-
-
-def _environment(place: str) -> dict[str, str]:
-    return {**os.environ, PLACE_VARIABLE: place}
-
-
-def _writable(folders: Sequence[Path]) -> str:
-    """Return a sentence on the folders that a command in a guest can write to."""
-    if not folders:
-        return "the command can write to $TMPDIR only; for a folder of the host use --out"
-    return f"it can write to $TMPDIR, and on the host to {', '.join(str(folder.resolve()) for folder in folders)}"
 
 
 def _writer(descriptor: int) -> Callable[[bytes], None]:

@@ -4,6 +4,7 @@ import pytest
 
 from haptic_fieldbus.buses.access import look_at
 from haptic_fieldbus.errors import BusTimeoutError, UsageError
+from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 from tests.protocols.plugin.toy_fieldbus import ToyAccess, ToySection
 
@@ -35,7 +36,7 @@ def test_the_age_of_values_is_the_time_since_the_first_was_asked_for(answered: i
         return len(asked)
 
     found = look_at(
-        ENTRIES, read, lambda: now_ns, arrived_ns=lambda: now_ns, error_code=lambda values: None, silent="is it on?"
+        ENTRIES, read, lambda: now_ns, arrived_ns=lambda: now_ns, power=CIA402, error=None, silent="is it on?"
     )
     assert found.age == pytest.approx(4e-3 * len(asked))
     assert len(found.values) == answered

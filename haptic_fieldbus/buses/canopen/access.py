@@ -1,23 +1,22 @@
 """Opening CANopen buses on any python-can interface; drives found, watched and measured by reading alone."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from haptic_fieldbus.buses import scan_result
-from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, Axes, BusAccess, Logs, checks_on, look_at, profiles_of
 from haptic_fieldbus.buses.canopen import setup
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Node, nmt_state_name, request
 from haptic_fieldbus.buses.canopen.opening import adapter_checks, open_can
-from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, FrameCounts, OneMaster, frame_words, listen
+from haptic_fieldbus.buses.canopen.other_master import ForeignMaster, OneMaster, frame_words, listen
 from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
@@ -63,7 +62,7 @@ class BusObserver:
         self._wire = wire
         one = OneMaster([node for node, _ in drives.values()], master_node)
         self._drives = {
-            axis: (Node(wire, node, f"node {node} (axis {axis})"), _shown(profile))
+            axis: (Node(wire, node, f"node {node} (axis {axis})"), profile.entries())
             for axis, (node, profile) in drives.items()
         }
         wire.drain(wire.clock.now_ns() + LONGEST_DRAIN_NS)  # what comes from now on is dated by this look, or later
@@ -99,8 +98,10 @@ class BusObserver:
                 lambda entry: node.read(entry, ANSWER_TIMEOUT),
                 now_ns,
                 arrived_ns=now_ns,
-                error_code=partial(_error_code, node),
+                power=CIA402,
+                error=setup.ERROR_CODE,
                 silent=NO_ANSWER_ADVICE,
+                emergency=lambda: node.emergency or None,
                 refused=partial(self._axes, node),
             )
         life_age = (now_ns() - node.heartbeat_ns) * 1e-9
@@ -114,21 +115,6 @@ class BusObserver:
         if key not in self._several:
             self._several[key] = entry.object in PER_AXIS and entry.subindex == 0 and _has_axes(node, entry.object)
         return f"; {axes_words([entry.object])}" if self._several[key] else ""
-
-
-def _error_code(node: Node, values: Mapping[Signal, int]) -> int | None:
-    """Return the error code of a drive in fault; from its emergency message where it has no 603Fh."""
-    if CIA402.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS:
-        return None
-    try:
-        return node.read(setup.ERROR_CODE, ANSWER_TIMEOUT)
-    except (BusConfigurationError, BusTimeoutError):
-        return node.emergency or None
-
-
-def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:
-    entries = profile.entries()
-    return {signal: entries[signal] for signal in SHOWN if signal in entries}
 
 
 # The way to a node and back, measured by SDO uploads of its device type.
@@ -204,11 +190,13 @@ def scan_bus(
     if heard.masters:
         words = ", ".join(frame_words(can_id) for can_id in sorted(heard.masters))
         told = f"another master on {wire.name}: {words}. No requests were sent; the list shows received frames only"
-        return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), told)
+        bases = {base + node: node for base in bus.FROM_A_NODE for node in NODES}
+        alive = sorted({bases[can_id] for can_id in heard.frames if can_id in bases})
+        return Scan(wire.name, tuple(_with_state(node, states) for node in alive), heard.sentence(), told)
     others: list[str] = []
     foreign = ForeignMaster(wire, one, others.append)
     answered = _answering(wire, bitrate, nodes)
-    found = {node: FoundNode(node, nmt_state=nmt_state_name(state)) for node, state in states.items()}
+    found = {node: _with_state(node, states) for node in states}
     for node in answered:
         if others or foreign.cob_id is not None:
             found.setdefault(node, FoundNode(node))
@@ -219,22 +207,16 @@ def scan_bus(
     return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
 
 
-def _heard_nodes(heard: FrameCounts, states: dict[int, int]) -> Iterable[FoundNode]:
-    """Yield the nodes whose frames were heard, in the order of their node-IDs."""
-    bases = {base + node: node for base in bus.FROM_A_NODE for node in NODES}
-    for node in sorted({bases[can_id] for can_id in heard.frames if can_id in bases}):
-        yield FoundNode(node, nmt_state=nmt_state_name(states[node]) if node in states else None)
+def _with_state(node: int, states: Mapping[int, int]) -> FoundNode:
+    """Return a node of which nothing is known but, from its heartbeats, its NMT state."""
+    return FoundNode(node, nmt_state=nmt_state_name(states[node]) if node in states else None)
 
 
 def _answering(wire: Wire, bitrate: int, nodes: Sequence[int]) -> list[int]:
     """Ask these node-IDs for their device type, and return those that answered."""
-    found: set[int] = set()
-
-    def note(node: int, data: bytes | bytearray) -> None:
-        found.add(node)
-
+    found: dict[int, bytes | bytearray] = {}
     for node in nodes:
-        wire.listen(bus.SDO_RESPONSE_COB_ID + node, partial(note, node))
+        wire.listen(bus.SDO_RESPONSE_COB_ID + node, partial(found.__setitem__, node))
     gap_ns = max(1_000_000, round(BITS_OF_A_QUESTION * 1e9 / bitrate))
     for node in nodes:
         wire.send(bus.SDO_REQUEST_COB_ID + node, request(setup.DEVICE_TYPE, None))
@@ -251,19 +233,12 @@ def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) ->
     drives = device_type is not None and device_type & 0xFFFF == setup.DRIVE_PROFILE
     statusword = _unless_refused(lambda: node.read(setup.STATUSWORD)) if drives else None
     profile, sure = _profile_of(node, fitting(profiles, vendor, product, name) if drives else [])
+    if not drives:
+        sure = None if device_type is None else "not a CiA 402 drive"
     state = _nmt_state(node) if state is None else state
-    return FoundNode(
-        node.id,
-        vendor,
-        product,
-        revision,
-        serial,
-        name or None,
-        profile,
-        sure if drives else "not a CiA 402 drive" if device_type is not None else None,
-        None if state is None else nmt_state_name(state),
-        None if statusword is None else CIA402.state(statusword).value,
-    )
+    nmt_state = None if state is None else nmt_state_name(state)
+    power = None if statusword is None else CIA402.state(statusword).value
+    return FoundNode(node.id, vendor, product, revision, serial, name or None, profile, sure, nmt_state, power)
 
 
 def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]]) -> tuple[str | None, str | None]:
@@ -279,18 +254,14 @@ def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, MatchQuality]
     if not usable:
         missing = [f"{', '.join(map(str, each))} of {name} missing" for name, each in lacking.items() if each]
         reasons = "; ".join(missing) or ("none" if useless else "no profile has this vendor and product")
-        return None, f"no matching profile: {reasons}{told}{_axes_of(node)}"
+        several = [index for index in PER_AXIS if _has_axes(node, index)]
+        axes = f"; {axes_words(several)}" if several else ""
+        return None, f"no matching profile: {reasons}{told}{axes}"
     best, sureness = usable[0]
     equal = [profile.name for profile, other in usable[1:] if other is sureness]
     also = f"; {', '.join(equal)} would match too" if equal else ""
     has = "the objects that force needs" if best.drive.evidence == STANDARD else "all objects of the profile"
     return best.name, f"{sureness.value}; it has {has}{also}{told}"
-
-
-def _axes_of(node: Node) -> str:
-    """Return what to do about a node with several axes in the sub-indices of its objects; empty for any other."""
-    found = [index for index in PER_AXIS if _has_axes(node, index)]
-    return f"; {axes_words(found)}" if found else ""
 
 
 def _has_axes(node: Node, index: int) -> bool:
@@ -324,18 +295,15 @@ def _nmt_state(node: Node) -> int | None:
 
 def _unless_refused(ask: Callable[[], Value]) -> Value | None:
     """Return an answer; None when the node refuses or stays silent."""
-    try:
+    with suppress(BusConfigurationError, BusTimeoutError):
         return ask()
-    except (BusConfigurationError, BusTimeoutError):
-        return None
+    return None
 
 
 class CanopenAccess(BusAccess):
     """The I/O half of CANopen; its buses are opened by python-can, its logs take CAN frames."""
 
-    def logs(
-        self, record: Path | None, buses: Sequence[str], *, simulated: bool
-    ) -> AbstractContextManager[Mapping[str, FrameLog]]:
+    def logs(self, record: Path | None, buses: Sequence[str], *, simulated: bool) -> Logs:
         return frame_logs(record, buses, simulated=simulated)
 
     def open_bus(self, section: BusSection, clock: Clock, log: FrameLog | None) -> CanopenBus:
@@ -350,7 +318,7 @@ class CanopenAccess(BusAccess):
             raw = nodes[name].optional(mapped.entry)
         return None if raw is None else raw * RATED_TORQUE_UNITS[mapped.unit]
 
-    def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
+    def fitted(self, section: BusSection, axes: Axes) -> Mapping[str, DriveProfile]:
         loaded = {name: (axis, canopen_profile(load_profile(axis.profile))) for name, axis in axes.items()}
         general = {name: each for name, each in loaded.items() if each[1].drive.evidence == STANDARD}
         if not general:
@@ -358,25 +326,22 @@ class CanopenAccess(BusAccess):
         with _asked(can_section(section), general) as nodes:
             return {name: fit_to_drive(profile, nodes[name]) for name, (_, profile) in general.items()}
 
-    def scan(
-        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
-    ) -> Scan:
+    def scan(self, section: BusSection, axes: Axes, profiles: str | Path | None, nodes: Sequence[int] = ()) -> Scan:
         own = can_section(section)
         with opened(own, axes) as wire:
             return scan_bus(wire, own.listen, own.bitrate, profiles_of(CanopenProfile, profiles), nodes or NODES)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[BusObserver]:
+    def onlooker(self, section: BusSection, axes: Axes) -> Iterator[BusObserver]:
         own = can_section(section)
         drives = {name: (axis.node, canopen_profile(load_profile(axis.profile))) for name, axis in axes.items()}
         with opened(own, axes) as wire:
             yield BusObserver(wire, drives, own.listen, own.master_node or MASTER_NODES[0])
 
-    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+    def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:
         own = can_section(section)
-        return checks_on(
-            opened(own, axes), adapter_checks(own), partial(_on_the_bus, section=own, axes=axes, rate=rate)
-        )
+        further = partial(_on_the_bus, section=own, axes=axes, rate=rate)
+        return checks_on(opened(own, axes), adapter_checks(own), further)
 
 
 def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
@@ -391,7 +356,7 @@ def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
         raise BusConfigurationError(f"{node.label}: {told}. Nothing was written") from error
 
 
-def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Wire]:
+def opened(section: CanSection, axes: Axes) -> AbstractContextManager[Wire]:
     """Open a bus for as long as the block lasts; a simulated one has the drives of these axes, in real time.
 
     Raises UsageError or BusError.
@@ -429,7 +394,7 @@ def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfi
             raise BusTimeoutError(f"{error}; {NO_ANSWER_ADVICE}") from error
 
 
-def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+def _on_the_bus(wire: Wire, section: CanSection, axes: Axes, rate: float) -> tuple[Check, ...]:
     """Check that there is no other master, then measure the round trip to a drive; raises BusError."""
     nodes = [axis.node for axis in axes.values()]
     master_node = section.master_node or MASTER_NODES[0]

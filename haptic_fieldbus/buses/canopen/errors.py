@@ -7,8 +7,7 @@ above the general types.
 import errno
 import queue
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 
 import can
 import canopen
@@ -71,15 +70,6 @@ class ErrorFrames:
         return f"{bus}: CAN controller error: {told}. Check wiring, terminators and bit rate"
 
 
-@dataclass(frozen=True)
-class Translation:
-    """A row of the table: a foreign exception type, our error type, and the text made from the exception."""
-
-    foreign: type[Exception]
-    ours: type[BusError]
-    words: Callable[[Exception], str]
-
-
 def _abort(error: Exception) -> str:
     code = getattr(error, "code", 0)
     meaning = canopen.SdoAbortedError.CODES.get(code, "a code that CiA 301 does not list")
@@ -101,19 +91,20 @@ def _bus(error: Exception) -> str:
     return _said(error)
 
 
-TABLE = (
-    Translation(canopen.SdoAbortedError, BusConfigurationError, _abort),
-    Translation(canopen.SdoCommunicationError, BusConfigurationError, lambda error: f"wrong answer: {error}"),
-    Translation(SdoError, BusConfigurationError, _said),
-    Translation(NmtError, BusConfigurationError, _said),
-    Translation(LssError, BusConfigurationError, _said),
-    Translation(EmcyError, BusError, _said),
-    Translation(canopen.ObjectDictionaryError, BusConfigurationError, _said),
-    Translation(can.CanTimeoutError, BusTimeoutError, _bus),
-    Translation(can.CanError, BusError, _bus),
-    Translation(OSError, BusError, _bus),
-)
-FOREIGN = tuple(row.foreign for row in TABLE)
+TABLE: Mapping[type[Exception], tuple[type[BusError], Callable[[Exception], str]]] = {
+    canopen.SdoAbortedError: (BusConfigurationError, _abort),
+    canopen.SdoCommunicationError: (BusConfigurationError, lambda error: f"wrong answer: {error}"),
+    SdoError: (BusConfigurationError, _said),
+    NmtError: (BusConfigurationError, _said),
+    LssError: (BusConfigurationError, _said),
+    EmcyError: (BusError, _said),
+    canopen.ObjectDictionaryError: (BusConfigurationError, _said),
+    can.CanTimeoutError: (BusTimeoutError, _bus),
+    can.CanError: (BusError, _bus),
+    OSError: (BusError, _bus),
+}
+"""Foreign exception type → our error type, and the text made from the exception."""
+FOREIGN = tuple(TABLE)
 
 
 def translate(error: Exception, subject: str) -> BusError:
@@ -124,9 +115,9 @@ def translate(error: Exception, subject: str) -> BusError:
     # canopen raises the same type for silence and for a wrong answer; only the cause of a timeout is an empty queue.
     if isinstance(error, canopen.SdoCommunicationError) and isinstance(error.__context__, queue.Empty):
         return BusTimeoutError(f"{subject}: no answer")
-    for row in TABLE:
-        if isinstance(error, row.foreign):
-            return row.ours(f"{subject}: {row.words(error)}")
+    for foreign, (ours, words) in TABLE.items():
+        if isinstance(error, foreign):
+            return ours(f"{subject}: {words(error)}")
     raise error
 
 

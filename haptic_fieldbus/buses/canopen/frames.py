@@ -7,8 +7,7 @@ from functools import partial
 from io import BufferedWriter, FileIO
 from pathlib import Path
 from struct import Struct
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES, LogFile, WritingProcess, cut_file, pieces
 from haptic_fieldbus.protocols.canopen.pdo import worst_case_bits
@@ -48,12 +47,11 @@ class CandumpWriter:
     python-can's own writer ends each line with " R" or " T", which tshark refuses.
     """
 
-    def __init__(self, path: Path, channel: str = "can0") -> None:
+    def __init__(self, path: Path) -> None:
         self._file = LogFile(path)
-        self._channel = channel
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
-        self._write(self._channel, t_ns, can_id, data)
+        self._write("can0", t_ns, can_id, data)
 
     def channel(self, name: str) -> FrameLog:
         # A field of the format ends at white space.
@@ -81,12 +79,12 @@ class BlfWriter:
     Each container of frames reaches the system in one piece, so that a killed run leaves a file that can be read.
     """
 
-    def __init__(self, path: Path, channel: int = 1) -> None:
+    def __init__(self, path: Path) -> None:
         from can.io import BLFWriter
 
         # The buffer holds a whole container, which python-can writes in several pieces.
         self._file = BufferedWriter(FileIO(path, "w"), 2 * BLFWriter.max_container_size)
-        self._writer = BLFWriter(self._file, channel=channel)
+        self._writer = BLFWriter(self._file, channel=1)
         self._size = 0
         self._flush()
         self._channels = 0
@@ -179,33 +177,29 @@ class ProcessWriter:
 
 def main() -> None:
     """Write the frames that come on standard input to the file named first, for the buses named after it."""
-    path, *buses = sys.argv[1:]
+    path, *buses = Path(sys.argv[1]), *sys.argv[2:]
     try:
-        _write_all(Path(path), buses)
+        writer = WRITERS[path.suffix](path)
+        logs = list(_logs_of(writer, buses).values())
+        for octets in pieces(PIECE.size):
+            for t_ns, can_id, bus, size, data in PIECE.iter_unpack(octets):
+                logs[bus](t_ns, can_id, data[:size])
+        writer.close()
     except OSError as error:
         sys.exit(error.strerror or str(error))
-
-
-def _write_all(path: Path, buses: Sequence[str]) -> None:
-    writer = open_frame_writer(path)
-    if writer is None:
-        sys.exit(f"{path.suffix} is no format of frames")
-    logs = _logs_of(writer, buses)
-    for octets in pieces(PIECE.size):
-        for t_ns, can_id, bus, size, data in PIECE.iter_unpack(octets):
-            logs[buses[bus]](t_ns, can_id, data[:size])
-    writer.close()
 
 
 def _logs_of(writer: FrameWriter, buses: Sequence[str]) -> dict[str, FrameLog]:
     return {buses[0]: writer} if len(buses) == 1 else {name: writer.channel(name) for name in buses}
 
 
-def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
+WRITERS: Mapping[str, Callable[[Path], FrameWriter]] = {".log": CandumpWriter, ".blf": BlfWriter}
+"""Writer by the suffix of its file, one for each of `FRAME_SUFFIXES`."""
+
+
+def open_frame_writer(path: Path) -> FrameWriter | None:
     """Open a writer for a file of frames; None when the suffix names no format of frames."""
-    if path.suffix == ".log":
-        return CandumpWriter(path, channel)
-    return BlfWriter(path) if path.suffix == ".blf" else None
+    return WRITERS[path.suffix](path) if path.suffix in WRITERS else None
 
 
 @contextmanager
@@ -220,40 +214,23 @@ def frame_logs(path: Path | None, buses: Sequence[str], *, simulated: bool = Tru
     if path is None or path.suffix not in FRAME_SUFFIXES:
         yield {}
         return
-    writer = open_frame_writer(path) if simulated else ProcessWriter(path, buses)
-    if writer is None:
-        yield {}
-        return
-    guard = _Guard()
+    writer = WRITERS[path.suffix](path) if simulated else ProcessWriter(path, buses)
+    faults: list[Exception] = []
+
+    def note(log: FrameLog, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        """Record a frame; after a first error nothing more is recorded."""
+        if not faults:
+            try:
+                log(t_ns, can_id, data)
+            except Exception as error:
+                faults.append(error)
+
     try:
-        yield {name: guard.around(log) for name, log in _logs_of(writer, buses).items()}
+        yield {name: partial(note, log) for name, log in _logs_of(writer, buses).items()}
     finally:
-        with guard:
+        try:
             writer.close()
-    if guard.fault is not None:
-        raise guard.fault
-
-
-class _Guard:
-    """Keeps what a recording raises, the first error and that of closing; after it nothing more is recorded."""
-
-    def __init__(self) -> None:
-        self.fault: Exception | None = None
-
-    def around(self, log: FrameLog) -> FrameLog:
-        def note(t_ns: int, can_id: int, data: bytes | bytearray) -> None:
-            if self.fault is None:
-                try:
-                    log(t_ns, can_id, data)
-                except Exception as error:
-                    self.fault = error
-
-        return note
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> bool:
-        # The error of closing is that of the disk itself, so it says more than that of a pipe before.
-        self.fault = error if isinstance(error, Exception) else self.fault
-        return isinstance(error, Exception)
+        except Exception as error:
+            faults.append(error)
+    if faults:
+        raise faults[-1]  # that of closing is of the disk itself, so it says more than that of a pipe before

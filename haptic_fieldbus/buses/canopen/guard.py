@@ -56,7 +56,14 @@ class Guard:
         self.node.write(LIFE_TIME_FACTOR, 0)
         held = self.node.optional(PRODUCER_HEARTBEAT)
         if held:
-            self._silence_heartbeat(held)
+            # A heartbeat of the node would keep it from answering.
+            try:
+                self.node.write(PRODUCER_HEARTBEAT, 0)
+            except BusConfigurationError as error:
+                raise BusConfigurationError(
+                    f"{self.node.label} sends a heartbeat every {held} ms and refuses to stop it ({error}); such a "
+                    "node answers no node guarding. Use another watchdog than link_loss.life_guarding in its profile"
+                ) from error
 
     def arm(self) -> None:
         """Write what the guard needs while the node is pre-operational; raises BusError."""
@@ -76,16 +83,6 @@ class Guard:
             return ((LIFE_TIME_FACTOR, 0),)
         index = self.section.heartbeat_consumer
         return () if index is None else ((consumer_heartbeat(index), 0),)
-
-    def _silence_heartbeat(self, held: int) -> None:
-        """Switch the heartbeat of the node off, which would keep it from answering."""
-        try:
-            self.node.write(PRODUCER_HEARTBEAT, 0)
-        except BusConfigurationError as error:
-            raise BusConfigurationError(
-                f"{self.node.label} sends a heartbeat every {held} ms and refuses to stop it ({error}); such a node "
-                "answers no node guarding. Use another watchdog than link_loss.life_guarding in its profile"
-            ) from error
 
 
 class ProofsOfLife:

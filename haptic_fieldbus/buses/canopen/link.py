@@ -5,9 +5,8 @@ from collections.abc import Callable, Sequence
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
-from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
-from haptic_fieldbus.signals import LinkFlag, Signal
+from haptic_fieldbus.signals import LinkFlag
 
 # TPDOs as answers to SYNC: which of them is the sample of this period.
 #
@@ -67,8 +66,7 @@ class Answers:
         """Take the octets of the payload that the image has at `offset`; None: all of them."""
         self.cob_id = cob_id
         self.exchange = Exchange()
-        self.fresh = False
-        self.malformed = False
+        self.fresh = self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
         self.least = 0
@@ -173,9 +171,7 @@ class Answers:
 
 
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
-STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
-    int(flag) for flag in LinkFlag
-)
+STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = map(int, LinkFlag)
 _OPERATIONAL = int(NmtState.OPERATIONAL)
 LOST_AFTER = 1.0
 """Time with answers after which one that is still missing counts as lost [s].
@@ -196,9 +192,7 @@ class Link:
         `silence` is the time without a sign of life after which the node counts as gone, `period` that of the loop [s].
         """
         self._window = round(LOST_AFTER / period)
-        self._node = node
-        self._image = image
-        self._header = header
+        self._node, self._image, self._header = node, image, header
         self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size, _wanted(pdo)) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
@@ -304,15 +298,3 @@ class OutgoingPdo:
 def _wanted(pdo: Pdo) -> tuple[slice, ...] | None:
     """Return the octets of the payload that the image has; None: all of them."""
     return tuple(place for *_, place in pdo.needed) if pdo.unneeded else None
-
-
-def statusword_places(plan: Plan) -> tuple[int, ...]:
-    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
-    places = []
-    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
-        offset = image.inputs[0]
-        for mapped in axis.traffic.incoming:
-            if mapped.signal is Signal.STATUSWORD:
-                places.append(offset)
-            offset += mapped.type.size
-    return tuple(places)

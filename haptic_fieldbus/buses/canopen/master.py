@@ -22,10 +22,10 @@ from struct import pack_into
 
 import can
 
-from haptic_fieldbus.buses.bus import traffic_of
+from haptic_fieldbus.buses.bus import offsets_of, traffic_of
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, OutgoingPdo, statusword_places
+from haptic_fieldbus.buses.canopen.guard import Guard, ProofsOfLife
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, OutgoingPdo
 from haptic_fieldbus.buses.canopen.node import ABORTED, REPEATED, NmtState, Node, address, request, uploaded_value
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.release import NodeRelease, Release
@@ -42,7 +42,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, placed
-from haptic_fieldbus.protocols.canopen.traffic import CanMember, CanTraffic
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 from haptic_fieldbus.protocols.canopen.watch_traffic import ASK_EVERY
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 from haptic_fieldbus.protocols.traffic import answer_time
@@ -96,19 +96,14 @@ class TargetReadback:
         """Ask, after the set-point of a period, unless an answer may still come; raises BusError."""
         self._writes += 1
         now_ns = self._now_ns()
-        if now_ns - self._asked_ns < self._wait_ns():
+        wait_ns = LATEST * self._patience_ns if self._repeated else self._every_ns
+        if now_ns - self._asked_ns < (wait_ns if self._asked is None else self._patience_ns):
             return
         self._repeated = self._asked is not None
         if self._asked is None:
             self._asked = self._writes
         self._asked_ns = now_ns
         self._wire.offer(*self._question)
-
-    def _wait_ns(self) -> int:
-        """Return how long after the last question the next one may be sent [ns]."""
-        if self._asked is not None:
-            return self._patience_ns
-        return LATEST * self._patience_ns if self._repeated else self._every_ns
 
     def _answered(self, data: bytes | bytearray) -> None:
         if self._asked is None or len(data) != 8 or data[1:4] != self._address:
@@ -133,21 +128,6 @@ class TargetReadback:
 LOST_MASTER = 0x8130
 ANSWER_TIMEOUT = 0.01
 """[s]; so long an answer is waited for in the middle of an exchange."""
-
-
-def asked_statusword(node: Node) -> int | None:
-    """Upload 6041h; None without an answer in `ANSWER_TIMEOUT`. Raises BusError only when the bus itself is dead.
-
-    A node without an answer is told to go pre-operational: a stopped one, as a lost master may make it (1029h), serves
-    no SDO requests.
-    """
-    try:
-        return node.read(STATUSWORD, ANSWER_TIMEOUT)
-    except BusTimeoutError:
-        node.command(NmtState.PRE_OPERATIONAL)
-    except BusConfigurationError:
-        pass  # refused, or garbled: no answer either
-    return None
 
 
 def acknowledge(node: Node) -> None:
@@ -198,11 +178,11 @@ class CanopenBus(ReleasedBus[Release]):
         self._clock = clock
         self._wire = Wire(can_bus, clock, can_bus.channel_info, log, port=port)
         self._setups: tuple[NodeSetup, ...] = ()
-        self._links: tuple[Link, ...] = ()
+        self._links: list[Link] = []
         self._exchange = Exchange()
         self._image = bytearray()
-        self._outputs: tuple[OutgoingPdo, ...] = ()
-        self._askings: tuple[TargetReadback, ...] = ()
+        self._outputs: list[OutgoingPdo] = []
+        self._askings: list[TargetReadback] = []
         self._synced = False
         self._held_proofs: tuple[Received, ...] = ()
         """Proofs of our life that wait for the next SYNC."""
@@ -256,51 +236,34 @@ class CanopenBus(ReleasedBus[Release]):
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
-        traffic = traffic_of(plan, CanTraffic)
-        self._setups = tuple(self._setup_of(axis, traffic.member(axis.name), traffic, plan) for axis in plan.axes)
-        self._image = image
-        axes = tuple(zip(self._setups, plan.image.axes, strict=True))
-        self._links = tuple(
-            Link(
-                setup.node,
-                placed(setup.member.traffic.tpdos, places.inputs[0]),
-                places.header,
-                image,
-                traffic.silence_of(setup.axis.name),
-                plan.period,
-            )
-            for setup, places in axes
-        )
-        self._exchange = Exchange()
-        for link in self._links:
+        traffic, self._image, self._exchange = traffic_of(plan, CanTraffic), image, Exchange()
+        self._setups = tuple(self._setup_of(axis, traffic, plan) for axis in plan.axes)
+        self._links, self._outputs, self._askings, drives = [], [], [], list[NodeRelease]()
+        for setup, places in zip(self._setups, plan.image.axes, strict=True):
+            own, start, silence = setup.member.traffic, places.inputs[0], traffic.silence_of(setup.axis.name)
+            link = Link(setup.node, placed(own.tpdos, start), places.header, image, silence, plan.period)
             link.listen(self._wire, self._exchange)
-        self._outputs = tuple(
-            OutgoingPdo(setup.node, pdo, offset)
-            for setup, places in axes
-            for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
-        )
-        # The way to zero is prepared too, so that nothing can fail or take time when it is needed.
-        drives = [
-            NodeRelease(setup, self._wire, link, image, place)
-            for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
-        ]
-        free = [(output.cob_id, output.torque_free) for output in self._outputs]
-        self._release = Release(self._wire, drives, free, self._sync_once, traffic)
-        self._askings = tuple(
-            TargetReadback(setup, self._wire, image, places.inputs[0], plan.period)
-            for setup, places in axes
-            if setup.member.traffic.asked
-        )
+            self._links.append(link)
+            self._outputs += [OutgoingPdo(setup.node, *each) for each in placed(own.rpdos, places.outputs[0])]
+            # The way to zero is prepared too, so that nothing can fail or take time when it is needed.
+            statusword = offsets_of(setup.axis.traffic.incoming, start)[Signal.STATUSWORD]
+            drives.append(NodeRelease(setup, self._wire, link, image, statusword))
+            if own.asked:
+                self._askings.append(TargetReadback(setup, self._wire, image, start, plan.period))
+        self._release = Release(self._wire, drives, self._outputs, self._sync_once, traffic)
         self._proves_while_computing = traffic.proves_while_computing
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
-    def _setup_of(self, axis: AxisPlan, member: CanMember, traffic: CanTraffic, plan: Plan) -> NodeSetup:
+    def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, plan: Plan) -> NodeSetup:
+        member = traffic.member(axis.name)
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
         # Where the target is a share of a rated value, the limits of the drive are shares of the same.
         shares = axis.profile.offers()[Signal.TARGET_TORQUE].unit in SHARES_OF_RATED
         permille, real = axis.effort_unit if shares else 1e-3 * axis.rated_effort, not plan.simulated
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
-        return NodeSetup(node, axis, traffic, member, limits, self.warnings.append)
+        section, guard_ms = member.profile.link_loss, round(traffic.guard(axis.name) * 1e3)
+        guard = Guard(node, section, guard_ms, traffic.master_node, traffic.node_heartbeat_ms)
+        return NodeSetup(node, axis, traffic, member, guard, limits, self.warnings.append)
 
     def _sync_once(self, deadline_ns: int) -> None:
         self.prepare(deadline_ns)
@@ -384,8 +347,19 @@ class CanopenBus(ReleasedBus[Release]):
             asking.ask()
 
     def ask(self, axis: str) -> int | None:
-        """Upload the statusword of an axis; None without an answer in some milliseconds."""
-        return asked_statusword(next(setup.node for setup in self._setups if setup.axis.name == axis))
+        """Upload the statusword of an axis; None without an answer in some milliseconds.
+
+        A node without an answer is told to go pre-operational: a stopped one, as a lost master may make it (1029h),
+        serves no SDO requests. Raises BusError only when the bus itself is dead.
+        """
+        node = next(setup.node for setup in self._setups if setup.axis.name == axis)
+        try:
+            return node.read(STATUSWORD, ANSWER_TIMEOUT)
+        except BusTimeoutError:
+            node.command(NmtState.PRE_OPERATIONAL)
+        except BusConfigurationError:
+            pass  # refused, or garbled: no answer either
+        return None
 
     def acknowledge(self) -> None:
         """Clear the faults of stopped drives that lost their master; raises DriveFaultError or BusError."""

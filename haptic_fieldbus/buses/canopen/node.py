@@ -8,6 +8,8 @@ Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, 7.2.8.3.2.1 node guard
 
 import queue
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 
 import canopen
@@ -191,8 +193,7 @@ class Node:
         try:
             return self.read(entry)
         except BusConfigurationError as error:
-            cause = error.__cause__
-            if isinstance(cause, canopen.SdoAbortedError) and cause.code in ABSENT:
+            if getattr(error.__cause__, "code", None) in ABSENT:
                 return None
             raise
 
@@ -203,9 +204,8 @@ class Node:
         """
         data = self._upload(entry, timeout)
         if len(data) < entry.type.size:
-            raise BusConfigurationError(
-                f"{self.label}, reading {entry}: received {len(data)} octets, expected {entry.type.value}"
-            )
+            wrong = f"received {len(data)} octets, expected {entry.type.value}"
+            raise BusConfigurationError(f"{self.label}, reading {entry}: {wrong}")
         return entry.type.unpack(data[: entry.type.size])
 
     def found(self, index: int, subindex: int) -> bytes | None:
@@ -227,45 +227,41 @@ class Node:
         return data.split(b"\0")[0].decode("ascii", "replace").strip()
 
     def _upload(self, entry: ObjectEntry, timeout: float) -> bytes:
-        self._client.RESPONSE_TIMEOUT, self._responses.entry = timeout, entry
-        try:
-            return bytes(self._client.upload(entry.object, entry.subindex))
-        except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
-            raise
-        except FOREIGN as error:
-            raise self._explained(translate(error, f"{self.label}, reading {entry}")) from error
+        with self._requested(entry, timeout, f"reading {entry}") as client:
+            return bytes(client.upload(entry.object, entry.subindex))
 
     def send(self, entry: ObjectEntry, value: int, timeout: float = SDO_TIMEOUT) -> None:
         """Download one entry within `timeout` [s]; raises the errors of `read`."""
+        with self._requested(entry, timeout, f"writing {_shown(value)} to {entry}") as client:
+            client.download(entry.object, entry.subindex, entry.type.pack(value))
+
+    @contextmanager
+    def _requested(self, entry: ObjectEntry, timeout: float, purpose: str) -> Iterator[SdoClient]:
+        """Translate the errors of a request. If no answer came, events before it are the explanation."""
         self._client.RESPONSE_TIMEOUT, self._responses.entry = timeout, entry
         try:
-            self._client.download(entry.object, entry.subindex, entry.type.pack(value))
-        except BusError:
+            yield self._client
+        except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
             raise
         except FOREIGN as error:
-            raise self._explained(translate(error, f"{self.label}, writing {_shown(value)} to {entry}")) from error
-
-    def _explained(self, error: BusError) -> BusError:
-        """Return the error of a request. If no answer came, events before it are the explanation."""
-        code = self.emergency
-        said = {
-            "the CAN controller went bus-off": self._wire.error_frames.bus_off,
-            f"it sent emergency {code:04X}h ({emergency_meaning(code)})": code,
-            "it restarted": self.booted,
-        }
-        reasons = [words for words, came in said.items() if came]
-        if not reasons or not isinstance(error, BusTimeoutError):
-            return error
-        return BusTimeoutError(f"{error}. Before that, {', and '.join(reasons)}")
+            ours, code = translate(error, f"{self.label}, {purpose}"), self.emergency
+            said = {
+                "the CAN controller went bus-off": self._wire.error_frames.bus_off,
+                f"it sent emergency {code:04X}h ({emergency_meaning(code)})": code,
+                "it restarted": self.booted,
+            }
+            reasons = [words for words, came in said.items() if came]
+            if reasons and isinstance(ours, BusTimeoutError):
+                ours = BusTimeoutError(f"{ours}. Before that, {', and '.join(reasons)}")
+            raise ours from error
 
     def write(self, entry: ObjectEntry, value: int) -> None:
         """Download one entry and read it back; raises the errors of `read`, BusConfigurationError when it differs."""
         self.send(entry, value)
         held = self.read(entry)
         if held != value:
-            raise BusConfigurationError(
-                f"{self.label} did not keep {entry}: wrote {_shown(value)}, read back {_shown(held)}"
-            )
+            differs = f"wrote {_shown(value)}, read back {_shown(held)}"
+            raise BusConfigurationError(f"{self.label} did not keep {entry}: {differs}")
 
     def command(self, state: NmtState) -> None:
         """Command an NMT state; only a heartbeat shows that it is reached, see `confirm`. Raises BusError."""

@@ -13,23 +13,15 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import can
 
+from haptic_fieldbus.buses import usb_serial
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.scan_result import Check
-from haptic_fieldbus.buses.usb_serial import (
-    NO_SERIAL_LINE,
-    NO_SUCH_DEVICE,
-    SYS,
-    is_missing,
-    latency_timer,
-    leads_elsewhere,
-)
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
@@ -44,6 +36,10 @@ SHORTEST_QUEUE, ADVISED_QUEUE = 100, 1000
 """Transmit queue [frames]: below the first, a burst of SDO and PDO frames of some axes is refused."""
 VIRTUAL = ("vcan", "vxcan")
 HEALTHY = ("ERROR-ACTIVE",)
+NOT_HEALTHY = (
+    "frames are lost or not acknowledged: check power and bit rate of a second node, CAN high and CAN low, and both "
+    "120 Ω terminators (60 Ω between the lines)"
+)
 SERIAL = ("slcan", "serial", "robotell", "seeedstudio")
 """Interfaces of python-can whose channel is a serial port."""
 NO_CAN = "this kernel has no CAN: type modprobe -a can can_raw, or haptic-fieldbus vcan -- in front of the command"
@@ -70,85 +66,62 @@ def kernel_has_can() -> bool:
         return error.errno != errno.EAFNOSUPPORT
 
 
-def adapter_checks(section: CanSection, root: Path = SYS, show: Show = shown_by_ip) -> Iterator[Check]:
+def adapter_checks(section: CanSection, root: Path = usb_serial.SYS, show: Show = shown_by_ip) -> Iterator[Check]:
     """Yield the checks of the adapter of a bus; those that do not apply to its interface are missing or None."""
     if section.interface == "socketcan":
-        link = SocketCanLink(section, root, _details(show(section.channel)))
-        yield from (link.driver(), link.state(), link.bit_rate(), link.queue())
+        yield from _socketcan_checks(section, root / "class" / "net" / section.channel, _details(show(section.channel)))
     else:
         yield Check("driver", None, f"{section.interface}, by python-can")
         told = f"{section.bitrate} bit/s requested; the adapter does not report its bit rate"
         yield Check("bit_rate", None, told)
         yield Check("queue", None, f"{section.interface} reports no queue")
     if section.interface in SERIAL:
-        yield latency_timer(section.channel.split("@")[0], root)
+        yield usb_serial.latency_timer(section.channel.split("@")[0], root)
     else:
         yield Check("usb_latency_timer", None, "the bus uses no serial port")
 
 
-@dataclass(frozen=True)
-class SocketCanLink:
-    """One SocketCAN interface, as the system describes it."""
+def _socketcan_checks(section: CanSection, folder: Path, details: dict[str, Any]) -> Iterator[Check]:
+    """Yield the checks of a SocketCAN interface, as its folder in sysfs and `ip` describe it."""
+    channel, link = section.channel, details.get("linkinfo", {})
+    virtual, controller = link.get("info_kind") in VIRTUAL, link.get("info_data", {})
+    up = f"ip link set {channel} down; ip link set {channel} up type can bitrate {section.bitrate} restart-ms 100"
+    if folder.exists():
+        driver = folder / "device" / "driver"
+        yield Check("driver", True, driver.resolve().name if driver.exists() else "virtual")
+    else:
+        listed = f"no {channel}: plug the adapter in; to list names: ip -details link show type can"
+        yield Check("driver", False, f"no interface {channel}", listed if kernel_has_can() else NO_CAN)
+    # The interface must be up, and its controller take part in the bus.
+    state = controller.get("state", "virtual" if virtual else "unknown")
+    if not details:
+        yield Check("state", None, "unknown: no output of `ip`", "install iproute2 to read the state")
+    elif "UP" not in details.get("flags", []):
+        yield Check("state", False, "down", f"bring it up: {f'ip link set {channel} up' if virtual else up}")
+    elif state in HEALTHY or virtual:
+        yield Check("state", True, f"up, {state.lower()}")
+    else:
+        yield Check("state", False, f"up, {state.lower()} ({channel})", f"{NOT_HEALTHY}; then: {up}")
+    asked, found = section.bitrate, controller.get("bittiming", {}).get("bitrate")
+    if found is None:
+        yield Check("bit_rate", None, "none: a virtual bus has no bit rate" if virtual else "unknown")
+    else:
+        advice = "" if found == asked else f"set it: {up}"
+        yield Check("bit_rate", found == asked, f"{found} bit/s, requested {asked}", advice)
+    yield _queue_check(channel, folder)
 
-    section: CanSection
-    root: Path
-    details: dict[str, Any]
 
-    @property
-    def _can(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.details.get("linkinfo", {}).get("info_data", {})
-        return found
-
-    @property
-    def _virtual(self) -> bool:
-        return self.details.get("linkinfo", {}).get("info_kind") in VIRTUAL
-
-    def driver(self) -> Check:
-        channel = self.section.channel
-        folder = self.root / "class" / "net" / channel
-        if not folder.exists():
-            advice = f"no {channel}: plug the adapter in; to list names: ip -details link show type can"
-            advice = advice if kernel_has_can() else NO_CAN
-            return Check("driver", False, f"no interface {channel}", advice)
-        name = (folder / "device" / "driver").resolve().name if (folder / "device" / "driver").exists() else "virtual"
-        return Check("driver", True, name)
-
-    def state(self) -> Check:
-        """Check that the interface is up, and its controller takes part in the bus."""
-        channel, flags = self.section.channel, self.details.get("flags", [])
-        if not self.details:
-            return Check("state", None, "unknown: no output of `ip`", "install iproute2 to read the state")
-        if "UP" not in flags:
-            return Check("state", False, "down", f"bring it up: {_up(self.section, virtual=self._virtual)}")
-        controller = self._can.get("state", "virtual" if self._virtual else "unknown")
-        if controller in HEALTHY or self._virtual:
-            return Check("state", True, f"up, {controller.lower()}")
-        advice = (
-            "frames are lost or not acknowledged: check power and bit rate of a second node, CAN high and CAN low, "
-            f"and both 120 Ω terminators (60 Ω between the lines); then: {_up(self.section, virtual=False)}"
-        )
-        return Check("state", False, f"up, {controller.lower()} ({channel})", advice)
-
-    def bit_rate(self) -> Check:
-        asked, found = self.section.bitrate, self._can.get("bittiming", {}).get("bitrate")
-        if found is None:
-            return Check("bit_rate", None, "none: a virtual bus has no bit rate" if self._virtual else "unknown")
-        advice = "" if found == asked else f"set it: {_up(self.section, virtual=False)}"
-        return Check("bit_rate", found == asked, f"{found} bit/s, requested {asked}", advice)
-
-    def queue(self) -> Check:
-        channel = self.section.channel
-        try:
-            length = int((self.root / "class" / "net" / channel / "tx_queue_len").read_text(encoding="ascii"))
-        except (OSError, ValueError):
-            return Check("queue", None, "unknown")
-        rule = f'ACTION=="add", SUBSYSTEM=="net", KERNEL=="{channel}", ATTR{{tx_queue_len}}="{ADVISED_QUEUE}"'
-        advice = (
-            f"lengthen it: ip link set {channel} txqueuelen {ADVISED_QUEUE}; for good, write {rule} into "
-            "/etc/udev/rules.d/99-can.rules"
-        )
-        fits = length >= SHORTEST_QUEUE
-        return Check("queue", fits, f"{length} frames", "" if fits else advice)
+def _queue_check(channel: str, folder: Path) -> Check:
+    try:
+        length = int((folder / "tx_queue_len").read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return Check("queue", None, "unknown")
+    if length >= SHORTEST_QUEUE:
+        return Check("queue", True, f"{length} frames")
+    rule = f'ACTION=="add", SUBSYSTEM=="net", KERNEL=="{channel}", ATTR{{tx_queue_len}}="{ADVISED_QUEUE}"'
+    longer = f"lengthen it: ip link set {channel} txqueuelen {ADVISED_QUEUE}"
+    advice = f"{longer}; for good, write {rule} into /etc/udev/rules.d/99-can.rules"
+    return Check("queue", False, f"{length} frames", advice)
 
 
 def _details(text: str) -> dict[str, Any]:
@@ -157,13 +130,6 @@ def _details(text: str) -> dict[str, Any]:
     except ValueError:
         return {}
     return found[0] if isinstance(found, list) and found and isinstance(found[0], dict) else {}
-
-
-def _up(section: CanSection, *, virtual: bool) -> str:
-    channel = section.channel
-    if virtual:
-        return f"ip link set {channel} up"
-    return f"ip link set {channel} down; ip link set {channel} up type can bitrate {section.bitrate} restart-ms 100"
 
 
 _SOCKETCAN = "under Linux type socketcan:can0"
@@ -194,13 +160,8 @@ ADVICE: Mapping[str, str] = {
     "virtual": "type virtual:NAME",
 }
 """Package to install or bus name to type, by the name of the interface."""
-PACKAGES: Mapping[str, tuple[str, str]] = {
-    "udp_multicast": (
-        "msgpack",
-        "install this package with its extra multicast (in a checkout: `pip install -e '.[multicast]'`), or msgpack",
-    )
-}
-"""Module that an interface imports, and the advice in place of the one above where it is not installed."""
+NO_MODULE = "install this package with its extra multicast (in a checkout: `pip install -e '.[multicast]'`), or msgpack"
+"""Advice for udp_multicast in place of the one above, where the module that it imports is not installed."""
 OF_A_PACKAGE = "install the driver that the package of this interface requires"
 """Advice for an interface that another package adds to python-can."""
 SILENT = logging.NullHandler()
@@ -221,7 +182,9 @@ def open_can(section: CanSection) -> can.BusABC:
     """
     given: dict[str, Any] = {**section.arguments, "bitrate": section.bitrate}
     subject = f"cannot open {section.interface}:{section.channel}"
-    advice = advice_for(section.interface)
+    advice = ADVICE.get(section.interface, OF_A_PACKAGE)
+    if section.interface == "udp_multicast" and find_spec("msgpack") is None:
+        advice = NO_MODULE
     # python-can warns of a missing driver before it raises, and of a bus half opened when it is forgotten. The error
     # says it all, so these warnings do not fall back to standard error; a program's own handlers still get them.
     logger = logging.getLogger("can")
@@ -229,10 +192,10 @@ def open_can(section: CanSection) -> can.BusABC:
     try:
         bus = can.Bus(section.channel, section.interface, **given)
     except FOREIGN as error:
-        if section.interface in SERIAL and leads_elsewhere(section.channel.partition("@")[0], error):
-            raise BusError(f"{subject}: {NO_SERIAL_LINE}") from error
-        if section.interface in SERIAL and is_missing(error):
-            raise BusError(f"{subject}: {NO_SUCH_DEVICE}") from error
+        if section.interface in SERIAL and usb_serial.leads_elsewhere(section.channel.partition("@")[0], error):
+            raise BusError(f"{subject}: {usb_serial.NO_SERIAL_LINE}") from error
+        if section.interface in SERIAL and usb_serial.is_missing(error):
+            raise BusError(f"{subject}: {usb_serial.NO_SUCH_DEVICE}") from error
         if section.interface == "socketcan" and not kernel_has_can():
             raise BusError(f"{subject}: {NO_CAN}") from error
         raise type(ours := translate(error, subject))(f"{ours}; {advice}") from error
@@ -248,14 +211,6 @@ def open_can(section: CanSection) -> can.BusABC:
     if section.interface == "udp_multicast" and not hears_its_group_alone(bus.fileno()):
         bus.channel_info += f" ({LEAKING})"
     return bus
-
-
-def advice_for(interface: str) -> str:
-    """Return what to install or to type when an interface cannot be opened."""
-    module, install = PACKAGES.get(interface, ("", ""))
-    if module and find_spec(module) is None:
-        return install
-    return ADVICE.get(interface, OF_A_PACKAGE)
 
 
 def hears_its_group_alone(descriptor: int) -> bool:

@@ -86,8 +86,7 @@ class ForeignMaster:
     def __init__(self, wire: Wire, one: OneMaster, warn: Callable[[str], None]) -> None:
         self.cob_id: int | None = None
         """COB-ID of the first command of another master; None while there was none."""
-        self._one = one
-        self._warn = warn
+        self._one, self._warn = one, warn
         self._told: set[int] = set()
         for can_id in one.watched:
             wire.listen(can_id, partial(self._heard, can_id))
@@ -111,9 +110,8 @@ class ForeignMaster:
             self.cob_id = can_id
         elif weight is Severity.QUESTION and can_id not in self._told:
             self._told.add(can_id)
-            self._warn(
-                f"another program sends SDO requests to our drives: {frame_words(can_id)}. Torque was not affected"
-            )
+            asks = f"another program sends SDO requests to our drives: {frame_words(can_id)}"
+            self._warn(f"{asks}. Torque was not affected")
 
 
 def frame_words(can_id: int) -> str:

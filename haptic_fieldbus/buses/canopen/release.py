@@ -21,7 +21,7 @@ Reference: CiA 301 7.2.4.3 (SDO protocols), 7.2.8.3 (NMT); IEC 61800-7-201 (CiA 
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from haptic_fieldbus.buses.canopen.link import Link
+from haptic_fieldbus.buses.canopen.link import Link, OutgoingPdo
 from haptic_fieldbus.buses.canopen.node import ABORTED, DOWNLOAD_DONE, NmtState, address, request, uploaded_value
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD, NodeSetup
 from haptic_fieldbus.buses.canopen.wire import Wire
@@ -115,14 +115,14 @@ class Release(BusRelease[NodeRelease]):
         self,
         wire: Wire,
         drives: Sequence[NodeRelease],
-        set_points: Sequence[tuple[int, bytearray]],
+        outputs: Sequence[OutgoingPdo],
         sync: Callable[[int], None],
         traffic: CanTraffic,
     ) -> None:
-        """Take the COB-ID and torque-free payload of each RPDO, and a function that begins an exchange."""
+        """Take the RPDOs, and a function that begins an exchange."""
         super().__init__(wire.clock, drives)
         self._wire = wire
-        self._torque_free = tuple(set_points)
+        self._outputs = tuple(outputs)
         self._sync = sync
         self._slice_ns = round(max(SLICE, 2.0 * traffic.feedback_time) * 1e9)
         self._longest_ns = round((max(traffic.guard(member.axis) for member in traffic.members) + GRACE) * 1e9)
@@ -157,10 +157,9 @@ class Release(BusRelease[NodeRelease]):
 
     def _send_set_points(self) -> None:
         """Send target torque 0 and controlword *disable voltage*."""
-        for cob_id, data in self._torque_free:
-            self._try(
-                f"set-point of zero torque {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, bytes(data))
-            )
+        for output in self._outputs:
+            failure = f"set-point of zero torque {output.cob_id:03X}h was not sent"
+            self._try(failure, partial(self._wire.send, output.cob_id, bytes(output.torque_free)))
 
     def _listen(self, deadline_ns: int) -> None:
         self._try("SYNC to the drives was not sent", partial(self._sync, deadline_ns))

@@ -13,7 +13,7 @@ from functools import partial
 
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.guard import Guard
-from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.buses.canopen.node import READ_ONLY, NmtState, Node
 from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, checked_rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
@@ -68,7 +68,8 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     """
     section = profile.commissioning
     shown: list[str] = []
-    told = list(_left_out(profile))
+    lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
+    told = [f"{profile.title} is a generic profile, and this drive lacks {', '.join(lacking)}"] if lacking else []
     for each in section.shown:
         value = node.optional(each.entry)
         if each.needed and not value:
@@ -85,17 +86,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     told.extend(_other_counts(node, profile, axis))
     if shown:
         yield f"Set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
-    yield from told
-    warning = first_enabling(profile)
-    if warning:
-        yield warning
-
-
-def _left_out(profile: CanopenProfile) -> Iterator[str]:
-    """Yield a sentence with the objects that a general profile names and this drive lacks."""
-    lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
-    if lacking:
-        yield f"{profile.title} is a generic profile, and this drive lacks {', '.join(lacking)}"
+    yield from filter(None, [*told, first_enabling(profile)])
 
 
 def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
@@ -154,20 +145,14 @@ def map_pdos(node: Node, member: CanMember) -> None:
         used = {pdo.number: pdo for pdo in pdos}
         # In the order of the numbers: a PDO beyond the fourth takes the COB-ID of one that is off by then.
         for number, room in sorted(member.profile.pdo.room(direction).items()):
+            entry = _communication(direction, number, DataType.UINT32, 1)
             # A PDO without room for a mapping may not be there at all.
-            cob_id = _switch_off(node, direction, number, node.read if room else node.optional)
+            held = node.read(entry) if room else node.optional(entry)
+            cob_id = COB_ID_INVALID if held is None else held | COB_ID_INVALID
+            if held not in (None, cob_id):
+                node.write(entry, cob_id)
             if number in used:
                 _map(node, used[number], cob_id, inhibited=bool(member.profile.pdo.inhibit_time_default))
-
-
-def _switch_off(node: Node, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
-    """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
-    entry = _communication(direction, number, DataType.UINT32, 1)
-    cob_id = COB_ID_INVALID if (held := read(entry)) is None else held
-    if not cob_id & COB_ID_INVALID:
-        cob_id |= COB_ID_INVALID
-        node.write(entry, cob_id)
-    return cob_id
 
 
 def _map(node: Node, pdo: Pdo, cob_id: int, *, inhibited: bool) -> None:
@@ -230,6 +215,7 @@ SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRA
 NO_ANSWER_ADVICE = "check the power and the node-ID of the drive, the bit rate, the wiring and both 120 Ω terminators"
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
+STILL_ENABLED = "is still enabled after the command disable voltage"
 
 
 @dataclass(frozen=True)
@@ -240,6 +226,8 @@ class NodeSetup:
     axis: AxisPlan
     bus: CanTraffic
     member: CanMember
+    guard: Guard
+    """The drive's watch on us."""
     torque_limits: TorqueLimits[ObjectEntry]
     warn: Callable[[str], None]
 
@@ -250,8 +238,14 @@ class NodeSetup:
         """
         self._check_device_type()
         vendor, product = self._check_identity()
-        self._check_no_fault()
-        self._check_sync()
+        state = CIA402.state(self.node.read(STATUSWORD))
+        if state in FAULTS:
+            way = "write 6040h = 0 and then 80h with the drive's own tool"
+            raise standing_fault(self.node.label, state, self.node.optional(ERROR_CODE), "603Fh", way)
+        sync = self.node.optional(SYNC_ID)
+        if sync is not None and (sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER):
+            consumer = f"a SYNC consumer at {SYNC_COB_ID:03X}h is required"
+            raise BusConfigurationError(f"{self.node.label}: {SYNC_ID} is {sync:08X}h; {consumer}")
         numbers = (vendor, product, self.node.optional(REVISION), self.node.optional(SERIAL))
         identity = Identity(*map(known_number, numbers))
         limits = self._limits()
@@ -261,15 +255,9 @@ class NodeSetup:
             self._check_asked()
         profile = self.member.profile
         rated = None if profile.torque.rated is None else profile.torque.rated.entry
-        return DriveFacts(
-            axis=self.axis.name,
-            node=self.node.id,
-            title=profile.title,
-            identity=identity,
-            rated_torque=checked_rated_torque(self.node, profile.title, self.axis, rated),
-            link_loss=self._link_loss_words(),
-            changes=(*self.torque_limits.sentences, *commissioned(self.node, profile, self.axis)),
-        )
+        rating, lost = checked_rated_torque(self.node, profile.title, self.axis, rated), self._link_loss_words()
+        changes = (*self.torque_limits.sentences, *commissioned(self.node, profile, self.axis))
+        return DriveFacts(self.axis.name, self.node.id, profile.title, identity, rating, lost, changes)
 
     def configure(self) -> None:
         """Write all entries and read each back; the node is then pre-operational and torque-free. Raises BusError."""
@@ -378,36 +366,15 @@ class NodeSetup:
                 f"{percent(HOLDING_SHARE)} of rated"
             ) from error
 
-    def _check_no_fault(self) -> None:
-        statusword = self.node.read(STATUSWORD)
-        if CIA402.state(statusword) not in FAULTS:
-            return
-        way = "write 6040h = 0 and then 80h with the drive's own tool"
-        raise standing_fault(self.node.label, CIA402.state(statusword), self.node.optional(ERROR_CODE), "603Fh", way)
-
-    def _check_sync(self) -> None:
-        sync = self.node.optional(SYNC_ID)
-        if sync is None:
-            return
-        if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
-            raise BusConfigurationError(
-                f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is required"
-            )
-
     def _disable(self) -> None:
         """Switch the power stage off if an earlier master left it on."""
         if self.energised():
             self.node.send(CONTROLWORD, DISABLE_VOLTAGE)
-        poll(
-            self.node,
-            DISABLE_TIMEOUT,
-            lambda: not self.energised(),
-            lambda: "is still enabled after the command disable voltage",
-        )
+        poll(self.node, DISABLE_TIMEOUT, lambda: not self.energised(), lambda: STILL_ENABLED)
 
-    def energised(self, timeout: float = SDO_TIMEOUT) -> bool:
-        """Read the statusword within `timeout` [s]; True when the motor can carry torque. Raises BusError."""
-        return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
+    def energised(self) -> bool:
+        """Read the statusword; True when the motor can carry torque. Raises BusError."""
+        return CIA402.state(self.node.read(STATUSWORD)) in ENERGISED
 
     def _guard_link(self) -> None:
         """Arm the drive's watchdog, and set reactions to the loss of the master that leave no torque."""
@@ -438,19 +405,9 @@ class NodeSetup:
                 raise
             self.warn(f"{self.node.label}: {entry} is read-only and stays {self.node.read(entry)}")
 
-    @property
-    def guard(self) -> Guard:
-        """The drive's watch on us."""
-        section, bus = self.member.profile.link_loss, self.bus
-        return Guard(self.node, section, self._deadline_ms, bus.master_node, bus.node_heartbeat_ms)
-
     def final_writes(self) -> tuple[tuple[ObjectEntry, int], ...]:
         """Return the entries to write at the end: they switch the guard off and restore the former limits."""
-        return (*self.guard.disarming, *self.torque_limits.restoring)
-
-    @property
-    def _deadline_ms(self) -> int:
-        return round(self.bus.guard(self.axis.name) * 1e3)
+        return (*self.guard.disarming, *self.torque_limits.before.items())
 
     @property
     def _reactions(self) -> tuple[tuple[OptionCode, int], ...]:
@@ -463,14 +420,11 @@ class NodeSetup:
         # Without 6007h a lost link is a fault, after which 605Eh says the same of the shaft.
         reaction = SHAFT_FREE if option is None else self._reactions[0][1]
         words = SHAFT_WORDS.get(reaction, f"reaction of the drive as configured ({reaction})")
-        return f"on link loss {words} within {self._deadline_ms} ms"
+        return f"on link loss {words} within {self.guard.milliseconds} ms"
 
     def _set_mode(self) -> None:
-        mode = self.member.profile.torque.mode_of_operation
-        self.node.write(MODE, mode)
-        poll(
-            self.node,
-            self.member.profile.timing.mode_change_timeout,
-            lambda: self.node.read(MODE_DISPLAY) == mode,
-            lambda: f"did not accept mode of operation {mode}: {MODE_DISPLAY} is {self.node.read(MODE_DISPLAY)}",
-        )
+        node, profile, mode = self.node, self.member.profile, self.member.profile.torque.mode_of_operation
+        node.write(MODE, mode)
+        wrong = f"did not accept mode of operation {mode}: {MODE_DISPLAY} is"
+        timeout = profile.timing.mode_change_timeout
+        poll(node, timeout, lambda: node.read(MODE_DISPLAY) == mode, lambda: f"{wrong} {node.read(MODE_DISPLAY)}")

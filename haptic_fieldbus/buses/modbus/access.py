@@ -2,29 +2,27 @@
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.buses import scan_result
-from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, SHOWN, BusAccess, checks_on, look_at, profiles_of
-from haptic_fieldbus.buses.modbus.exchange import LISTENING, listen
+from haptic_fieldbus.buses.access import ANSWER_TIMEOUT, Axes, BusAccess, Logs, checks_on, look_at, profiles_of
+from haptic_fieldbus.buses.modbus.exchange import listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.master import ModbusBus
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.setup import ADVICE
 from haptic_fieldbus.buses.modbus.transport import SerialTransport, TcpTransport, Transport
 from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
-from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.buses.torque_limits import rated_torque
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -48,29 +46,25 @@ def adapter_checks(section: ModbusSection, root: Path = SYS) -> Iterator[Check]:
     if not section.serial:
         yield Check("usb_latency_timer", None, "none: the line is a network")
         return
-    yield _access(section.channel)
-    yield latency_timer(section.channel, root)
-
-
-def _access(device: str) -> Check:
-    """Check that this user may read and write the serial port."""
+    device = section.channel
     if not Path(device).exists():
-        return Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
-    if os.access(device, os.R_OK | os.W_OK):
-        return Check("serial_access", True, f"{device} can be read and written")
-    advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in again"
-    return Check("serial_access", False, f"no permission to open {device}", advice)
+        yield Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
+    elif os.access(device, os.R_OK | os.W_OK):
+        yield Check("serial_access", True, f"{device} can be read and written")
+    else:
+        advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in again"
+        yield Check("serial_access", False, f"no permission to open {device}", advice)
+    yield latency_timer(device, root)
 
 
-def round_trip_checks(
-    requester: Requester, unit: UnitClient, profile: ModbusProfile, rate: float
-) -> tuple[Check, Check]:
+def round_trip_checks(unit: UnitClient, profile: ModbusProfile, rate: float) -> tuple[Check, Check]:
     """Ask for the status many times, and check the round trip and its jitter for a loop of this rate [Hz].
 
     Raises BusError when the line is dead.
     """
+    requester, asked = unit.requester, scan_result.QUESTIONS
     times: list[float] = []
-    for _ in range(scan_result.QUESTIONS):
+    for _ in range(asked):
         requester.ask(unit.reading(profile.power.status))
         if requester.answer(requester.sent_ns + scan_result.ANSWER_NS) is not None:
             times.append((requester.arrived_ns - requester.sent_ns) * 1e-9)
@@ -78,9 +72,7 @@ def round_trip_checks(
             break  # a unit that is not there
         requester.forget()
     serial = requester.transport.serial
-    return scan_result.timing_checks(
-        f"unit {unit.id}", times, scan_result.QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial]
-    )
+    return scan_result.timing_checks(unit.label, times, asked, rate, silent=ADVICE[serial], slow=SLOW[serial])
 
 
 # Looking at drives without touching them: their registers are read, and nothing is written.
@@ -88,22 +80,19 @@ def round_trip_checks(
 # Reading feeds no watchdog, but it takes the line: as soon as octets come on a serial line that nobody here asked for,
 # somebody else uses it, and nothing more is asked. On TCP another master is not disturbed.
 
-Drive = tuple[int, ModbusProfile, PowerTable]
-"""Unit id, profile, and the table of its power states."""
-
 
 class LineObserver:
     """Observer of the drives of one line. It listens before it sends anything. Raises BusError."""
 
-    def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
+    def __init__(self, requester: Requester, drives: Mapping[str, tuple[int, ModbusProfile]]) -> None:
         self.masters = ""
         self._requester = requester
         self._drives = {
-            axis: (UnitClient(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile, power)
-            for axis, (unit, profile, power) in drives.items()
+            axis: (UnitClient(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile)
+            for axis, (unit, profile) in drives.items()
         }
         try:
-            self.listened = listen(requester, seconds)
+            self.listened = listen(requester)
         except ForeignMasterError as error:
             self.listened = self.masters = str(error)
 
@@ -111,7 +100,7 @@ class LineObserver:
         """Return what each drive says now; raises BusError when the line is dead."""
         return {axis: self._look_at(*drive) for axis, drive in self._drives.items()}
 
-    def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> DriveReading:
+    def _look_at(self, unit: UnitClient, profile: ModbusProfile) -> DriveReading:
         requester = self._requester
         if requester.transport.serial and requester.unasked and not self.masters:
             self.masters = f"another master on {requester.name}: received octets without a request"
@@ -119,25 +108,14 @@ class LineObserver:
         if self.masters:
             return DriveReading(now_ns(), note="not asked")
         return look_at(
-            {signal: register for signal, register in profile.registers().items() if signal in SHOWN},
+            profile.registers(),
             lambda register: unit.read(register, ANSWER_TIMEOUT, 1),
             now_ns,
             arrived_ns=lambda: requester.arrived_ns,
-            error_code=partial(_error_code, unit, profile, power),
+            power=PROTOCOL.power_table(profile),
+            error=profile.power.error,
             silent=ADVICE[requester.transport.serial],
         )
-
-
-def _error_code(
-    unit: UnitClient, profile: ModbusProfile, power: PowerTable, values: Mapping[Signal, int]
-) -> int | None:
-    """Return the error code of a drive in fault; None where it has no register for it."""
-    if power.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS or profile.power.error is None:
-        return None
-    try:
-        return unit.read(profile.power.error, ANSWER_TIMEOUT, 1)
-    except (RefusedError, BusTimeoutError):
-        return None
 
 
 # Opening the line of a rig: a connection or a serial port.
@@ -147,9 +125,8 @@ def open_line(section: ModbusSection, clock: Clock) -> Transport:
     """Open a real line; raises BusError when it cannot be opened, UsageError for one that is simulated."""
     name = f"{section.interface}:{section.channel}"
     if section.simulated:
-        raise UsageError(
-            f"{section.interface} exists only in a simulated run; real interfaces are modbus-tcp and modbus-rtu"
-        )
+        real = "real interfaces are modbus-tcp and modbus-rtu"
+        raise UsageError(f"{section.interface} exists only in a simulated run; {real}")
     if not section.serial:
         return TcpTransport(name, section.address, clock)
     return SerialTransport(name, section.channel, clock)
@@ -169,6 +146,11 @@ THERE_NS = 200_000_000
 GAPS_TRIED = 3
 """Gaps between the registers of a profile of which one register is read."""
 NO_PROFILE = "no matching profile: the drive lacks registers of each profile, or is another model"
+OTHERS_TOO = (
+    ", but also other registers between them, as any server may have. If you know the drive, use --drive PROFILE"
+)
+MODEL_MATCHES = "likely: the model registers match the profile"
+REGISTERS_MATCH = "possible match: it has the registers of the profile, and none between them"
 
 
 def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[ModbusProfile]) -> Scan:
@@ -178,57 +160,36 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
     except ForeignMasterError as error:
         return Scan(requester.name, (), str(error), f"{error}; no requests were sent")
     asked = sorted(set(units))
-    found = [_found(requester, unit, profiles) for unit in asked if _answers(requester, unit)]
+    found = [found for unit in asked if (found := _found(requester, unit, profiles)) is not None]
     told = f"Requested: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
     return Scan(requester.name, tuple(found), f"{listened}. {told}")
 
 
-def _answers(requester: Requester, unit: int) -> bool:
-    requester.ask(Question(unit, READ_HOLDING, 0, 1))
-    answer = requester.answer(requester.clock.now_ns() + THERE_NS)
-    if answer is None:
+def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode | None:
+    """Read the registers that the profiles name from a unit; None when it does not answer."""
+    requester.ask(Question(number, READ_HOLDING, 0, 1))
+    if requester.answer(requester.clock.now_ns() + THERE_NS) is None:
         requester.forget()
-    return answer is not None
-
-
-def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode:
-    """Read the registers that the profiles name from a unit that answered."""
+        return None
     fitting = [profile for profile in profiles if _fits(_unit(requester, number, profile), profile)]
     usable = [profile for profile in fitting if profile.drive.usable]
     # One that is known by its values comes before one that is known by its registers alone.
     best = next((profile for profile in usable if _tells(profile)), None)
     best = best or next((each for each in usable if _lacks_others(_unit(requester, number, each), each)), None)
+    if best is None and not fitting:
+        return FoundNode(number, sure=NO_PROFILE)
     if best is None:
-        return FoundNode(number, sure=_why_none(fitting))
+        why = f"no profile proposed: the drive has the registers of {', '.join(map(_named, fitting))}"
+        return FoundNode(number, sure=why + (OTHERS_TOO if usable else ""))
     unit = _unit(requester, number, best)
     known = {each.name: unit.optional(each) for each in best.identity}
-    sure = "possible match: it has the registers of the profile, and none between them"
-    if _tells(best):
-        sure = "likely: the model registers match the profile"
-    also = ", ".join(_named(profile) for profile in fitting if profile is not best)
-    return FoundNode(
-        number,
-        known.get("vendor"),
-        known.get("product code"),
-        known.get("revision"),
-        None if best.serial is None else unit.optional(best.serial),
-        profile=best.name,
-        sure=sure + (f"; {also} would match too" if also else ""),
-        power_state=PROTOCOL.power_table(best).state(unit.read(best.power.status)).value,
-    )
-
-
-def _why_none(fitting: Sequence[ModbusProfile]) -> str:
-    """Return why no profile is proposed, with those whose registers the unit has."""
-    if not fitting:
-        return NO_PROFILE
-    has = f"no profile proposed: the drive has the registers of {', '.join(map(_named, fitting))}"
-    if not any(profile.drive.usable for profile in fitting):
-        return has
-    return (
-        f"{has}, but also other registers between them, as any server may have. If you know the drive, use --drive "
-        "PROFILE"
-    )
+    vendor, product, revision = (known.get(name) for name in ("vendor", "product code", "revision"))
+    serial = None if best.serial is None else unit.optional(best.serial)
+    sure = MODEL_MATCHES if _tells(best) else REGISTERS_MATCH
+    if len(fitting) > 1:
+        sure += f"; {', '.join(_named(profile) for profile in fitting if profile is not best)} would match too"
+    state = PROTOCOL.power_table(best).state(unit.read(best.power.status)).value
+    return FoundNode(number, vendor, product, revision, serial, None, best.name, sure, power_state=state)
 
 
 def _named(profile: ModbusProfile) -> str:
@@ -273,9 +234,7 @@ def _readable(unit: UnitClient, register: Register) -> bool:
 class ModbusAccess(BusAccess):
     """The I/O half of Modbus. It has no log of its own: rows hold all that is exchanged."""
 
-    def logs(
-        self, record: Path | None, buses: Sequence[str], *, simulated: bool
-    ) -> AbstractContextManager[Mapping[str, Any]]:
+    def logs(self, record: Path | None, buses: Sequence[str], *, simulated: bool) -> Logs:
         """Return no logs; raises UsageError when `record` is a file of CAN frames."""
         if record is not None and record.suffix in FRAME_SUFFIXES:
             raise UsageError(
@@ -298,9 +257,7 @@ class ModbusAccess(BusAccess):
             unit = UnitClient(requester, axis.node, f"unit {axis.node} (axis {name})", profile.line)
             return rated_torque(profile.title, str(register), register.unit, unit.read(register))
 
-    def scan(
-        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
-    ) -> Scan:
+    def scan(self, section: BusSection, axes: Axes, profiles: str | Path | None, nodes: Sequence[int] = ()) -> Scan:
         own = modbus_section(section)
         transport = "rtu" if own.serial else "tcp"
         fitting = [each for each in profiles_of(ModbusProfile, profiles) if transport in each.line.transports]
@@ -309,15 +266,12 @@ class ModbusAccess(BusAccess):
             return scan_line(requester, nodes or [axis.node for axis in axes.values()], fitting)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[LineObserver]:
-        profiles = {name: modbus_profile(load_profile(axis.profile)) for name, axis in axes.items()}
-        drives = {
-            name: (axis.node, profiles[name], PROTOCOL.power_table(profiles[name])) for name, axis in axes.items()
-        }
-        with opened(modbus_section(section), list(profiles.values())) as requester:
+    def onlooker(self, section: BusSection, axes: Axes) -> Iterator[LineObserver]:
+        drives = {name: (axis.node, modbus_profile(load_profile(axis.profile))) for name, axis in axes.items()}
+        with opened(modbus_section(section), [profile for _, profile in drives.values()]) as requester:
             yield LineObserver(requester, drives)
 
-    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+    def checks(self, section: BusSection, axes: Axes, rate: float) -> tuple[Check, ...]:
         own = modbus_section(section)
         profiles = [modbus_profile(load_profile(axis.profile)) for axis in axes.values()]
         first = next(iter(axes.values()))
@@ -350,7 +304,7 @@ def _on_the_line(requester: Requester, axis: RigAxis, profile: ModbusProfile, ra
     except ForeignMasterError as error:
         return scan_result.another_master(str(error))
     unit = UnitClient(requester, axis.node, f"unit {axis.node}", profile.line)
-    return alone, *round_trip_checks(requester, unit, profile, rate)
+    return alone, *round_trip_checks(unit, profile, rate)
 
 
 ACCESS = ModbusAccess()

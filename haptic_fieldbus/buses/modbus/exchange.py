@@ -4,7 +4,7 @@ Where target torques are read back, that of one unit is read first, of another o
 `master` tells what goes out when, and what becomes of answers that stay away.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
@@ -54,28 +54,24 @@ def listen(requester: Requester, seconds: float = LISTENING) -> str:
     return f"{requester.name}: listened for {exactly(seconds)} s without sending; received nothing"
 
 
-def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable, done: str) -> PowerState:
-    """Return the power state of a drive without another master; `done` is a sentence on what was already done.
-
-    Raises ForeignMasterError when its registers say that somebody does, or BusError.
-    """
+def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
+    """Raise ForeignMasterError when the registers of a drive say that another master commands it, or BusError."""
     target = unit.optional(profile.torque.target) or 0
     if target:
-        raise _commanded(unit, f"{profile.torque.target} (target torque) is {target}", done)
+        raise _commanded(unit, f"{profile.torque.target} (target torque) is {target}")
     command = unit.optional(profile.power.command) or power.off
     enabling = {power.answer(PowerState.SWITCHED_ON), power.answer(PowerState.OPERATION_ENABLED)} - {power.off}
     if command in enabling:
-        raise _commanded(unit, f"{profile.power.command} (command) is {command:04X}h, which enables it", done)
+        raise _commanded(unit, f"{profile.power.command} (command) is {command:04X}h, which enables it")
     state = power.state(unit.read(profile.power.status))
     if state in ENERGISED:
-        raise _commanded(unit, f"{profile.power.status} (status) shows the state {state.value}", done)
-    return state
+        raise _commanded(unit, f"{profile.power.status} (status) shows the state {state.value}")
 
 
-def _commanded(unit: UnitClient, what: str, done: str) -> ForeignMasterError:
+def _commanded(unit: UnitClient, what: str) -> ForeignMasterError:
     return ForeignMasterError(
         f"{unit.label} is commanded by another master, or a master that died left it so: {what}. {ONE_MASTER}. If "
-        f"there is no other master, switch the drive off and on. {done}"
+        f"there is no other master, switch the drive off and on. Nothing was written"
     )
 
 
@@ -105,16 +101,16 @@ class Turns:
     def __init__(
         self,
         requester: Requester,
-        readings: tuple[Reading, ...],
+        readings: Sequence[Reading],
+        targets: Sequence[TargetReading],
         image: bytearray,
         *,
         period_ns: int,
         writes: bool,
-        targets: tuple[TargetReading, ...] = (),
     ) -> None:
-        """`writes` tells that the set-points are sent by requests of their own, after computing.
+        """`targets` are read back, one in each period.
 
-        `targets` are read back, one in each period.
+        `writes` tells that the set-points are sent by requests of their own, after computing.
         """
         self.foreign: int | None = None
         """Address to which another master was heard to write; None without one."""
@@ -157,18 +153,15 @@ class Turns:
             self._confirm(link, self._requester.waiting() or self._requester.answer(deadline_ns - self._left_ns[0]))
         elif (form := self._requester.outstanding) is not None:
             self._take_late(form, 0)  # its sample is not needed: a younger one is asked for at once
-            self._give_up()
+            # An answer that is very late is waited for no more: the unit may have lost the question.
+            if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
+                self._requester.forget()
 
     def _take_late(self, form: FrameForm, until_ns: int) -> None:
         """Wait until then [ns] for the answer to a request of an earlier period; use all of it but its sample."""
         answer = self._requester.answer(until_ns)
         self._note_late(answer)
         self._accepted(self._owner, form.question, answer)
-
-    def _give_up(self) -> None:
-        """Stop waiting for an answer that is very late: the unit may have lost the question."""
-        if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
-            self._requester.forget()
 
     def _note_late(self, answer: Answer | None) -> None:
         """Count an answer that came after its share of the period was over."""
@@ -192,7 +185,10 @@ class Turns:
         """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
         requester, present, last = self._requester, self._present, len(self._present) - 1
         for at, reading in enumerate(present):
-            until_ns = deadline_ns if at == last else self._share_of(at, deadline_ns)
+            until_ns = deadline_ns
+            if at < last:  # its share of the time that is left
+                now_ns = requester.clock.now_ns()
+                until_ns = now_ns + max(0, deadline_ns - now_ns) * reading.times.whole_ns // self._left_ns[at]
             if self._asked is None:
                 self._clear(reading, until_ns)
             form = requester.outstanding
@@ -205,21 +201,39 @@ class Turns:
                 self._take(reading, form, until_ns)
             if at < last:
                 self._asked = self._ask(present[at + 1])
-        self._finish()
+        # Octets that were no answers may be a command of another master.
+        for octets in (requester.unasked, requester.garbled):
+            if octets and requester.transport.serial and self.foreign is None:
+                self.foreign = foreign_write(octets, self._units)
+        requester.unasked = requester.garbled = b""
+        # Write all headers.
+        now_ns, latch_ns = self._now_ns(), 0
+        for link in self._links:
+            link.finish(now_ns, self._begun_ns, self.foreign)
+            latch_ns = max(latch_ns, link.latch_ns)
+        HEADER.pack_into(self._image, 0, latch_ns)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
-        """Store the set-points; send them where they have requests of their own."""
+        """Store the set-points; send them where they have requests of their own.
+
+        They are sent to one unit after another, and none while an answer is outstanding.
+        """
+        requester, last = self._requester, self._links[-1]
         for link in self._links:
             link.set_point.store(image)
-        if self._writes:
-            self._send()
-
-    def _share_of(self, at: int, deadline_ns: int) -> int:
-        """Return the deadline of one request before the last [ns]: its share of the time that is left."""
-        now_ns = self._requester.clock.now_ns()
-        left_ns = max(0, deadline_ns - now_ns)
-        return now_ns + left_ns * self._present[at].times.whole_ns // self._left_ns[at]
+        for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
+            if not self._writes or requester.outstanding is not None:
+                return
+            place, octets = link.set_point.take()
+            form = link.writing[place]
+            requester.send(form, octets)
+            self._asked, self._owner = form.question, link
+            if link is last:
+                self._written = link
+            else:
+                now_ns = requester.clock.now_ns()
+                self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
 
     def _ask(self, reading: Reading) -> Question | None:
         """Ask a unit, and return the question; None when nothing can be asked now."""
@@ -280,40 +294,6 @@ class Turns:
         if asked.values:
             link.set_point.answered()
         return True
-
-    def _finish(self) -> None:
-        """Write all headers."""
-        if self._requester.unasked or self._requester.garbled:
-            self._overhear()
-        now_ns, latch_ns = self._now_ns(), 0
-        for link in self._links:
-            link.finish(now_ns, self._begun_ns, self.foreign)
-            latch_ns = max(latch_ns, link.latch_ns)
-        HEADER.pack_into(self._image, 0, latch_ns)
-
-    def _overhear(self) -> None:
-        """Search octets that were no answers for a command of another master."""
-        requester = self._requester
-        for octets in (requester.unasked, requester.garbled):
-            if requester.transport.serial and self.foreign is None:
-                self.foreign = foreign_write(octets, self._units)
-        requester.unasked = requester.garbled = b""
-
-    def _send(self) -> None:
-        """Send the set-points, one unit after another; none while an answer is outstanding."""
-        requester, last = self._requester, self._links[-1]
-        for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
-            if requester.outstanding is not None:
-                return
-            place, octets = link.set_point.take()
-            form = link.writing[place]
-            requester.send(form, octets)
-            self._asked, self._owner = form.question, link
-            if link is last:
-                self._written = link
-            else:
-                now_ns = requester.clock.now_ns()
-                self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
 
     def _confirm(self, link: UnitLink, answer: Answer | None) -> None:
         if self._asked is not None:

@@ -153,8 +153,10 @@ class Framing:
         data = self.data_of(octets)
         if data is not None:
             return len(octets), Answer(data)
-        if not self._serial and self._no_header(octets):
-            return len(octets), DroppedOctets.GARBAGE
+        if not self._serial and len(octets) >= HEADER_OCTETS:
+            _, protocol, length = struct.unpack_from(">HHH", octets)
+            if protocol != 0 or not 2 < length <= LONGEST_TCP:  # it is no MBAP header
+                return len(octets), DroppedOctets.GARBAGE
         try:
             used, unit, transaction, body = self._framer.decode(octets)
             if not used:
@@ -181,13 +183,6 @@ class Framing:
             return None
         self._asked = None
         return octets[form.data]
-
-    def _no_header(self, octets: bytes) -> bool:
-        """Whether octets that must begin with an MBAP header do not."""
-        if len(octets) < HEADER_OCTETS:
-            return False
-        _, protocol, length = struct.unpack_from(">HHH", octets)
-        return protocol != 0 or not 2 < length <= LONGEST_TCP
 
     def _judge(self, unit: int, transaction: int, body: bytes) -> Answer | DroppedOctets:
         """Return the answer when it is that to the question under way."""

@@ -1,9 +1,9 @@
 """The link to one axis: what its unit answers goes into the input image, with its age and the flags of the link."""
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from struct import Struct
 
+from haptic_fieldbus.buses.bus import Offsets
 from haptic_fieldbus.buses.modbus.framing import FrameForm, Question
 from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -119,40 +119,26 @@ class UnitLink:
 
     def finish(self, now_ns: int, begun_ns: int, foreign: int | None) -> None:
         """Write the header: age of the data [ns], flags, code of an exception or of another master's command."""
-        if not self.missing:
-            self._latched_ns = self.latch_ns
-            if self._code is None and foreign is None:
-                age_ns = now_ns - self.latch_ns
-                if 0 <= age_ns <= LARGEST_AGE_NS:
-                    AXIS_HEADER.pack_into(self._image, self._header, age_ns, 0, 0)
-                    return
+        flags = code = 0
+        if self.missing:
+            flags, self.latch_ns = STALE, min(now_ns, begun_ns + self._should_ns)
         else:
-            self.latch_ns = min(now_ns, begun_ns + self._should_ns)
-        self._accuse(now_ns, foreign)
-
-    def _accuse(self, now_ns: int, foreign: int | None) -> None:
-        """Write a header with flags."""
-        flags, code = (STALE if self.missing else 0), 0
+            self._latched_ns = self.latch_ns
         if self._code is not None:
             flags, code, self._code = flags | EXCEPTION, self._code, None
         if foreign is not None:
             flags, code = flags | FOREIGN, foreign
-        age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, code)
+        age_ns = LARGEST_AGE_NS if self._latched_ns is None else now_ns - self._latched_ns
+        if not 0 <= age_ns <= LARGEST_AGE_NS:
+            age_ns = 0 if age_ns < 0 else LARGEST_AGE_NS
+        AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
 
 
 class Reading:
     """One request of the reading part: its forms, where its registers go, and its times."""
 
     def __init__(
-        self,
-        link: UnitLink,
-        block: Block,
-        times: "Times",
-        image: bytearray,
-        offsets: Mapping[Signal, int],
-        *,
-        latches: bool,
+        self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Offsets, *, latches: bool
     ) -> None:
         """Take the offsets of the unit's signals in the image; `latches` tells that the motion is in this block."""
         self.link, self.block, self.times, self.latches = link, block, times, latches
@@ -161,7 +147,7 @@ class Reading:
         self.writing: tuple[FrameForm, ...] = ()
         """Forms that write each block of the set-point first; none where they have requests of their own."""
         self._image = image
-        self._copies = tuple(_joined(block, offsets))
+        self._copies = _joined(block, offsets)
         self._wide = tuple(
             WideValue(mapped.order is Order.BIG_LOW_WORD_FIRST, start)
             for mapped, (start, end) in zip(block.signals, block.places, strict=True)
@@ -199,9 +185,7 @@ class Reading:
 class TargetReading(Reading):
     """The request that reads back the target torque of a unit, so that one of another master is seen."""
 
-    def __init__(
-        self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Mapping[Signal, int]
-    ) -> None:
+    def __init__(self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Offsets) -> None:
         super().__init__(link, block, times, image, offsets, latches=False)
         self._came = slice(offsets[Signal.ASKED_PERIODS], offsets[Signal.ASKED_PERIODS] + 2)
 
@@ -266,19 +250,16 @@ class WideValue:
         return doubted
 
 
-def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, int, int]]:
-    """Yield the place in the image, and the begin and end in the block, of signals that are neighbours in both."""
-    open_copy: tuple[int, int, int] | None = None
+def _joined(block: Block, offsets: Offsets) -> list[tuple[int, int, int]]:
+    """Return the place in the image, and the begin and end in the block, of signals that are neighbours in both."""
+    copies: list[tuple[int, int, int]] = []
     for mapped, (start, end) in zip(block.signals, block.places, strict=True):
-        place = offsets[mapped.signal]
-        if open_copy is not None and (place - open_copy[0], start) == (open_copy[2] - open_copy[1], open_copy[2]):
-            open_copy = (open_copy[0], open_copy[1], end)
+        place, (first, begin, middle) = offsets[mapped.signal], copies[-1] if copies else (-1, 0, 0)
+        if copies and (place - first, start) == (middle - begin, middle):
+            copies[-1] = (first, begin, end)
         else:
-            if open_copy is not None:
-                yield open_copy
-            open_copy = (place, start, end)
-    if open_copy is not None:
-        yield open_copy
+            copies.append((place, start, end))
+    return copies
 
 
 def times_of(traffic: ModbusTraffic, profile: ModbusProfile, request: RegisterRequest) -> Times:
@@ -287,13 +268,3 @@ def times_of(traffic: ModbusTraffic, profile: ModbusProfile, request: RegisterRe
     executed, answered = line.executed(request, answer_time), line.answer_duration(request)
     whole = executed + answered + line.silence
     return Times(round(1e9 * executed), round(1e9 * answered), round(1e9 * whole))
-
-
-def offsets_of(blocks: tuple[Block, ...], start: int) -> dict[Signal, int]:
-    """Return the offset of each signal of these blocks in an image in which they follow one another from `start`."""
-    offsets = {}
-    for block in blocks:
-        for mapped in block.signals:
-            offsets[mapped.signal] = start
-            start += mapped.type.size
-    return offsets

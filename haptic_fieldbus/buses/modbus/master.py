@@ -29,27 +29,18 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over seria
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 
-from haptic_fieldbus.buses.bus import traffic_of
+from haptic_fieldbus.buses import release
+from haptic_fieldbus.buses.bus import offsets_of, traffic_of
 from haptic_fieldbus.buses.modbus.exchange import Turns, listen
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.link import Reading, StoredSetPoint, TargetReading, UnitLink, offsets_of, times_of
+from haptic_fieldbus.buses.modbus.link import Reading, StoredSetPoint, TargetReading, UnitLink, times_of
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.setup import UnitSetup
 from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK, Transport
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
-from haptic_fieldbus.buses.release import (
-    FAULT_RESET,
-    FAULTS,
-    NO_CODE,
-    BusRelease,
-    DriveRelease,
-    ReleasedBus,
-    check_cleared,
-    other_fault,
-)
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import ENERGISED, PowerTable
@@ -62,7 +53,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest, Transaction, read_back_signals
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest, Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
@@ -80,13 +71,11 @@ Undone = tuple[Register, int]
 """A register, and the value that it held before the run."""
 
 
-@dataclass(frozen=True)
-class _Move:
-    question: Question
-    done: Callable[[Answer], None]
+_Move = tuple[Question, Callable[[Answer], None]]
+"""A request, and what is done with its answer."""
 
 
-class UnitRelease(DriveRelease[Undone]):
+class UnitRelease(release.DriveRelease[Undone]):
     """One drive on its way to zero torque."""
 
     def __init__(self, setup: UnitSetup) -> None:
@@ -122,19 +111,26 @@ class UnitRelease(DriveRelease[Undone]):
 
     def question(self) -> Question:
         """Return the next request; the drive must not be settled."""
-        if not self._to_do:
-            self._to_do = self._undo(*self._undoing[0]) if self.free else self._freeing()
-        return self._to_do[0].question
+        if not self._to_do and self.free:
+            register, before = self._undoing[0]
+            compare = partial(self._compare, before)
+            self._to_do = [(self.unit.writing(register, before), _nothing), (self.unit.reading(register), compare)]
+        elif not self._to_do:
+            self._to_do = [(self._off, _nothing), (self._status, self._judge)]
+            if self._zeros:
+                self._zeros -= 1
+                self._to_do.insert(0, (self._zero, self._zeroed))
+        return self._to_do[0][0]
 
     def take(self, answer: Answer | None) -> None:
         """Take the answer to the last question; without one, and after an exception, the next question follows."""
-        step = self._to_do.pop(0)
+        _, done = self._to_do.pop(0)
         if answer is None and self.free:
             self._to_do = []  # what is put back is read back only after it was written
         elif answer is None:
             return
         elif answer.exception is None:
-            step.done(answer)
+            done(answer)
         elif self.free:
             self._keep(f"exception {answer.exception}")
 
@@ -142,34 +138,21 @@ class UnitRelease(DriveRelease[Undone]):
         """Begin again with zero torque, after the line was reopened."""
         self._to_do, self._zeros = [], MOST_ZEROS
 
-    def _freeing(self) -> list[_Move]:
-        steps = [_Move(self._off, _nothing), _Move(self._status, self._judge)]
-        if self._zeros:
-            self._zeros -= 1
-            steps.insert(0, _Move(self._zero, self._zeroed))
-        return steps
-
     def _zeroed(self, answer: Answer) -> None:
         self._zeros = 0
 
     def _judge(self, answer: Answer) -> None:
         state = self._power.state(from_words(self._profile.power.status, answer.registers, self._order))
-        if not self._asked and state in FAULTS:
-            self.fault, register = NO_CODE, self._profile.power.error
+        if not self._asked and state in release.FAULTS:
+            self.fault, register = release.NO_CODE, self._profile.power.error
             if register is not None:
-                self._to_do.append(_Move(self.unit.reading(register), partial(self._note_fault, register)))
+                self._to_do.append((self.unit.reading(register), partial(self._note_fault, register)))
         self._asked, self.free = True, state not in ENERGISED
 
     def _note_fault(self, register: Register, answer: Answer) -> None:
         self.fault = from_words(register, answer.registers, self._order)
 
-    def _undo(self, register: Register, before: int) -> list[_Move]:
-        return [
-            _Move(self.unit.writing(register, before), _nothing),
-            _Move(self.unit.reading(register), lambda answer: self._compare(answer, before)),
-        ]
-
-    def _compare(self, answer: Answer, before: int) -> None:
+    def _compare(self, before: int, answer: Answer) -> None:
         register, _ = self._undoing[0]
         if from_words(register, answer.registers, self._order) == before:
             self._undoing.pop(0)
@@ -201,7 +184,7 @@ GRACE = 0.05
 """Time from the end of the longest watchdog to the last look [s]."""
 
 
-class LineRelease(BusRelease[UnitRelease]):
+class LineRelease(release.BusRelease[UnitRelease]):
     """The release of all drives of one line."""
 
     def __init__(self, requester: Requester, drives: Sequence[UnitRelease], *, exchange: float, guard: float) -> None:
@@ -300,13 +283,13 @@ class LineRelease(BusRelease[UnitRelease]):
 def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
     """Clear the fault of a drive that lost its master; raises DriveFaultError for another fault, or BusError."""
     status, command = profile.power.status, profile.power.command
-    if power.state(unit.read(status)) not in FAULTS:
+    if power.state(unit.read(status)) not in release.FAULTS:
         return
-    code = NO_CODE if profile.power.error is None else unit.optional(profile.power.error) or NO_CODE
+    code = release.NO_CODE if profile.power.error is None else unit.optional(profile.power.error) or release.NO_CODE
     expected = None if profile.watchdog is None else profile.watchdog.fault
-    if expected is not None and code not in (expected, NO_CODE):
-        raise other_fault(unit.label, f"{code:04X}h")
-    reset = FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
+    if expected is not None and code not in (expected, release.NO_CODE):
+        raise release.other_fault(unit.label, f"{code:04X}h")
+    reset = release.FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
     if reset is None:
         raise DriveFaultError(
             f"{unit.label} is in fault for a lost master, but {profile.title} has no command that resets it "
@@ -314,7 +297,7 @@ def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> 
         )
     for each in (power.off, reset, power.off):
         unit.send(command, each)
-    check_cleared(unit, lambda: power.state(unit.read(status)) not in FAULTS)
+    release.check_cleared(unit, lambda: power.state(unit.read(status)) not in release.FAULTS)
 
 
 UNGUARDED = 1.0
@@ -323,7 +306,7 @@ ANSWER_TIME = 0.01
 """[s]; so long an answer beside the exchange is waited for at least."""
 
 
-class ModbusBus(ReleasedBus[LineRelease]):
+class ModbusBus(release.ReleasedBus[LineRelease]):
     """A Modbus master on any transport; `section` is its bus in the rig."""
 
     def __init__(self, transport: Transport, clock: Clock, section: ModbusSection) -> None:
@@ -365,16 +348,12 @@ class ModbusBus(ReleasedBus[LineRelease]):
 
     def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
         """Prepare all requests and offsets, so that the loop looks nothing up."""
-        axes = tuple(zip(plan.axes, plan.image.axes, strict=True))
         self._setups = tuple(self._setup_of(axis, traffic, plan) for axis in plan.axes)
-        bound = [self._bound(axis, places, traffic, image) for axis, places in axes]
-        self._links = tuple(link for link, _, _ in bound)
-        readings = tuple(reading for _, of_axis, _ in bound for reading in of_axis)
-        targets = tuple(target for _, _, of_axis in bound for target in of_axis)
+        axes = zip(plan.axes, plan.image.axes, strict=True)
+        self._links, of_axes, asked = zip(*(self._bound(*each, traffic, image) for each in axes), strict=True)
+        readings, targets = tuple(chain.from_iterable(of_axes)), tuple(filter(None, asked))
         writes = traffic.way is Transaction.READ_THEN_WRITE
-        self._exchange = Turns(
-            self._requester, readings, image, period_ns=plan.period_ns, writes=writes, targets=targets
-        )
+        self._exchange = Turns(self._requester, readings, targets, image, period_ns=plan.period_ns, writes=writes)
         self._drives = tuple(map(UnitRelease, self._setups))
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
         guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._setups)
@@ -393,43 +372,36 @@ class ModbusBus(ReleasedBus[LineRelease]):
 
     def _bound(
         self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
-    ) -> tuple[UnitLink, list[Reading], list[TargetReading]]:
-        """Return the link to one axis, the requests of its reading part, and those that read its target torque back."""
+    ) -> tuple[UnitLink, list[Reading], TargetReading | None]:
+        """Return the link to one axis, the requests of its reading part, and that which reads its target torque back.
+
+        None: its target torque is not read back.
+        """
         member, of_axis = traffic.member(axis.name), traffic.of(axis.name)
         profile, own = member.profile, member.traffic
-        form, function, start = self._requester.form, profile.line.reading, places.inputs[0]
+        form, function = self._requester.form, profile.line.reading
         set_point = StoredSetPoint(own, profile.line, places.outputs[0])
         link = UnitLink(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
         if set_point.function is not None:
             link.writing = tuple(form(set_point.writing(block)) for block in set_point.blocks)
+        offsets = offsets_of(of_axis.incoming, places.inputs[0])
         readings: list[Reading] = []
         for request, block in ((each, each.read) for each in of_axis.reading):
             if block is None:
                 continue
-            times, offsets = times_of(traffic, profile, request), offsets_of(of_axis.reads, start)
+            times = times_of(traffic, profile, request)
             readings.append(Reading(link, block, times, image, offsets, latches=block.has(own.motion)))
             if function is not None:
                 readings[-1].alone = form(Question(axis.node, function, block.address, block.count))
             if request.write is not None:
                 readings[-1].writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
-        targets: list[TargetReading] = []
-        if (block := of_axis.asked) is not None:
-            function = function or READ_HOLDING
-            times = times_of(traffic, profile, RegisterRequest(function, block))
-            # Its signals are the last ones of the axis.
-            asked, came = read_back_signals(block)
-            end = sum(places.inputs) - came.type.size
-            offsets = {came.signal: end, asked.signal: end - asked.type.size}
-            targets.append(TargetReading(link, block, times, image, offsets))
-            targets[0].alone = form(Question(axis.node, function, block.address, block.count))
-        return link, readings, targets
-
-    def read(self, deadline_ns: int) -> bytearray:
-        """Exchange feedback once and return the input image, by the deadline [ns]; raises BusError when dead."""
-        exchange = self._exchange
-        exchange.prepare(deadline_ns)
-        exchange.begin()
-        return exchange.collect(deadline_ns)
+        if (block := of_axis.asked) is None:
+            return link, readings, None
+        function = function or READ_HOLDING
+        times = times_of(traffic, profile, RegisterRequest(function, block))
+        target = TargetReading(link, block, times, image, offsets)
+        target.alone = form(Question(axis.node, function, block.address, block.count))
+        return link, readings, target
 
     def prepare(self, deadline_ns: int) -> None:
         """Take the answer to the last set-point, until the deadline [ns] at the latest; raises BusError when dead."""
@@ -453,12 +425,11 @@ class ModbusBus(ReleasedBus[LineRelease]):
     @property
     def causes(self) -> dict[str, tuple[LinkFlag, int]]:
         """By axis, the fault that a drive reported while it was freed, unless it is that of having lost us."""
-        found = {}
-        for each, drive in zip(self._setups, self._drives, strict=True):
-            watchdog = each.profile.watchdog
-            if drive.fault and (watchdog is None or drive.fault != watchdog.fault):
-                found[each.axis.name] = (LinkFlag.EMERGENCY, drive.fault)
-        return found
+        return {
+            each.axis.name: (LinkFlag.EMERGENCY, drive.fault)
+            for each, drive in zip(self._setups, self._drives, strict=True)
+            if drive.fault and (each.profile.watchdog is None or drive.fault != each.profile.watchdog.fault)
+        }
 
     def ask(self, axis: str) -> int | None:
         """Read the statusword of an axis; None without an answer in some milliseconds."""

@@ -30,9 +30,8 @@ class Requester:
     """The requests of one line; `echo` says that the adapter returns what is sent."""
 
     def __init__(self, transport: Transport, clock: Clock, *, echo: bool = False) -> None:
-        self.transport = transport
-        self.clock = clock
-        self.echo = echo
+        self.transport, self.name = transport, transport.name
+        self.clock, self.echo = clock, echo
         self.silence_ns = 0
         """Silence that must separate two frames [ns]."""
         self.surprises: Counter[DroppedOctets] = Counter()
@@ -52,10 +51,6 @@ class Requester:
         self._replaced = 0
         """Questions that were replaced by another one before they were answered."""
         self._free_ns = clock.now_ns()
-
-    @property
-    def name(self) -> str:
-        return self.transport.name
 
     def form(self, question: Question) -> FrameForm:
         """Return the form of a question, so that it need not be encoded each time."""

@@ -42,19 +42,16 @@ class UnitSetup:
         """
         self._check_fault()
         known = self._check_identity()
-        refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
-        identity = self._identity(known)
+        refuse_unrest(self.unit, self.profile, self.axis.power)
+        # Modbus itself defines no identity: what there is comes from the registers that the profile names.
+        register = self.profile.serial
+        serial = None if register is None else known_number(self.unit.optional(register), register.type)
+        identity = Identity(known.get("vendor"), known.get("product code"), known.get("revision"), serial)
         self.torque_limits.inspect(identity, self.unit.optional)
-        return DriveFacts(
-            axis=self.axis.name,
-            node=self.unit.id,
-            title=self.profile.title,
-            identity=identity,
-            rated_torque=checked_rated_torque(self.unit, self.profile.title, self.axis, self.profile.torque.rated),
-            link_loss=UNGUARDED if self.watchdog is None else self.watchdog.words,
-            changes=tuple(self.torque_limits.sentences),
-            listened=listened,
-        )
+        title, lost = self.profile.title, UNGUARDED if self.watchdog is None else self.watchdog.words
+        rating = checked_rated_torque(self.unit, title, self.axis, self.profile.torque.rated)
+        changes = tuple(self.torque_limits.sentences)
+        return DriveFacts(self.axis.name, self.unit.id, title, identity, rating, lost, changes, listened)
 
     def configure(self) -> None:
         """Write all registers and read each back; the drive stays off. Raises BusError or ForeignMasterError."""
@@ -63,7 +60,7 @@ class UnitSetup:
                 f"{self.profile.title} has no watchdog (profile: watchdog). It could hold the last torque when the "
                 "cable breaks; refused"
             )
-        refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
+        refuse_unrest(self.unit, self.profile, self.axis.power)
         self.unit.write(self.profile.torque.target, 0)
         for each in self.profile.setup:
             self.unit.ensure(each, each.value)
@@ -79,7 +76,7 @@ class UnitSetup:
 
     def final_writes(self) -> tuple[tuple[Register, int], ...]:
         """Return the entries to write at the end: they switch the watchdog off and restore the former limits."""
-        return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.restoring)
+        return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.before.items())
 
     def _check_fault(self) -> None:
         """Raise DriveFaultError for a drive in fault; the first question, so it also finds a unit that is not there."""
@@ -87,17 +84,17 @@ class UnitSetup:
             state = self.axis.power.state(self.unit.read(self.profile.power.status))
         except BusTimeoutError as error:
             raise BusTimeoutError(f"{error}: {ADVICE[self.unit.requester.transport.serial]}") from error
-        if state not in FAULTS:
-            return
         register = self.profile.power.error
-        code = None if register is None else self.unit.optional(register)
-        raise standing_fault(self.unit.label, state, code, register, "use its own tool")
+        if state in FAULTS:
+            code = None if register is None else self.unit.optional(register)
+            raise standing_fault(self.unit.label, state, code, register, "use its own tool")
 
-    def _check_identity(self) -> dict[str, int]:
-        """Return the values by which the drive tells its model; raises BusConfigurationError for another model."""
-        known = {}
+    def _check_identity(self) -> dict[str, int | None]:
+        """Return the numbers by which the drive tells its model; raises BusConfigurationError for another model."""
+        known: dict[str, int | None] = {}
         for each in self.profile.identity:
-            known[each.name] = value = self.unit.read(each)
+            value = self.unit.read(each)
+            known[each.name] = known_number(value, each.type)
             if each.values and value not in each.values:
                 wanted = " or ".join(f"{code:08X}h" for code in each.values)
                 raise BusConfigurationError(
@@ -106,26 +103,10 @@ class UnitSetup:
                 )
         return known
 
-    def _identity(self, known: dict[str, int]) -> Identity:
-        """Return the identity of the drive from registers that its profile names; Modbus itself defines none."""
-        types, register = {each.name: each.type for each in self.profile.identity}, self.profile.serial
-        vendor, product, revision = (
-            known_number(known[name], types[name]) if name in known else None
-            for name in ("vendor", "product code", "revision")
-        )
-        serial = None if register is None else known_number(self.unit.optional(register), register.type)
-        return Identity(vendor, product, revision, serial)
-
     def _set_mode(self) -> None:
-        mode = self.profile.mode
-        if mode is None:
-            return
-        self.unit.ensure(mode.write, mode.value)
-        display = mode.display
-        if display is not None:
-            poll(
-                self.unit,
-                self.profile.timing.mode_change_timeout,
-                lambda: self.unit.read(display) == mode.value,
-                lambda: f"did not accept mode {mode.value}: {display} is {self.unit.read(display)}",
-            )
+        mode, unit, timeout = self.profile.mode, self.unit, self.profile.timing.mode_change_timeout
+        if mode is not None:
+            unit.ensure(mode.write, mode.value)
+        if mode is not None and (display := mode.display) is not None:
+            wrong = f"did not accept mode {mode.value}: {display} is"
+            poll(unit, timeout, lambda: unit.read(display) == mode.value, lambda: f"{wrong} {unit.read(display)}")

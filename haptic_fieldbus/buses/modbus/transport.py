@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice
-from typing import Any, Protocol
+from typing import Protocol
 
 import serial
 
@@ -102,42 +102,23 @@ class TcpTransport:
     def __init__(self, name: str, address: tuple[str, int], clock: Clock) -> None:
         self.name = name
         self._address = address
-        self._peer: tuple[socket.AddressFamily, Any] | None = None
-        """Family and address of the drive, since the first connection: to look up its name again may take seconds."""
+        """Host and port; by numbers since the first connection, as to look up a name again may take seconds."""
         self._now_ns = clock.now_ns
         self._open(CONNECTING)
 
     def _open(self, seconds: float) -> None:
-        self._socket = self._connected(seconds)
-        self._poll = None
-        if hasattr(select, "poll"):  # Windows has none
-            self._poll = select.poll()
+        try:
+            self._socket = socket.create_connection(self._address, seconds)
+        except (OSError, UnicodeError) as error:
+            raise translate(error, f"cannot connect to {self.name}") from error
+        self._address = self._socket.getpeername()[:2]
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+        self._poll = select.poll() if hasattr(select, "poll") else None  # Windows has none
+        if self._poll is not None:
             self._poll.register(self._socket, select.POLLIN)
         self._unacknowledged = False
         """Whether octets came since the last request."""
-
-    def _connected(self, seconds: float) -> socket.socket:
-        try:
-            connected = self._connection(seconds)
-        except (OSError, UnicodeError) as error:
-            raise translate(error, f"cannot connect to {self.name}") from error
-        self._peer = connected.family, connected.getpeername()
-        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connected.setblocking(False)
-        return connected
-
-    def _connection(self, seconds: float) -> socket.socket:
-        if self._peer is None:
-            return socket.create_connection(self._address, seconds)
-        family, address = self._peer
-        connected = socket.socket(family, socket.SOCK_STREAM)
-        try:
-            connected.settimeout(seconds)
-            connected.connect(address)
-        except OSError:
-            connected.close()
-            raise
-        return connected
 
     def tune(self, baud: int, parity: Parity, stop_bits: int) -> None:
         """Do nothing: a network has its own speed."""

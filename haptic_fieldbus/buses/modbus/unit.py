@@ -53,10 +53,8 @@ class UnitClient:
     """The unit with this id; `label` names it in messages, `section` tells which functions it has."""
 
     def __init__(self, requester: Requester, unit: int, label: str, section: LineSection) -> None:
-        self.id = unit
-        self.label = label
-        self.requester = requester
-        self._section = section
+        self.id, self.label = unit, label
+        self.requester, self._section = requester, section
 
     def now_ns(self) -> int:
         """Return the time of the clock of the line."""
@@ -122,20 +120,17 @@ class UnitClient:
             no_echo(requester)
             if answer is None:
                 requester.quiet(QUIET_NS)
-            elif late:
+                continue
+            if late:
                 requester.quiet(QUIET_NS + late * (self.now_ns() - begun_ns))
-            if answer is not None:
-                return self._accepted(answer, purpose)
+            if answer.exception is None:
+                return answer
+            words = EXCEPTIONS.get(answer.exception, "not in the standard")
+            refusal = f"{self.label} refused {purpose} with exception {answer.exception} ({words})"
+            raise RefusedError(refusal, answer.exception)
         raise BusTimeoutError(
             f"{self.label} does not answer on {requester.name}: {tries} requests {purpose}, {exactly(timeout)} s each"
         )
-
-    def _accepted(self, answer: Answer, purpose: str) -> Answer:
-        code = answer.exception
-        if code is not None:
-            words = EXCEPTIONS.get(code, "not in the standard")
-            raise RefusedError(f"{self.label} refused {purpose} with exception {code} ({words})", code)
-        return answer
 
 
 # The drive's own watch on its master: armed when the exchange begins, and put back when a drive has been freed.

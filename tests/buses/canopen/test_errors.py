@@ -10,7 +10,7 @@ import can
 import canopen
 import pytest
 
-from haptic_fieldbus.buses.canopen.errors import FOREIGN, TABLE, is_queue_full, translate
+from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
 from tests.cases import every
 
@@ -45,8 +45,8 @@ def test_there_are_foreign_exceptions_to_check() -> None:
 
 
 def test_special_rows_stand_above_general_ones() -> None:
-    for at, row in enumerate(TABLE):
-        assert not any(issubclass(row.foreign, above.foreign) for above in TABLE[:at]), row.foreign
+    for at, foreign in enumerate(FOREIGN):
+        assert not issubclass(foreign, FOREIGN[:at]), foreign
 
 
 @every("code", canopen.SdoAbortedError.CODES)
