@@ -4,9 +4,10 @@ Frames come from a wire, simulated or real, and leave through the ports. Everyth
 the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Protocol, assert_never
+from typing import assert_never
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
@@ -18,23 +19,7 @@ from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import AnswerFault, DriveFaultKind, Fault, HostFault, LineFault, kinds_of
 
-# Application of each kind of fault to the simulated slave or to its bus.
-
-
-class Line(Protocol):
-    """The bus and the master's side of it, for faults that are not faults of a drive."""
-
-    def bus_off(self, t_ns: int, until_ns: int) -> None: ...
-
-    def interface_down(self, t_ns: int, until_ns: int) -> None: ...
-
-    def error_frame(self, t_ns: int) -> None: ...
-
-    def disturb(self, fault: faults.Disturbance) -> None: ...
-
-    def foreign_frame(self, can_id: int, data: bytes) -> None: ...
-
-    def host_fault(self, fault: faults.HostFault) -> None: ...
+# Application of each kind of fault to the simulated slave; those of its bus are applied by the bus.
 
 
 def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
@@ -45,9 +30,8 @@ def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
         case faults.WrongIdentity(vendor_id=vendor_id, product_code=product_code):
             for subindex, value in ((1, vendor_id), (2, product_code)):
                 if value is not None:
-                    entry = slave.drive.dictionary.find(0x1018, subindex)
                     # The default changes too, so that a reset of the node does not bring back the right identity.
-                    entry.start_with(value)
+                    slave.drive.dictionary.find(0x1018, subindex).start_with(value)
         case faults.SdoRefusal(object=index, subindex=subindex, code=code):
             slave.node.sdo.refuse[index, subindex] = code
         case faults.DeadGuard(factor=factor):
@@ -85,26 +69,6 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
             inject_drive(fault, slave.drive, plan, t_ns)
 
 
-def inject_line(fault: faults.LineFault | faults.HostFault, line: Line, plan: Plan, t_ns: int) -> None:
-    """Apply a fault of the bus or of the host that happens at `t_ns`."""
-    match fault:
-        case faults.BusOff(duration=duration):
-            line.bus_off(t_ns, until(t_ns, duration))
-        case faults.InterfaceDown(duration=duration):
-            line.interface_down(t_ns, until(t_ns, duration))
-        case faults.ErrorFrame():
-            line.error_frame(t_ns)
-        case faults.ForeignFrame(can_id=can_id, data=data, count=count, interval=interval):
-            line.foreign_frame(can_id, bytes(data))
-            if count > 1:
-                rest = faults.ForeignFrame(fault.kind, fault.at, can_id, data, count - 1, interval)
-                plan(until(t_ns, interval), lambda next_ns: inject_line(rest, line, plan, next_ns))
-        case faults.HostLate() | faults.HostPaused() | faults.ClockStep() | faults.SlowCompute():
-            line.host_fault(fault)
-        case _:
-            line.disturb(fault)
-
-
 KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 """Kinds of faults that a bus and its drives may have."""
 
@@ -112,10 +76,15 @@ KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 class SimulatedDrives(DriveBench):
     """The slaves by node-ID; all times are those of one clock [ns].
 
-    `line` is the simulated bus; None for a real bus, on which no faults can be simulated.
+    `inject_line` applies a fault of the bus or of the host; None for a real bus, on which no faults can be simulated.
     """
 
-    def __init__(self, line: Line | None, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+    def __init__(
+        self,
+        inject_line: Callable[[LineFault | HostFault, int], None] | None,
+        seed: int | str = DEFAULT_SEED,
+        longest: int | None = None,
+    ) -> None:
         super().__init__(seed, longest)
         self.slaves: dict[int, Slave] = {}
         self.attached: list[tuple[Port, Slave]] = []
@@ -123,7 +92,7 @@ class SimulatedDrives(DriveBench):
         """Time of the next timer or planned action; NEVER_NS when there is none."""
         self._timers: list[Operation | Alarms] = []
         """Timers of the slaves, each with a `due_ns` of its own."""
-        self._line = line
+        self._inject_line = inject_line
         self.plan = self.queue.plan
 
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
@@ -187,8 +156,8 @@ class SimulatedDrives(DriveBench):
 
     def _action(self, slave: Slave, fault: TimedFault) -> Action:
         """Return the action of a fault on its drive or on the line."""
-        if isinstance(fault, LineFault | HostFault) and self._line is not None:
-            return partial(inject_line, fault, self._line, self.plan)
+        if isinstance(fault, LineFault | HostFault) and self._inject_line is not None:
+            return partial(self._inject_line, fault)
         if not isinstance(fault, DriveFaultKind):
             raise ValueError(f"drives on CAN do not support the fault {fault.kind}")
         return partial(inject, fault, slave, self.plan)

@@ -17,19 +17,20 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 import can
 
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
-from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.bench import DrivenBus
+from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.bench import DrivenBus, until
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Controller, Disturbances, Frame, Port, Received, Wire, WireStatistics
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, HostFault, LineFault
+from haptic_fieldbus.sim.faults import DriveFaultKind, HostFault, LineFault
 from haptic_fieldbus.sim.simulation import HostClock
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
@@ -225,7 +226,7 @@ class World(DrivenBus):
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
-        self._drives = SimulatedDrives(self, seed, longest)
+        self._drives = SimulatedDrives(self.inject_line, seed, longest)
         super().__init__(self._drives)
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []
@@ -400,37 +401,32 @@ class World(DrivenBus):
         self.run()
         self._drives.let_happen(fault, node, self._now_ns)
 
-    def bus_off(self, t_ns: int, until_ns: int) -> None:
-        """Put the controllers of all programs in bus-off (see `injection.Line`)."""
-        for controller in self._controllers:
-            controller.bus_off(t_ns)
-            if until_ns != NEVER_NS:
-                self._drives.plan(until_ns, controller.restarted)
+    def inject_line(self, fault: LineFault | HostFault, t_ns: int) -> None:
+        """Apply a fault of the bus or of the host that happens at `t_ns`.
 
-    def interface_down(self, t_ns: int, until_ns: int) -> None:
-        """Take the interfaces of all programs down."""
-        for controller in self._controllers:
-            controller.interface_down()
-            if until_ns != NEVER_NS:
-                self._drives.plan(until_ns, controller.interface_up)
-
-    def disturb(self, fault: Disturbance) -> None:
-        """Disturb the next frames of a service."""
-        self._disturbances.add(fault)
-
-    def foreign_frame(self, can_id: int, data: bytes) -> None:
-        """Let another program send a frame."""
-        if self._stranger is None:
-            self._stranger = self._wire.attach(in_order=False)
-        self._stranger.send(Frame(can_id, data))
-
-    def host_fault(self, fault: HostFault) -> None:
-        """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
-        if self.host is None:
-            raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
-        self.host.happen(fault)
-
-    def error_frame(self, t_ns: int) -> None:
-        """Report a disturbed frame on the controllers of all programs."""
-        for controller in self._controllers:
-            controller.error_frame(t_ns)
+        Raises ValueError for one of the host when its clock is not simulated.
+        """
+        match fault:
+            case faults.BusOff(duration=duration):
+                for controller in self._controllers:
+                    controller.bus_off(t_ns)
+                    self._drives.plan(until(t_ns, duration), controller.restarted)
+            case faults.InterfaceDown(duration=duration):
+                for controller in self._controllers:
+                    controller.interface_down()
+                    self._drives.plan(until(t_ns, duration), controller.interface_up)
+            case faults.ErrorFrame():
+                for controller in self._controllers:
+                    controller.error_frame(t_ns)
+            case faults.ForeignFrame(can_id=can_id, data=data, count=count, interval=interval):
+                if self._stranger is None:
+                    self._stranger = self._wire.attach(in_order=False)
+                self._stranger.send(Frame(can_id, bytes(data)))
+                if count > 1:
+                    self._drives.plan(until(t_ns, interval), partial(self.inject_line, replace(fault, count=count - 1)))
+            case faults.HostLate() | faults.HostPaused() | faults.ClockStep() | faults.SlowCompute():
+                if self.host is None:
+                    raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
+                self.host.happen(fault)
+            case _:
+                self._disturbances.add(fault)
