@@ -58,9 +58,9 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
         case faults.MissingTpdos(count=count):
             slave.node.process.skip_tpdos += count
         case faults.MissingRpdos(count=count):
-            slave.node.lose_rpdos(count)
+            slave.node.lose(slave.node.process.lost_rpdos, count)
         case faults.SyncIgnored(count=count):
-            slave.node.lose_syncs(count)
+            slave.node.lose(slave.node.process.lost_syncs, count)
         case faults.HeartbeatLost():
             slave.node.heartbeat_enabled = False
         case faults.DuplicateNode():

@@ -10,6 +10,7 @@ a parameter or the state changes.
 Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
@@ -17,6 +18,7 @@ from typing import TypeVar
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.eds_values import number_of, velocity_unit
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
@@ -28,7 +30,7 @@ from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, Alarms, Han
 from haptic_fieldbus.sim.canopen.services.communication import BitTiming, NodeObjects, Storage, TimeConsumer
 from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, REQUEST_ID, UNCONFIGURED, LssSlave
 from haptic_fieldbus.sim.canopen.services.nmt import DRIVE, HEARTBEAT_ID
-from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
+from haptic_fieldbus.sim.canopen.services.process import Losses, ProcessData
 from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
@@ -49,7 +51,7 @@ class Node:
         self,
         number: int,
         dictionary: Dictionary,
-        application: Application,
+        drive: Drive,
         send: Callable[[Frame], None],
         options: NodeOptions,
     ) -> None:
@@ -62,7 +64,7 @@ class Node:
         """False: the node sends no heartbeats, regardless of 1017h, and answers no node guarding."""
         self.dictionary = dictionary
         self.sdo = SdoServer(dictionary)
-        self._application = application
+        self._drive = drive
         self._send = send
         self._options = options
         self.alarms = alarms = Alarms()
@@ -83,7 +85,7 @@ class Node:
             self._objects.identity, number, BIT_RATES[0], self._reset_communication, self._bit_timing.activate
         )
         self.process = ProcessData(
-            dictionary, application, self.emergencies, self._emit, self._route, alarms,
+            dictionary, drive, self.emergencies, self._emit, self._route, alarms,
             options.rpdos, options.tpdos, options.acts_at_sync,
         )  # fmt: skip
 
@@ -124,9 +126,9 @@ class Node:
         # 6007h makes no difference: the power-on state has no torque and no fault.
         self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
 
-    def lose_rpdos(self, count: int | None) -> None:
-        """Lose the next `count` RPDOs inside the node (a fault), None: all of them."""
-        self.process.lose_rpdos(count)
+    def lose(self, frames: Losses, count: int | None) -> None:
+        """Lose the next `count` of these frames inside the node (a fault), None: all of them."""
+        frames.left = math.inf if count is None else count
         self._route()
 
     def slow_guards(self, factor: float | None) -> None:
@@ -134,15 +136,10 @@ class Node:
         for watch in (*self.consumers.watches, self._guarding):
             watch.factor = factor
 
-    def lose_syncs(self, count: int | None) -> None:
-        """Lose the next `count` SYNC messages inside the node (a fault), None: all of them."""
-        self.process.lose_syncs(count)
-        self._route()
-
     # States.
 
     def _reset_communication(self) -> None:
-        self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
+        self._drive.link_lost(nmt.DISCONNECTED, self.now_ns)
         self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
 
     def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
@@ -166,7 +163,7 @@ class Node:
         self.emergencies.restart(power_on=power_on)
         if power_on:
             self.time.forget()
-            self._application.restart(t_ns)
+            self._drive.restart(t_ns)
         self._boot_alarm.at(NEVER_NS if boot_ns is None else boot_ns)
         # Last, when all parameters have their power-on values.
         self.process.compile()
@@ -185,7 +182,7 @@ class Node:
             return
         if state is nmt.NmtState.STOPPED:
             # Before the state is entered, in which no emergency is sent.
-            self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
+            self._drive.link_lost(nmt.DISCONNECTED, self.now_ns)
         self.state = state
         if state is nmt.NmtState.OPERATIONAL:
             self.process.start(self.now_ns)
@@ -238,7 +235,7 @@ class Node:
             self._reset_communication()
 
     def _sdo(self, data: bytes, t_ns: int) -> None:
-        self._application.measure(t_ns)
+        self._drive.measure(t_ns)
         self._respond(self.sdo.request(data))
         if self.sdo.busy:
             self._sdo_alarm.at(t_ns + TIMEOUT_NS)
@@ -264,7 +261,7 @@ class Node:
     def _link_lost(self, t_ns: int) -> None:
         """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
         self.emergencies.raise_error(nmt.HEARTBEAT_LOST)
-        self._application.link_lost(nmt.HEARTBEAT_LOST, t_ns)
+        self._drive.link_lost(nmt.HEARTBEAT_LOST, t_ns)
         self._enter(nmt.AFTER_ERROR.get((self._objects.behaviour.value, self.state), self.state))
 
     def _link_back(self) -> None:
@@ -309,13 +306,15 @@ Named = TypeVar("Named", OptionCode, MappedObject)
 def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
     """Return the profile and the settings with the quirks of the profile applied, to build the drive from."""
     quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
+    eds = profile.eds if isinstance(profile, EdsProfile) else None
+    not_in_file = (index for index in _APPLICATION if eds is not None and index not in eds)
     absent = frozenset(quirks.absent)
     boot_ns = round(quirks.boot_time * _NS)
     settings = replace(
         settings,
-        without=settings.without | absent | _not_in_file(profile),
-        modes=_modes(profile) if settings.modes is None else settings.modes,
-        velocity_unit=_velocity_unit(profile),
+        without=settings.without | absent | frozenset(not_in_file),
+        modes=_modes(profile, eds) if settings.modes is None else settings.modes,
+        velocity_unit=velocity_unit(eds) if eds is not None and number_of(eds, 0x60A9) is not None else None,
         mode_change_ns=max(settings.mode_change_ns, round(quirks.mode_change_time * _NS)),
         start_delay_ns=settings.start_delay_ns + boot_ns,
         reset_ns=settings.reset_ns + boot_ns,
@@ -349,9 +348,7 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
         if value is not None and index in dictionary:
             dictionary.find(index).start_with(value)
-    for entry in dictionary:
-        if entry.subindex != 1 or entry.index not in _PDO_COMMUNICATION:
-            continue
+    for entry in (each for each in dictionary if each.subindex == 1 and each.index in _PDO_COMMUNICATION):
         if quirks.cob_ids_missing:
             entry.start_with(INVALID)
             # Without an identifier there is no node-ID in the value that a new node-ID could change.
@@ -361,32 +358,18 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     return notes
 
 
-def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
-    """Return the objects of CiA 402-2 that a vendor's file does not have; empty for a profile without such a file."""
-    if not isinstance(profile, EdsProfile):
-        return frozenset()
-    return frozenset(index for index in _APPLICATION if index not in profile.eds)
-
-
-def _velocity_unit(profile: CanopenProfile) -> str | None:
-    """Return the unit of 60A9h in a vendor's file; None if the file names no known unit."""
-    if not isinstance(profile, EdsProfile) or number_of(profile.eds, 0x60A9) is None:
-        return None
-    return velocity_unit(profile.eds)
-
-
-def _modes(profile: CanopenProfile) -> frozenset[int] | None:
+def _modes(profile: CanopenProfile, eds: Eds | None) -> frozenset[int] | None:
     """Return the modes of operation of the profile, otherwise of a vendor's file; None without either.
 
     If the file gives no value of 6502h, a mode exists if its target object exists.
     """
     if profile.simulation.modes is not None:
         return frozenset(profile.simulation.modes)
-    if not isinstance(profile, EdsProfile):
+    if eds is None:
         return None
-    value = number_of(profile.eds, 0x6502)
+    value = number_of(eds, 0x6502)
     if not value:
-        return frozenset(mode for mode, target in _TARGETS.items() if target in profile.eds)
+        return frozenset(mode for mode, target in _TARGETS.items() if target in eds)
     return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)
 
 

@@ -6,16 +6,7 @@ from functools import partial
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim.canopen.services.basics import ID, NO_RTR, Alarms, move_refused
-from haptic_fieldbus.sim.drive.dictionary import (
-    AbortCode,
-    Access,
-    AccessRefused,
-    Dictionary,
-    Entry,
-    Mappable,
-    one_of,
-    only_if,
-)
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, one_of, only_if
 
 # Manufacturer-specific objects of the simulated drive: memory for the user's data.
 #
@@ -119,6 +110,7 @@ _PRODUCED = NO_RTR
 _OCTETS = 6
 _DAY_MS = 24 * 60 * 60 * 1000
 _MS = 1_000_000
+_accept_consumer = only_if(lambda value: not value & _PRODUCED)
 
 
 class TimeConsumer:
@@ -161,8 +153,7 @@ class TimeConsumer:
         self._set_ns = None
 
     def _accept_cob_id(self, value: int) -> None:
-        if value & _PRODUCED:
-            raise AccessRefused(AbortCode.INVALID_VALUE)
+        _accept_consumer(value)
         self._accept_move(value)
 
 

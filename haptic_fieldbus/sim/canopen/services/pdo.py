@@ -77,11 +77,6 @@ class Pdo:
         self.synchronous = False
         self._compile()
 
-    @property
-    def size(self) -> int:
-        """Return the octets of the mapped objects."""
-        return self.packing.size
-
     def compile(self) -> None:
         """Take over the parameters of the dictionary."""
         self._compile()
@@ -175,7 +170,7 @@ class Rpdo(Pdo):
         return self._event_timer.value * MS
 
     def apply(self, data: bytes) -> None:
-        """Write the mapped entries; `data` holds at least `size` octets."""
+        """Write the mapped entries; `data` holds at least the octets of all of them."""
         for entry, value in zip(self.mapped, self.packing.unpack_from(data), strict=True):
             entry.value = value
 

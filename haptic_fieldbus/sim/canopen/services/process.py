@@ -6,9 +6,8 @@ after SYNC are dropped. Event-driven TPDOs are checked every `event_period_ns`. 
 parameter changes: an RPDO gets only the receiver that its parameters need.
 """
 
-import math
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
@@ -16,6 +15,7 @@ from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handler, is_restricted
 from haptic_fieldbus.sim.canopen.services.nmt import PDO_TOO_LONG, PDO_TOO_SHORT, RPDO_TIMEOUT, SYNC_LENGTH, Emergencies
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
+from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, only_if
 
 # Deadlines of RPDOs: their event timers (1400h:05).
@@ -66,11 +66,8 @@ class Deadline:
 
     def check(self) -> None:
         """Disarm when the parameters have changed, and when the RPDO is not received any more."""
-        parameters = (self._rpdo.can_id, self._rpdo.deadline_ns)
-        if not self._rpdo.valid:
-            self.disarm()
-        elif parameters != self._parameters:
-            self._parameters = parameters
+        before, self._parameters = self._parameters, (self._rpdo.can_id, self._rpdo.deadline_ns)
+        if not self._rpdo.valid or self._parameters != before:
             self.disarm()
 
     def _rings(self, t_ns: int) -> None:
@@ -133,28 +130,22 @@ def _is_sync_id(value: int) -> bool:
     return not value & ~ID and not is_restricted(value)
 
 
-class Application(Protocol):
-    """The part of the drive that the CANopen half uses."""
+@dataclass
+class Losses:
+    """The frames of a kind that are lost inside the node (a fault), as a count of those to come; inf: all of them."""
 
-    event_period_ns: int
+    left: float = 0.0
 
-    def sync(self, t_ns: int) -> None:
-        """Latch the measured entries at the end of a SYNC."""
+    def before(self, receive: Handler) -> Handler:
+        """Return a receiver that drops the frames to be lost, `receive` itself when there are none."""
 
-    def measure(self, t_ns: int) -> None:
-        """Bring the measured entries up to date."""
+        def lose(data: bytes, t_ns: int) -> None:
+            if self.left:
+                self.left -= 1
+            else:
+                receive(data, t_ns)
 
-    def act(self, t_ns: int) -> None:
-        """Act on received entries."""
-
-    def link_lost(self, code: int, t_ns: int) -> None:
-        """Handle an event of 6007h: heartbeat, life guarding or RPDO deadline missed, or the link ended by the master.
-
-        `code` is its error code.
-        """
-
-    def restart(self, t_ns: int) -> None:
-        """Return to the power-on state."""
+        return lose if self.left else receive
 
 
 class ProcessData:
@@ -163,7 +154,7 @@ class ProcessData:
     def __init__(
         self,
         dictionary: Dictionary,
-        application: Application,
+        drive: Drive,
         emergencies: Emergencies,
         send: Callable[[Frame], None],
         changed: Callable[[], None],
@@ -175,9 +166,9 @@ class ProcessData:
         """Create the PDOs; with `acts_at_sync` even event-driven RPDOs wait for the next SYNC."""
         self.skip_tpdos = 0
         """Number of following TPDOs that are lost inside the node (a fault)."""
-        self._lost_rpdos = self._lost_syncs = 0.0
+        self.lost_rpdos, self.lost_syncs = Losses(), Losses()
         self.objects = SyncObjects(dictionary, changed)
-        self._application = application
+        self._drive = drive
         self._emergencies = emergencies
         self._send = send
         self._acts_at_sync = acts_at_sync
@@ -193,14 +184,6 @@ class ProcessData:
         self._sync_octets = 0
         self._window_ns = 0
         self._window_end_ns = NEVER_NS
-
-    def lose_rpdos(self, count: int | None) -> None:
-        """Lose the next `count` RPDOs (a fault), None: all of them; `route` makes it act."""
-        self._lost_rpdos = math.inf if count is None else count
-
-    def lose_syncs(self, count: int | None) -> None:
-        """Lose the next `count` SYNC messages (a fault), None: all of them; `route` makes it act."""
-        self._lost_syncs = math.inf if count is None else count
 
     def compile(self) -> None:
         """Take over the parameters of all PDOs, as after a reset."""
@@ -233,7 +216,7 @@ class ProcessData:
         for deadline in self._deadlines.values():
             deadline.check()
         handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
-        handlers[self.objects.can_id] = self._deaf if self._lost_syncs else self.sync
+        handlers[self.objects.can_id] = self.lost_syncs.before(self.sync)
         return handlers
 
     @property
@@ -253,7 +236,7 @@ class ProcessData:
         # Asked first, because it is one comparison in a period without errors.
         if self._emergencies.monitored:
             self._emergencies.clear(SYNC_LENGTH)
-        self._application.sync(t_ns)
+        self._drive.sync(t_ns)
         if self._window_ns:
             self._window_end_ns = t_ns + self._window_ns
         counter = data[0] if data else 0
@@ -266,12 +249,12 @@ class ProcessData:
             for rpdo, received in self._waiting.items():
                 rpdo.apply(received)
             self._waiting.clear()
-            self._application.act(t_ns)
+            self._drive.act(t_ns)
 
     def poll(self, t_ns: int) -> None:
         """Check the event-driven TPDOs."""
-        self._poll.at(t_ns + self._application.event_period_ns)
-        self._application.measure(t_ns)
+        self._poll.at(t_ns + self._drive.event_period_ns)
+        self._drive.measure(t_ns)
         for tpdo in self._at_event:
             octets = tpdo.at_event(t_ns)
             if octets is not None:
@@ -281,15 +264,13 @@ class ProcessData:
         receive = self._holder(rpdo) if rpdo.synchronous or self._acts_at_sync else self._actor(rpdo)
         if rpdo.deadline_ns:
             if rpdo not in self._deadlines:
-                lost = self._application.link_lost
-                self._deadlines[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, lost)
+                self._deadlines[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, self._drive.link_lost)
             receive = self._deadlines[rpdo].timed(receive)
-        receive = self._measured(rpdo, receive)
-        return self._loser(receive) if self._lost_rpdos else receive
+        return self.lost_rpdos.before(self._measured(rpdo, receive))
 
     def _measured(self, rpdo: Rpdo, receive: Handler) -> Handler:
         """Return a receiver that checks the length: any but the mapped one is an error, a shorter frame is dropped."""
-        size, emergencies = rpdo.size, self._emergencies
+        size, emergencies = rpdo.packing.size, self._emergencies
 
         def measured(data: bytes, t_ns: int) -> None:
             if len(data) != size:
@@ -303,24 +284,6 @@ class ProcessData:
 
         return measured
 
-    def _loser(self, receive: Handler) -> Handler:
-        """Return a receiver that drops the frames to be lost."""
-
-        def lose(data: bytes, t_ns: int) -> None:
-            if self._lost_rpdos:
-                self._lost_rpdos -= 1
-            else:
-                receive(data, t_ns)
-
-        return lose
-
-    def _deaf(self, data: bytes, t_ns: int) -> None:
-        """Drop the SYNC messages that are to be lost."""
-        if self._lost_syncs:
-            self._lost_syncs -= 1
-        else:
-            self.sync(data, t_ns)
-
     def _holder(self, rpdo: Rpdo) -> Handler:
         def hold(data: bytes, t_ns: int) -> None:
             if not self._window_ns or t_ns <= self._window_end_ns:
@@ -329,7 +292,7 @@ class ProcessData:
         return hold
 
     def _actor(self, rpdo: Rpdo) -> Handler:
-        apply, act = rpdo.apply, self._application.act
+        apply, act = rpdo.apply, self._drive.act
 
         def receive(data: bytes, t_ns: int) -> None:
             apply(data)
@@ -339,7 +302,7 @@ class ProcessData:
 
     def _requested(self, tpdo: Tpdo) -> Callable[[int], None]:
         def requested(t_ns: int) -> None:
-            octets = tpdo.at_request(lambda: self._application.measure(t_ns))
+            octets = tpdo.at_request(lambda: self._drive.measure(t_ns))
             if octets is not None:
                 self._send_pdo(tpdo, octets)
 
