@@ -20,7 +20,6 @@ from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.settings import DriveSettings, drawn_settings
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
@@ -141,17 +140,18 @@ class FaultSchedule:
 # Faults of a drive on any bus (encoder, current loop, safe torque off), and faults of the hand.
 
 
-def faulty_hand(hand: Hand | None, these: Iterable[faults.Fault]) -> Hand | None:
-    """Return the hand with the releases and hits of these faults; None stays None."""
+def with_faulty_hand(slot: DriveOnBus) -> DriveOnBus:
+    """Return the place of a drive whose hand, if it has one, releases and hits as its faults tell."""
+    hand = slot.hand
     if hand is None:
-        return None
-    for fault in these:
+        return slot
+    for fault in faults.faults_of(slot.faults, slot.node):
         match fault:
             case faults.HandRelease(at=at):
                 hand = hand.letting_go(at)
             case faults.HandHit(at=at, force=force, duration=duration):
                 hand = hand.hitting(at, force, duration)
-    return hand
+    return replace(slot, hand=hand)
 
 
 def inject_drive(fault: faults.DriveFaultKind, drive: Drive, plan: Plan, t_ns: int) -> None:
@@ -201,10 +201,10 @@ class DriveBench:
         self.by_node: dict[int, Drive] = {}
         """Each drive by its number on the bus."""
 
-    def drawn(self, slot: DriveOnBus) -> tuple[DriveSettings, Hand | None]:
-        """Return the settings of a drive, as drawn from the seed, and the hand on its handle with its faults."""
-        settings = replace(drawn_settings(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
-        return settings, faulty_hand(slot.hand, faults.faults_of(slot.faults, slot.node))
+    def drawn(self, slot: DriveOnBus) -> DriveSettings:
+        """Return the settings of a drive, as drawn from the seed."""
+        drawn = drawn_settings(self._seed, slot.node)
+        return replace(drawn, position=slot.position, velocity=slot.velocity, led=slot.led)
 
     def follow(
         self,

@@ -5,13 +5,12 @@ the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import assert_never
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until
+from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
 from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.canopen.services.basics import Alarms
 from haptic_fieldbus.sim.canopen.slave import Slave
@@ -98,9 +97,7 @@ class SimulatedDrives(DriveBench):
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
-        settings, hand = self.drawn(slot)
-        settings = replace(settings, led=slot.led)
-        slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
+        slave = Slave(with_faulty_hand(slot), port.send, self.drawn(slot), t_ns)
         install, action = partial(install_fault, slave=slave), partial(self._action, slave)
         self.follow(slave.drive, slot, LineFault | HostFault, install, action)
         self.slaves[slot.node] = slave

@@ -250,7 +250,7 @@ def _octets(described: EdsEntry, access: Access, value: int | float | str | byte
     room = {None: UNKNOWN_OCTETS, EdsType.DOMAIN: DOMAIN_OCTETS}.get(described.type, STRING_OCTETS)
     accept = None if size is None else one_of((size,), AbortCode.TOO_SHORT)
     return Entry(described.index, described.subindex, None, access=access, text=_initial(described, value, size),
-                 capacity=size or room, accept=accept)  # fmt: skip
+                 limits=(0, size or room), accept=accept)  # fmt: skip
 
 
 def _initial(described: EdsEntry, value: int | float | str | bytes | None, size: int | None) -> bytes:
@@ -388,7 +388,14 @@ def _stored(index: int, subindex: int, described: SimulatedObject, node: int) ->
     """Return an entry that only stores its value; without a type it stores octets."""
     access = described.access or "ro"
     ways = _ways(access, described.mappable)
-    entry = Entry(index, subindex, described.type, access=ACCESS[access], mappable=ways, capacity=OCTETS)
+    entry = Entry(
+        index,
+        subindex,
+        described.type,
+        access=ACCESS[access],
+        mappable=ways,
+        limits=(0, OCTETS) if described.type is None else None,
+    )
     _set_limits(entry, described)
     _set_value(entry, described.value if described.value is not None else max(entry.low, min(entry.high, 0)), node)
     return entry

@@ -16,8 +16,6 @@ from dataclasses import replace
 from typing import TypeVar
 
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
-from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.eds_values import number_of, velocity_unit
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
@@ -35,7 +33,7 @@ from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.settings import DriveSettings
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 SDO_RESPONSE_ID = 0x580
 SDO_REQUEST_ID = 0x600
@@ -47,14 +45,7 @@ _EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
 class Node:
     """One CANopen slave."""
 
-    def __init__(
-        self,
-        number: int,
-        dictionary: Dictionary,
-        drive: Drive,
-        send: Callable[[Frame], None],
-        options: NodeOptions,
-    ) -> None:
+    def __init__(self, number: int, drive: Drive, send: Callable[[Frame], None], options: NodeOptions) -> None:
         self.number = number
         self.state = nmt.NmtState.INITIALISING
         self.handlers: dict[int, Handler] = {}
@@ -62,7 +53,7 @@ class Node:
         self.now_ns = 0
         self.heartbeat_enabled = True
         """False: the node sends no heartbeats, regardless of 1017h, and answers no node guarding."""
-        self.dictionary = dictionary
+        self.dictionary = dictionary = drive.dictionary
         self.sdo = SdoServer(dictionary)
         self._drive = drive
         self._send = send
@@ -85,7 +76,7 @@ class Node:
             self._objects.identity, number, BIT_RATES[0], self._reset_communication, self._bit_timing.activate
         )
         self.process = ProcessData(
-            dictionary, drive, self.emergencies, self._emit, self._route, alarms,
+            drive, self.emergencies, self._emit, self._route, alarms,
             options.rpdos, options.tpdos, options.acts_at_sync,
         )  # fmt: skip
 
@@ -377,26 +368,18 @@ class Slave:
     """A drive joined to its node; it is the `DriveLink` of the drive."""
 
     def __init__(
-        self,
-        number: int,
-        profile: DriveProfile,
-        axis: RigAxis,
-        send: Callable[[Frame], None],
-        hand: Hand | None = None,
-        settings: DriveSettings | None = None,
-        t_ns: int = 0,
+        self, slot: DriveOnBus, send: Callable[[Frame], None], settings: DriveSettings | None = None, t_ns: int = 0
     ) -> None:
         """Build the slave at `t_ns`, without voltage yet."""
-        model, settings = with_quirks(canopen_profile(profile), settings or DriveSettings())
+        model, settings = with_quirks(canopen_profile(slot.profile), settings or DriveSettings())
         self.silent_until_ns = 0
         """Until this time no frame is sent or received."""
         self._frames = send
-        self.drive = Drive(model, axis, self, hand, settings, t_ns)
-        dictionary = self.drive.dictionary
-        self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
-        self.not_taken_over = install_quirks(dictionary, model, number)
-        self.drive.units.follow()
+        self.drive = Drive(model, slot, self, settings, t_ns)
+        self.node = Node(slot.node, self.drive, self._send, node_options(slot.node, model, settings))
+        self.not_taken_over = install_quirks(self.drive.dictionary, model, slot.node)
         """Notes on the parts of a vendor's file that this drive cannot take over."""
+        self.drive.units.follow()
 
     def duplicate(self) -> None:
         """Let a second node with the same node-ID join: every frame is sent twice from now on."""

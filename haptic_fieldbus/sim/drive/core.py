@@ -16,11 +16,11 @@ informed of errors (`DriveLink`).
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
-from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.modes import build_modes
@@ -39,7 +39,7 @@ from haptic_fieldbus.sim.drive.settings import (
     object_defaults,
 )
 from haptic_fieldbus.sim.drive.stage import NO_RAMP, Stage
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 # Slowing down by the motor, for quick stop, halt, fault reaction, *shutdown* and *disable operation*.
 #
@@ -103,37 +103,34 @@ class Brake:
 HALT = 0x0100
 
 
+@dataclass(eq=False)
 class Operation:
-    """Owner of the active mode, or of the stop that replaces it; times [ns]."""
+    """Owner of the active mode, or of the stop that replaces it; times [ns]. It starts in mode 0."""
 
-    def __init__(
-        self,
-        stage: Stage,
-        objects: Objects,
-        modes: dict[int, Mode],
-        tick_ns: int,
-        mode_change_ns: int,
-        show: Callable[[], None],
-    ) -> None:
-        """Start in mode 0; `show` is called when `status` has changed."""
-        self.due_ns = NEVER_NS
-        """Time of the next tick or mode change; NEVER_NS when there is none."""
-        self.status = 0
-        """Bits of the statusword that belong to the mode or the stop."""
-        self._stage = stage
-        self._modes = modes
-        self._requested, self._display = objects.mode, objects.mode_display
-        self._halt_option = objects.row(0x605D)
-        self._ramps = {SlowDown.SLOW_DOWN_RAMP: objects.row(0x6084), SlowDown.QUICK_STOP_RAMP: objects.row(0x6085)}
-        self._period_ns, self._change_time_ns = tick_ns, mode_change_ns
-        self._show = show
-        self._mode = modes[NO_MODE]
-        self._enabled = False
-        self._halted = False
-        self._brake: Brake | None = None
-        self._done: Callable[[int], None] | None = None
-        self._tick_ns = self._change_ns = NEVER_NS
-        self._change_to = NO_MODE
+    _stage: Stage
+    _objects: Objects
+    _modes: dict[int, Mode]
+    _period_ns: int
+    _change_time_ns: int
+    _show: Callable[[], None]
+    """Called when `status` has changed."""
+    due_ns: int = NEVER_NS
+    """Time of the next tick or mode change; NEVER_NS when there is none."""
+    status: int = 0
+    """Bits of the statusword that belong to the mode or the stop."""
+    _enabled: bool = False
+    _halted: bool = False
+    _brake: Brake | None = None
+    _done: Callable[[int], None] | None = None
+    _tick_ns: int = NEVER_NS
+    _change_ns: int = NEVER_NS
+    _change_to: int = NO_MODE
+
+    def __post_init__(self) -> None:
+        self._mode = self._modes[NO_MODE]
+        self._requested, self._display, row = self._objects.mode, self._objects.mode_display, self._objects.row
+        self._halt_option = row(0x605D)
+        self._ramps = {SlowDown.SLOW_DOWN_RAMP: row(0x6084), SlowDown.QUICK_STOP_RAMP: row(0x6085)}
 
     # Commands of the automaton.
 
@@ -309,15 +306,10 @@ class Drive:
     """One drive with its motor, load and hand."""
 
     def __init__(
-        self,
-        profile: Cia402Profile,
-        axis: RigAxis,
-        link: DriveLink,
-        hand: Hand | None,
-        settings: DriveSettings,
-        t_ns: int = 0,
+        self, profile: Cia402Profile, slot: DriveOnBus, link: DriveLink, settings: DriveSettings, t_ns: int
     ) -> None:
-        """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on."""
+        """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on, `profile` that of its objects."""
+        axis = slot.axis
         self.settings = settings
         self.on_enabled: Callable[[int], None] = lambda _t_ns: None
         """Called with the time of each *operation enabled*."""
@@ -333,7 +325,7 @@ class Drive:
         )  # fmt: skip
         times = build_timing(profile, settings)
         self.event_period_ns = times.control_period_ns or _SLOWEST_TICK_NS
-        self.plant = build_plant(profile, axis, hand, settings, t_ns)
+        self.plant = build_plant(profile, axis, slot.hand, settings, t_ns)
         self.servo = Servo(
             self.plant, counts_per_revolution=as_built(axis).encoder_counts_per_revolution,
             timing=times, phase=settings.encoder_phase,

@@ -13,7 +13,7 @@ from typing import Protocol
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until
+from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
 from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.unit import Unit, Watchdog
@@ -124,8 +124,7 @@ class SimulatedUnits(DriveBench):
         """Power a drive on; raises ValueError when its unit id is taken."""
         if slot.node in self.units:
             raise ValueError(f"unit {slot.node} is on this line already")
-        settings, hand = self.drawn(slot)
-        unit = Unit(slot.node, slot.profile, slot.axis, hand, settings, t_ns)
+        unit = Unit(with_faulty_hand(slot), self.drawn(slot), t_ns)
         install, action = partial(_install, unit=unit), partial(self._action, unit)
         self.follow(unit.drive, slot, faults.ConnectionReset | faults.HostFault, install, action)
         unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)

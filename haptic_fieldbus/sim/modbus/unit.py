@@ -11,7 +11,6 @@ from fractions import Fraction
 from haptic_fieldbus.drive import cia402
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerRow, PowerState
-from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS, RigAxis
 from haptic_fieldbus.protocols.modbus.profile import (
     ModbusProfile,
@@ -26,7 +25,7 @@ from haptic_fieldbus.sim.drive.dictionary import Access, Entry, one_of
 from haptic_fieldbus.sim.drive.objects import DISABLE
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive.settings import DriveSettings, steps_of_position
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
 
 # The drive inside: a drive with the objects of CiA 402 that stands behind the registers of a Modbus profile.
@@ -183,18 +182,10 @@ _OBJECTS = (0x1000, 0xFFFF)
 class Unit:
     """One drive under a unit id; it is the `DriveLink` of the drive."""
 
-    def __init__(
-        self,
-        number: int,
-        profile: DriveProfile,
-        axis: RigAxis,
-        hand: Hand | None = None,
-        settings: DriveSettings | None = None,
-        t_ns: int = 0,
-    ) -> None:
+    def __init__(self, slot: DriveOnBus, settings: DriveSettings | None = None, t_ns: int = 0) -> None:
         """Build the drive at `t_ns`, without voltage yet; `power_on` follows."""
-        self.number = number
-        self.profile: ModbusProfile = modbus_profile(profile)
+        self.number = slot.node
+        self.profile: ModbusProfile = modbus_profile(slot.profile)
         self.functions = self.profile.line.functions
         """Functions that the drive understands."""
         self.answer_ns = round(self.profile.line.answer_time * 1e9)
@@ -204,14 +195,14 @@ class Unit:
         self.causes: set[object] = set()
         """Causes of faults that last."""
         settings = replace(settings or DriveSettings(), full_scale=self.profile.torque.full_scale)
-        self.drive = Drive(inner_profile(self.profile), axis, self, hand, settings, t_ns)
+        self.drive = Drive(inner_profile(self.profile), slot, self, settings, t_ns)
         self.registers = Registers(self.profile.line)
         self.identity: list[Entry] = []
         self._kept: list[Entry] = []
         """Entries without an object."""
         self._now_ns = t_ns
         self._lost_master = 0
-        self._scale_position(axis)
+        self._scale_position(slot.axis)
         self._power_registers = self._add_power()
         self.watchdog = self._add_watchdog()
         self.timers: tuple[Operation | Watchdog, ...] = (self.drive.operation, self.watchdog)
@@ -308,8 +299,7 @@ class Unit:
             return
         steps = Fraction(steps_of_position(position.actual.unit, axis)).limit_denominator(1_000_000)
         for subindex, value in ((1, steps.numerator), (2, steps.denominator)):
-            entry = table[0x6092, subindex]
-            entry.start_with(value)
+            table[0x6092, subindex].start_with(value)
         self.drive.units.update()
 
     def _add_power(self) -> PowerRegisters | None:

@@ -3,6 +3,7 @@
 from haptic_fieldbus.sim.drive.core import FOLLOWING_ERROR, Drive
 from haptic_fieldbus.sim.drive.power import STATUS_BITS, State
 from haptic_fieldbus.sim.drive.settings import DriveSettings
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.sim.bench import MS, axis, profile
 
 TORQUE_MODE, SHUTDOWN, SWITCH_ON, ENABLE, RESET = 10, 0x06, 0x07, 0x0F, 0x80
@@ -15,7 +16,7 @@ class Told:
     def __init__(self) -> None:
         self.errors: list[tuple[int | None, int]] = []
         self.persisting = False
-        self.drive = Drive(profile(), axis(), self, None, DriveSettings())
+        self.drive = Drive(profile(), DriveOnBus(1, profile(), axis()), self, DriveSettings(), 0)
         self.drive.restart(0)
 
     def error(self, code: int, t_ns: int) -> None:

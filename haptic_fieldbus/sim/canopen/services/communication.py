@@ -24,7 +24,7 @@ _ERASE = int.from_bytes(b"eras", "little")
 
 def add_user_data_memory(dictionary: Dictionary) -> None:
     """Add both blocks, empty, and the command that empties them."""
-    blocks = [Entry(USER_DATA_MEMORY, subindex, None, access=Access.RW, capacity=BLOCK_OCTETS) for subindex in (1, 2)]
+    blocks = [Entry(USER_DATA_MEMORY, number, None, access=Access.RW, limits=(0, BLOCK_OCTETS)) for number in (1, 2)]
     for block, other in (blocks, reversed(blocks)):
         block.accept = only_if(partial(_fits_beside, other), AbortCode.OUT_OF_MEMORY)
     dictionary.add_record(blocks)

@@ -7,7 +7,7 @@ parameter changes: an RPDO gets only the receiver that its parameters need.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
@@ -148,34 +148,29 @@ class Losses:
         return lose if self.left else receive
 
 
+@dataclass(eq=False)
 class ProcessData:
     """All PDOs of a node; they work between `start` and `stop`."""
 
-    def __init__(
-        self,
-        dictionary: Dictionary,
-        drive: Drive,
-        emergencies: Emergencies,
-        send: Callable[[Frame], None],
-        changed: Callable[[], None],
-        alarms: Alarms,
-        rpdos: list[PdoDefaults],
-        tpdos: list[PdoDefaults],
-        acts_at_sync: bool,
-    ) -> None:
-        """Create the PDOs; with `acts_at_sync` even event-driven RPDOs wait for the next SYNC."""
-        self.skip_tpdos = 0
-        """Number of following TPDOs that are lost inside the node (a fault)."""
+    _drive: Drive
+    _emergencies: Emergencies
+    _send: Callable[[Frame], None]
+    _changed: Callable[[], None]
+    _alarms: Alarms
+    rpdos: InitVar[list[PdoDefaults]]
+    tpdos: InitVar[list[PdoDefaults]]
+    _acts_at_sync: bool
+    """Whether even event-driven RPDOs wait for the next SYNC."""
+    skip_tpdos: int = 0
+    """Number of following TPDOs that are lost inside the node (a fault)."""
+
+    def __post_init__(self, rpdos: list[PdoDefaults], tpdos: list[PdoDefaults]) -> None:
+        dictionary = self._drive.dictionary
         self.lost_rpdos, self.lost_syncs = Losses(), Losses()
-        self.objects = SyncObjects(dictionary, changed)
-        self._drive = drive
-        self._emergencies = emergencies
-        self._send = send
-        self._acts_at_sync = acts_at_sync
-        self._rpdos = [Rpdo(dictionary, defaults, changed) for defaults in rpdos]
-        self._tpdos = [Tpdo(dictionary, defaults, changed) for defaults in tpdos]
-        self._poll = alarms.new(self.poll)
-        self._alarms = alarms
+        self.objects = SyncObjects(dictionary, self._changed)
+        self._rpdos = [Rpdo(dictionary, defaults, self._changed) for defaults in rpdos]
+        self._tpdos = [Tpdo(dictionary, defaults, self._changed) for defaults in tpdos]
+        self._poll = self._alarms.new(self.poll)
         self._deadlines: dict[Rpdo, Deadline] = {}
         """The deadlines of the RPDOs that have, or have had, one."""
         self._waiting: dict[Rpdo, bytes] = {}
