@@ -396,7 +396,7 @@ class Slave:
     @property
     def due_ns(self) -> int:
         """Return the time of the next timer; NEVER_NS when there is none."""
-        return min(self.node.alarms.due_ns, self.drive.due_ns)
+        return min(self.node.alarms.due_ns, self.drive.operation.due_ns)
 
     @property
     def concerns(self) -> frozenset[tuple[int, bool]]:
@@ -426,8 +426,8 @@ class Slave:
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
         # The drive first: the node may send values that the drive computes at the same instant.
-        if self.drive.due_ns <= t_ns:
-            self.drive.timer(t_ns)
+        if self.drive.operation.due_ns <= t_ns:
+            self.drive.operation.timer(t_ns)
         if self.node.alarms.due_ns <= t_ns:
             self.node.timer(t_ns)
 

@@ -18,6 +18,7 @@ informed of errors (`DriveLink`).
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Protocol
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
@@ -199,8 +200,19 @@ class Operation:
         """Serve the mode change and the tick that are due."""
         if self._change_ns <= t_ns:
             self._change(t_ns)
-        if self._tick_ns <= t_ns:
-            self._tick(t_ns)
+        if self._tick_ns > t_ns:
+            return
+        self._tick_ns = NEVER_NS
+        self._stage.servo.advance(t_ns)
+        brake = self._brake
+        if brake is None:
+            self._mode.tick(t_ns)
+        elif self._done is not None and brake.finished(t_ns):
+            self._done(t_ns)
+        else:
+            brake.tick(t_ns)
+        # The next tick is later than this one, also when this one is on the grid.
+        self._follow(t_ns + 1)
 
     # Inside.
 
@@ -226,19 +238,6 @@ class Operation:
             self.enable(t_ns)
         else:
             self._follow(t_ns)
-
-    def _tick(self, t_ns: int) -> None:
-        self._tick_ns = NEVER_NS
-        self._stage.servo.advance(t_ns)
-        brake = self._brake
-        if brake is None:
-            self._mode.tick(t_ns)
-        elif self._done is not None and brake.finished(t_ns):
-            self._done(t_ns)
-        else:
-            brake.tick(t_ns)
-        # The next tick is later than this one, also when this one is on the grid.
-        self._follow(t_ns + 1)
 
     def _follow(self, t_ns: int) -> None:
         """Find the next tick, not before `t_ns`, and update the bits of the statusword."""
@@ -335,7 +334,9 @@ class Drive:
         self.stage = Stage(
             self.servo, self.objects, self.units, build_gains(profile, axis, self.event_period_ns * 1e-9)
         )
-        modes = build_modes(self.stage, self.objects, self._following_error)
+        is_fault = settings.following_error_faults
+        failed = partial(self.fault, FOLLOWING_ERROR) if is_fault else lambda _t_ns: None
+        modes = build_modes(self.stage, self.objects, failed)
         self.operation = Operation(
             self.stage, self.objects, modes, self.event_period_ns, settings.mode_change_ns, self._show_status
         )
@@ -373,25 +374,15 @@ class Drive:
         self._sto_fault = self.settings.sto_error != 0 and self._state in _ENERGISED
         if self._sto_fault:
             self.fault(self.settings.sto_error, t_ns)
-        self.power.event(
-            Cause.REACTION_COMPLETE if self._state is State.FAULT_REACTION_ACTIVE else Cause.DISABLE_VOLTAGE
-        )
+        reacts = self._state is State.FAULT_REACTION_ACTIVE
+        self.power.event(Cause.REACTION_COMPLETE if reacts else Cause.DISABLE_VOLTAGE)
         self._follow(t_ns)
 
     def inputs(self, bits: int) -> None:
         """Set the digital inputs 60FDh; they do not affect the drive."""
         self._inputs = self.objects.row(0x60FD).value = bits & 0xFFFF_FFFF
 
-    # Called by the link.
-
-    @property
-    def due_ns(self) -> int:
-        """Return the time of the next call of `timer`; NEVER_NS when there is none."""
-        return self.operation.due_ns
-
-    def timer(self, t_ns: int) -> None:
-        """Serve the timers that are due."""
-        self.operation.timer(t_ns)
+    # Called by the link, which serves the timers of `operation` too.
 
     def sync(self, t_ns: int) -> None:
         """Latch the measured entries at a SYNC; control ticks are counted from here."""
@@ -463,10 +454,6 @@ class Drive:
         self.power.complete()
         self._enter(t_ns)
 
-    def _following_error(self, t_ns: int) -> None:
-        if self.settings.following_error_faults:
-            self.fault(FOLLOWING_ERROR, t_ns)
-
     def _follow(self, t_ns: int) -> None:
         if self.power.state is not self._state:
             self._enter(t_ns)
@@ -478,7 +465,12 @@ class Drive:
         # The same controlword may have another meaning in the new state.
         self._word, self._leaving = -1, False
         if state is State.OPERATION_ENABLED:
-            self._start(t_ns, before)
+            # Bring the plant to this instant, at which the modes start from its speed and angle.
+            self.servo.advance(t_ns)
+            # The times that count from *operation enabled* go on after a quick stop that was only interrupted.
+            if before is not State.QUICK_STOP_ACTIVE:
+                self.plant.start_hand()
+                self.on_enabled(t_ns)
             self.operation.enable(t_ns)
         elif state is State.QUICK_STOP_ACTIVE:
             self._slow_down(self._quick_stop_option.value, t_ns)
@@ -496,14 +488,6 @@ class Drive:
                 self._link.clear_errors(t_ns)
         self._show_status()
 
-    def _start(self, t_ns: int, before: State) -> None:
-        """Start the times that count from *operation enabled*, unless a quick stop was only interrupted."""
-        # Bring the plant to this instant, at which the modes start from its speed and angle.
-        self.servo.advance(t_ns)
-        if before is not State.QUICK_STOP_ACTIVE:
-            self.plant.start_hand()
-            self.on_enabled(t_ns)
-
     def _slow_down(self, code: int, t_ns: int) -> None:
         """Brake at the control ticks, or free the shaft at once for code 0."""
         if code == _DISABLE:
@@ -516,8 +500,7 @@ class Drive:
 
     def _slowed_down(self, t_ns: int) -> None:
         """Complete a quick stop or a fault reaction."""
-        cause = Cause.STOPPED if self._state is State.QUICK_STOP_ACTIVE else Cause.REACTION_COMPLETE
-        self.power.event(cause)
+        self.power.event(Cause.STOPPED if self._state is State.QUICK_STOP_ACTIVE else Cause.REACTION_COMPLETE)
         self._enter(t_ns)
 
     def _show_status(self) -> None:

@@ -238,11 +238,6 @@ class Objects:
             if entry.access is Access.RW:
                 entry.changed = factors_changed if entry.index in FACTORS else changed
 
-    @property
-    def torque_limits(self) -> tuple[Entry, Entry, Entry, Entry]:
-        """Return 6072h, 6073h, 60E0h and 60E1h."""
-        return self.row(0x6072), self.row(0x6073), self.row(0x60E0), self.row(0x60E1)
-
 
 def add_objects(
     dictionary: Dictionary,
@@ -260,13 +255,16 @@ def add_objects(
     """
     _add_identity(dictionary, profile, serial)
     rated = _add_rated(dictionary, profile, rated_torque)
-    _add_rated_current(dictionary, profile, defaults)
+    current = profile.torque.rated_current
+    if current is not None:
+        _add_mapped(dictionary, current, Access.RO, Mappable.TPDO).start_with(defaults.rated_current_ma)
     step = partial(_torque_step, profile.name, defaults, rated)
     torque_mode = profile.torque.mode_of_operation
     offered = (STANDARD_MODES if modes is None else STANDARD_MODES & modes) | {torque_mode}
     table = _add_table(dictionary, rows(defaults), offered, without, profile.torque.demand)
     add = dictionary.add
-    add(Entry(0x6502, 0, DataType.UINT32, _supported(offered), mappable=Mappable.TPDO))
+    bits = (mode - 1 if mode > 0 else _FIRST_MANUFACTURER_BIT - mode - 1 for mode in offered if mode)
+    add(Entry(0x6502, 0, DataType.UINT32, sum(1 << bit for bit in bits), mappable=Mappable.TPDO))
     actual, demand, target = profile.torque.actual, profile.torque.demand, profile.torque.target
     permille = step(target.unit if target.unit in SHARES_OF_RATED else SHARES_OF_RATED[0])
     abort, reaction = profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option
@@ -389,13 +387,6 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
     return entry.value * unit
 
 
-def _add_rated_current(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaults) -> None:
-    """Add the object of the rated current, where the profile names one."""
-    current = profile.torque.rated_current
-    if current is not None:
-        _add_mapped(dictionary, current, Access.RO, Mappable.TPDO).start_with(defaults.rated_current_ma)
-
-
 def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:
     """Add an object that carries a signal, at the index of the profile."""
     entry = Entry(mapped.object, mapped.subindex, mapped.type, 0, access, mappable=mappable)
@@ -422,8 +413,3 @@ def _add_option(dictionary: Dictionary, index: int, value: int, codes: Iterable[
 def _hidden(index: int, value: int) -> Entry:
     """Return an entry that is not in the dictionary."""
     return Entry(index, 0, DataType.INT16, value)
-
-
-def _supported(modes: Iterable[int]) -> int:
-    """Return the value of 6502h."""
-    return sum(1 << (mode - 1 if mode > 0 else _FIRST_MANUFACTURER_BIT - mode - 1) for mode in modes if mode)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, SPEED, TORQUE, Flow, State, moved
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, SPEED, TORQUE, Flow, State, moved
 
 Times = NDArray[np.int64]
 
@@ -104,13 +104,6 @@ class Trajectory:
         """
         states = self.states(times_ns)
         return states[:, ANGLE], states[:, SPEED], states[:, TORQUE]
-
-    def hand_force(self, times_ns: Times) -> Matrix:
-        """Return the force on the hand's mass, as a torque at the motor shaft [N·m], shape (n,).
-
-        Raises ValueError for a time before the start or after `end_ns`.
-        """
-        return self.states(times_ns)[:, FORCE]
 
     def targets(self) -> tuple[Times, Matrix]:
         """Return (times [ns], torques [N·m]) of the targets that the torque loop took over, shape (n_targets,) each."""

@@ -215,8 +215,8 @@ class Unit:
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
         self._now_ns = t_ns
-        if self.drive.due_ns <= t_ns:
-            self.drive.timer(t_ns)
+        if self.drive.operation.due_ns <= t_ns:
+            self.drive.operation.timer(t_ns)
         if self.watchdog.expired(t_ns):
             self.drive.link_lost(self._lost_master, t_ns)
 

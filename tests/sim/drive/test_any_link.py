@@ -58,8 +58,8 @@ def test_a_written_target_turns_the_shaft() -> None:
 def test_a_fault_and_its_reset_are_told_with_their_times() -> None:
     told = Told().enabled()
     told.drive.fault(FOLLOWING_ERROR, 3 * MS)
-    while told.drive.due_ns < 2000 * MS:
-        told.drive.timer(told.drive.due_ns)
+    while told.drive.operation.due_ns < 2000 * MS:
+        told.drive.operation.timer(told.drive.operation.due_ns)
     assert told.state is State.FAULT
     told.write(0x6040, RESET, 2000 * MS)
     assert told.errors == [(FOLLOWING_ERROR, 3 * MS), (None, 2000 * MS)]
