@@ -12,31 +12,11 @@ from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
 from haptic_fieldbus.sim.canopen.link import Frame, Port
-from haptic_fieldbus.sim.canopen.services.basics import Alarms
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import AnswerFault, DriveFaultKind, Fault, HostFault, LineFault, kinds_of
 
 # Application of each kind of fault to the simulated slave; those of its bus are applied by the bus.
-
-
-def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
-    """Apply a fault that exists from power-on; call it before the slave is powered on."""
-    match fault:
-        case faults.MissingNode():
-            slave.silent_until_ns = NEVER_NS
-        case faults.WrongIdentity(vendor_id=vendor_id, product_code=product_code):
-            for subindex, value in ((1, vendor_id), (2, product_code)):
-                if value is not None:
-                    # The default changes too, so that a reset of the node does not bring back the right identity.
-                    slave.drive.dictionary.find(0x1018, subindex).start_with(value)
-        case faults.SdoRefusal(object=index, subindex=subindex, code=code):
-            slave.node.sdo.refuse[index, subindex] = code
-        case faults.DeadGuard(factor=factor):
-            slave.node.slow_guards(factor)
-        case _:
-            assert_never(fault)
 
 
 def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) -> None:
@@ -73,36 +53,28 @@ KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 
 
 class SimulatedDrives(DriveBench):
-    """The slaves by node-ID; all times are those of one clock [ns].
+    """The slaves by node-ID; all times are those of one clock [ns]."""
 
-    `inject_line` applies a fault of the bus or of the host; None for a real bus, on which no faults can be simulated.
-    """
+    of_line = LineFault | HostFault
+    inject_line: Callable[[LineFault | HostFault, int], None] | None = None
+    """Applies a fault of the bus or of the host; None for a real bus, on which no faults can be simulated."""
 
-    def __init__(
-        self,
-        inject_line: Callable[[LineFault | HostFault, int], None] | None,
-        seed: int | str = DEFAULT_SEED,
-        longest: int | None = None,
-    ) -> None:
+    def __init__(self, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         super().__init__(seed, longest)
         self.slaves: dict[int, Slave] = {}
         self.attached: list[tuple[Port, Slave]] = []
         self.due_ns = NEVER_NS
         """Time of the next timer or planned action; NEVER_NS when there is none."""
-        self._timers: list[Operation | Alarms] = []
-        """Timers of the slaves, each with a `due_ns` of its own."""
-        self._inject_line = inject_line
         self.plan = self.queue.plan
 
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
         slave = Slave(with_faulty_hand(slot), port.send, self.drawn(slot), t_ns)
-        install, action = partial(install_fault, slave=slave), partial(self._action, slave)
-        self.follow(slave.drive, slot, LineFault | HostFault, install, action)
         self.slaves[slot.node] = slave
+        self.follow(slave.drive, slot)
         self.attached.append((port, slave))
-        self._timers += slave.drive.operation, slave.node.alarms
+        self.timed += slave.drive.operation, slave.node.alarms
         slave.power_on(t_ns, booted=slot.booted)
         self.find_due()
         return slave
@@ -140,21 +112,32 @@ class SimulatedDrives(DriveBench):
 
     def find_due(self) -> None:
         """Update `due_ns`; call it after anything that may have changed a slave's timers."""
-        due_ns = self.queue.due_ns
-        for timers in self._timers:
-            if timers.due_ns < due_ns:
-                due_ns = timers.due_ns
-        self.due_ns = due_ns
+        self.due_ns = self.next_due_ns
 
     def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:
-        """Plan a fault of a drive or of the bus, whose `at` counts from `t_ns`."""
-        self.plan_fault(fault, self._action(self.slaves[node], fault), t_ns)
+        super().let_happen(fault, node, t_ns)
         self.find_due()
 
-    def _action(self, slave: Slave, fault: TimedFault) -> Action:
-        """Return the action of a fault on its drive or on the line."""
-        if isinstance(fault, LineFault | HostFault) and self._inject_line is not None:
-            return partial(self._inject_line, fault)
+    def install(self, fault: faults.LastingFault, node: int) -> None:
+        slave = self.slaves[node]
+        match fault:
+            case faults.MissingNode():
+                slave.silent_until_ns = NEVER_NS
+            case faults.WrongIdentity(vendor_id=vendor_id, product_code=product_code):
+                for subindex, value in ((1, vendor_id), (2, product_code)):
+                    if value is not None:
+                        # The default changes too, so that a reset of the node does not bring back the right identity.
+                        slave.drive.dictionary.find(0x1018, subindex).start_with(value)
+            case faults.SdoRefusal(object=index, subindex=subindex, code=code):
+                slave.node.sdo.refuse[index, subindex] = code
+            case faults.DeadGuard(factor=factor):
+                slave.node.slow_guards(factor)
+            case _:
+                assert_never(fault)
+
+    def action(self, node: int, fault: TimedFault) -> Action:
+        if isinstance(fault, LineFault | HostFault) and self.inject_line is not None:
+            return partial(self.inject_line, fault)
         if not isinstance(fault, DriveFaultKind):
             raise ValueError(f"drives on CAN do not support the fault {fault.kind}")
-        return partial(inject, fault, slave, self.plan)
+        return partial(inject, fault, self.slaves[node], self.plan)

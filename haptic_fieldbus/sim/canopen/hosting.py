@@ -223,7 +223,7 @@ class Host:
         self._bitrate = bitrate
         self._served_ns = clock.now_ns()
         """Time up to which all events have been served."""
-        self._drives = SimulatedDrives(None, seed, LONGEST_REMEMBERED)
+        self._drives = SimulatedDrives(seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
         """Handlers of the nodes at the last setting of the frame filter."""
 

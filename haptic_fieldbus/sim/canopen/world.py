@@ -226,7 +226,8 @@ class World(DrivenBus):
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
-        self._drives = SimulatedDrives(self.inject_line, seed, longest)
+        self._drives = SimulatedDrives(seed, longest)
+        self._drives.inject_line = self.inject_line
         super().__init__(self._drives)
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []

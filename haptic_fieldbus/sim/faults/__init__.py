@@ -212,16 +212,9 @@ class ForeignSetPoints(AtInstant, kind="foreign_set_points"):
     count: Count | None = None
 
 
-AnswerDisturbance = (
-    AnswerLost
-    | AnswerDelayed
-    | AnswerSwapped
-    | AnswerGarbage
-    | AnswerCorrupted
-    | AnswerTruncated
-    | AnswerWrongUnit
-    | AnswerException
-)
+LateAnswer = AnswerLost | AnswerDelayed | AnswerSwapped
+WrongAnswer = AnswerGarbage | AnswerCorrupted | AnswerTruncated | AnswerWrongUnit | AnswerException
+AnswerDisturbance = LateAnswer | WrongAnswer
 """Kinds that concern the next answers of a drive."""
 LineDisturbance = AnswerDisturbance | ConnectionReset
 """Kinds that disturb a line or its frames."""
@@ -382,25 +375,11 @@ class DeadGuard(NamedFault, kind="dead_guard"):
     factor: Annotated[float, Ge(1), Le(1000)] | None = None
 
 
-DriveFaultKind = (
-    Emergency
-    | DriveFault
-    | SafeTorqueOff
-    | NodeReset
-    | Silence
-    | MissingTpdos
-    | MissingRpdos
-    | SyncIgnored
-    | HeartbeatLost
-    | DuplicateNode
-    | EncoderJump
-    | PositionStuck
-    | EncoderScaling
-    | EncoderReversed
-    | TorqueDead
-    | TorqueSaturated
-    | TorqueReversed
-)
+MessageFault = MissingTpdos | MissingRpdos | SyncIgnored | HeartbeatLost | DuplicateNode
+"""Kinds of the messages of a CANopen node."""
+EncoderFault = EncoderJump | PositionStuck | EncoderScaling | EncoderReversed
+MotorFault = TorqueDead | TorqueSaturated | TorqueReversed
+DriveFaultKind = Emergency | DriveFault | SafeTorqueOff | NodeReset | Silence | MessageFault | EncoderFault | MotorFault
 """Kinds of one drive that happen at an instant."""
 LastingFault = MissingNode | WrongIdentity | SdoRefusal | DeadGuard
 """Kinds that exist from power-on."""

@@ -14,9 +14,8 @@ from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
-from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.modbus.unit import Unit, Watchdog
+from haptic_fieldbus.sim.modbus.unit import Unit
 
 # Faults of answers on their way to the master: what arrives, and when.
 
@@ -86,16 +85,7 @@ class AnswerDisturbances:
                 yield 0, octets
 
 
-_OF_CANOPEN = (
-    faults.Emergency
-    | faults.MissingTpdos
-    | faults.MissingRpdos
-    | faults.SyncIgnored
-    | faults.HeartbeatLost
-    | faults.DuplicateNode
-    | faults.SdoRefusal
-    | faults.LineFault
-)
+_OF_CANOPEN = faults.Emergency | faults.MessageFault | faults.SdoRefusal | faults.LineFault
 KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
 """Kinds of faults that a line and its drives may have."""
 
@@ -111,13 +101,13 @@ class FaultyLine(Protocol):
 class SimulatedUnits(DriveBench):
     """The drives by unit id; all times are those of one clock [ns]."""
 
+    of_line = faults.ConnectionReset | faults.HostFault
+
     def __init__(self, line: FaultyLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         super().__init__(seed, longest)
         self.units: dict[int, Unit] = {}
         self.now_ns = 0
         """Time up to which timers and actions have been served."""
-        self._timers: list[Operation | Watchdog] = []
-        """Timers of the drives, each with a `due_ns` of its own."""
         self._line = line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
@@ -125,26 +115,35 @@ class SimulatedUnits(DriveBench):
         if slot.node in self.units:
             raise ValueError(f"unit {slot.node} is on this line already")
         unit = Unit(with_faulty_hand(slot), self.drawn(slot), t_ns)
-        install, action = partial(_install, unit=unit), partial(self._action, unit)
-        self.follow(unit.drive, slot, faults.ConnectionReset | faults.HostFault, install, action)
-        unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
         self.units[slot.node] = unit
-        self._timers += unit.timers
+        self.follow(unit.drive, slot)
+        begin = unit.drive.on_enabled
+
+        def enabled(t_ns: int) -> None:
+            unit.watchdog.restart(t_ns)
+            begin(t_ns)
+
+        unit.drive.on_enabled = enabled
+        self.timed += unit.timers
         unit.power_on(t_ns)
         return unit
 
-    @property
-    def due_ns(self) -> int:
-        """Return the time of the next timer or planned action; NEVER_NS when there is none."""
-        due_ns = self.queue.due_ns
-        for timers in self._timers:
-            if timers.due_ns < due_ns:
-                due_ns = timers.due_ns
-        return due_ns
+    def install(self, fault: faults.LastingFault, node: int) -> None:
+        unit = self.units[node]
+        match fault:
+            case faults.MissingNode():
+                unit.silent_until_ns = NEVER_NS
+            case faults.DeadGuard(factor=factor):
+                unit.watchdog.factor = factor
+            case faults.WrongIdentity(product_code=code):
+                for entry in unit.identity:
+                    entry.start_with(code if code is not None else entry.value ^ 1)
+            case _:
+                raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
 
     def run(self, until_ns: int) -> None:
         """Serve all timers and actions up to and including this instant, each at its own."""
-        while (due_ns := self.due_ns) <= until_ns:
+        while (due_ns := self.next_due_ns) <= until_ns:
             self.serve(due_ns)
         if until_ns > self.now_ns:
             self.now_ns = until_ns
@@ -159,12 +158,8 @@ class SimulatedUnits(DriveBench):
                     unit.timer(due_ns)
                     break
 
-    def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
-        """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""
-        self.plan_fault(fault, self._action(self.units[number], fault), t_ns)
-
-    def _action(self, unit: Unit, fault: TimedFault) -> Action:
-        """Return the action of a fault on its drive or on the line."""
+    def action(self, node: int, fault: TimedFault) -> Action:
+        unit = self.units[node]
         if isinstance(fault, faults.HostFault):
             return lambda _t_ns: self._line.host_fault(fault)
         if isinstance(fault, faults.ForeignSetPoints):
@@ -180,25 +175,6 @@ class SimulatedUnits(DriveBench):
         unit.write_as_stranger(fault.share, t_ns)
         if fault.count is None or number < fault.count:
             self.queue.plan(t_ns + round(fault.interval * 1e9), partial(self._meddle, fault, unit, number + 1))
-
-
-def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:
-    unit.enabled(t_ns)
-    begin(t_ns)
-
-
-def _install(fault: faults.LastingFault, unit: Unit) -> None:
-    """Apply a fault that exists from power-on; raises ValueError for a fault that this drive cannot have."""
-    match fault:
-        case faults.MissingNode():
-            unit.silent_until_ns = NEVER_NS
-        case faults.DeadGuard(factor=factor):
-            unit.watchdog.factor = factor
-        case faults.WrongIdentity(product_code=code):
-            for entry in unit.identity:
-                entry.start_with(code if code is not None else entry.value ^ 1)
-        case _:
-            raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
 
 
 def inject_unit(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:

@@ -129,7 +129,7 @@ class SimulatedLine(DrivenBus):
         if octets:
             return octets
         limit_ns = now_ns + max(0, deadline_ns - self._host.now_ns())
-        while (due_ns := drives.due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
+        while (due_ns := drives.next_due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
             drives.serve(due_ns)
             if self._broken:
                 clock.sleep_until(min(limit_ns, self._dead_since_ns))

@@ -232,10 +232,6 @@ class Unit:
             self._power_registers.command.reset()
         self.watchdog.restart(t_ns)
 
-    def enabled(self, t_ns: int) -> None:
-        """Count the time of the watch from *operation enabled* too."""
-        self.watchdog.restart(t_ns)
-
     # Called by the station.
 
     def hears(self, t_ns: int) -> bool:
