@@ -36,7 +36,6 @@ from haptic_fieldbus.sim.drive.settings import (
     build_plant,
     build_timing,
     build_units,
-    known_mechanics,
     object_defaults,
 )
 from haptic_fieldbus.sim.drive.stage import NO_RAMP, Stage
@@ -317,11 +316,7 @@ class Drive:
         # The order below is that of dependence: objects need the dictionary, units the objects, the stage all of them.
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
-        self.objects = add_objects(
-            self.dictionary, profile, known_mechanics(axis)[2], settings.serial,
-            object_defaults(profile, axis, settings),
-            settings.modes, settings.without,
-        )  # fmt: skip
+        self.objects = add_objects(self.dictionary, profile, object_defaults(profile, axis, settings))
         times = build_timing(profile, settings)
         self.event_period_ns = times.control_period_ns or _SLOWEST_TICK_NS
         self.plant = build_plant(profile, axis, slot.hand, settings, t_ns)

@@ -190,6 +190,10 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     unit = settings.velocity_unit or _own_velocity_unit(profile)
     steps = steps_of_position(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
     return Defaults(
+        rated_torque=rated,
+        serial=settings.serial,
+        modes=settings.modes,
+        without=settings.without,
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round((settings.rated_current or _known(axis, "rated_current")) * 1e3),
         peak_current=_known(axis, "peak_current"),

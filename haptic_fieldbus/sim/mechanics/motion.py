@@ -100,14 +100,11 @@ class Flow:
             rows = np.flatnonzero(whole >> power & 1)
             if len(rows):
                 states[rows] = moved(states[rows], self.transition(1 << power + self._smallest))
-        return self._taylor(states, rest)
-
-    def _taylor(self, states: Matrix, spans_ns: Matrix) -> Matrix:
-        """Advance each state by its own span, shorter than a quantum; in place, by blocks that stay in the cache."""
+        # A block stays in the cache, and is advanced in place.
         transposed = self.a.T
         for first in range(0, len(states), _BLOCK):
             rows = slice(first, first + _BLOCK)
-            block, span = states[rows], spans_ns[rows, np.newaxis]
+            block, span = states[rows], rest[rows, np.newaxis]
             term = block.copy()
             for k in range(1, _TERMS):
                 term = term @ transposed
@@ -243,20 +240,16 @@ class Motion:
         table = self._tables.get(span_ns)
         if table is None:
             if self._powers:
-                return self._by_powers(state, span_ns)
+                while span_ns:
+                    power = min(span_ns.bit_length(), LONGEST_POWER) - 1
+                    state = self._kernel(state, self._powers[power])
+                    span_ns -= 1 << power
+                return state
             # The spans of a run repeat, so the cache rarely fills.
             if len(self._tables) >= MAX_TRANSITIONS:
                 self._tables.clear()
             table = self._tables[span_ns] = self._table(span_ns)
         return self._kernel(state, table)
-
-    def _by_powers(self, state: State, span_ns: int) -> State:
-        kernel, powers = self._kernel, self._powers
-        while span_ns:
-            power = min(span_ns.bit_length(), LONGEST_POWER) - 1
-            state = kernel(state, powers[power])
-            span_ns -= 1 << power
-        return state
 
     def _table(self, span_ns: int) -> tuple[float, ...]:
         transition = self.flow.transition(span_ns)

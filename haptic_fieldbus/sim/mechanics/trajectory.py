@@ -92,10 +92,8 @@ class Trajectory:
         self._offset_ns = table[:, 1].copy()
         self._begin_ns = table[:, 0] + table[:, 1]
         self._states = table[:, 2:].copy()
-        self._targets = (
-            np.array(recorder.target_times_ns, dtype=np.int64),
-            np.array(recorder.target_torques, dtype=np.float64),
-        )
+        self._target_times_ns = np.array(recorder.target_times_ns, dtype=np.int64)
+        self._target_torques = np.array(recorder.target_torques, dtype=np.float64)
 
     def sample(self, times_ns: Times) -> tuple[Matrix, Matrix, Matrix]:
         """Return position [rad], velocity [rad/s] and motor torque after the torque loop [N·m], exact, shape (n,) each.
@@ -107,7 +105,7 @@ class Trajectory:
 
     def targets(self) -> tuple[Times, Matrix]:
         """Return (times [ns], torques [N·m]) of the targets that the torque loop took over, shape (n_targets,) each."""
-        return self._targets
+        return self._target_times_ns, self._target_torques
 
     @property
     def begins_ns(self) -> Matrix:

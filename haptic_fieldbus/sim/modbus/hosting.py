@@ -196,43 +196,34 @@ def host(
     Raises BusError when the bus cannot be opened, and ValueError when two drives have the same unit id. Raises
     PlanError for drives that are not made for such a line.
     """
-    line_of(modbus_section(bus.section), [modbus_profile(slot.profile) for slot in slots])
-    asyncio.run(_host(bus, slots, seed, ready, stopped, tell, opened))
-    return 0
-
-
-async def _host(
-    bus: BusName,
-    slots: Sequence[DriveOnBus],
-    seed: int,
-    ready: Callable[[DriveOnBus], None],
-    stopped: Callable[[], bool],
-    tell: Callable[[str], None],
-    opened: Callable[[BusName], None],
-) -> None:
     section, clock = modbus_section(bus.section), MonotonicClock()
+    line_of(section, [modbus_profile(slot.profile) for slot in slots])
     errors = port_errors() if section.serial else (OSError, UnicodeError)
-    server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
-    for slot in slots:
-        server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
-    with device(section) as (own, theirs):
-        try:
-            joined = await listen(server, own, theirs, slots)
-        except errors as error:
-            raise translate(error, bus.text) from error
-        try:
-            name = protocol_named(section.protocol).bus_name(joined)
-            opened(name)
-            if joined.channel.startswith(PSEUDO_TERMINALS):
-                tell(WITHOUT_PARITY.format(joined.channel))
-            with frozen():
-                for slot in slots:
-                    ready(slot)
-                while not stopped():
-                    await asyncio.sleep(NAP_NS * 1e-9)
-                    server.requests.drives.run(clock.now_ns())
-        finally:
-            await server.close()
+
+    async def serve() -> None:
+        server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
+        for slot in slots:
+            server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
+        with device(section) as (own, theirs):
+            try:
+                joined = await listen(server, own, theirs, slots)
+            except errors as error:
+                raise translate(error, bus.text) from error
+            try:
+                opened(protocol_named(section.protocol).bus_name(joined))
+                if joined.channel.startswith(PSEUDO_TERMINALS):
+                    tell(WITHOUT_PARITY.format(joined.channel))
+                with frozen():
+                    for slot in slots:
+                        ready(slot)
+                    while not stopped():
+                        await asyncio.sleep(NAP_NS * 1e-9)
+                        server.requests.drives.run(clock.now_ns())
+            finally:
+                await server.close()
+
+    asyncio.run(serve())
+    return 0
 
 
 async def listen(
