@@ -143,8 +143,7 @@ class FaultSchedule:
 
 def with_faulty_hand(slot: DriveOnBus) -> DriveOnBus:
     """Return the place of a drive whose hand, if it has one, releases and hits as its faults tell."""
-    hand = slot.hand
-    if hand is None:
+    if (hand := slot.hand) is None:
         return slot
     for fault in faults.faults_of(slot.faults, slot.node):
         match fault:

@@ -236,8 +236,7 @@ def numbered(texts: Sequence[str], first: int, nodes: Sequence[int]) -> list[Nam
     """
     asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]
     taken = [drive_of(text, nodes).node for text, asks in zip(texts, asking, strict=True) if asks]
-    twice = sorted({node for node in taken if taken.count(node) > 1})
-    if twice:
+    if twice := sorted({node for node in taken if taken.count(node) > 1}):
         raise UsageError(f"node-ID {', '.join(map(str, twice))} is used twice")
     if first not in nodes:
         raise UsageError(f"node {first}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}")

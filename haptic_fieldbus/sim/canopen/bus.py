@@ -193,8 +193,7 @@ def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callabl
     later caller is ignored.
     """
     with _CHANNELS_LOCK:
-        shared = _CHANNELS.get(channel)
-        if shared is None:
+        if (shared := _CHANNELS.get(channel)) is None:
             try:
                 world = make(clock or MonotonicClock())
             except (HapticFieldbusError, ValueError) as error:

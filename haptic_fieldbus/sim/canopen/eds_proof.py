@@ -87,8 +87,7 @@ def _compared(entry: Entry, other: EdsEntry) -> bool:
 
 
 def _given(other: EdsEntry) -> int | str | None:
-    formula = other.formula
-    if isinstance(formula, NodeOffset):
+    if isinstance(formula := other.formula, NodeOffset):
         return f"$NODEID+0x{formula.offset:X}"
     return _number(formula)
 

@@ -29,7 +29,7 @@ from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.bench import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
-from haptic_fieldbus.sim.canopen.link import Frame, Port, arbitration_key
+from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 # The port of hosted drives to a python-can bus that may go down, and come back.
@@ -268,10 +268,9 @@ class Host:
         # Before an answer is sent that lets a master use what has changed.
         self._focus()
         for _ in range(_BURST):
-            waiting = [port for port, _slave in self._drives.attached if port.waiting]
-            if not waiting:
+            if not (waiting := [port for port, _slave in self._drives.attached if port.waiting]):
                 return
-            port = min(waiting, key=lambda port: arbitration_key(port.candidate()))
+            port = min(waiting, key=Port.urgency)
             frame = port.take()
             self._host_port.send(frame)
             self._drives.receive(frame, port, t_ns)

@@ -229,8 +229,7 @@ def _stored_entry(described: EdsEntry, node: int) -> Entry:
     """Return an entry that only stores its value."""
     access, value = ACCESS[described.access], described.value(node)
     mappable = _ways(described.access, described.mappable)
-    type = data_type(described)
-    if type is not None:
+    if (type := data_type(described)) is not None:
         low, high = _limits(described, type)
         # Without a default in the file: 0, or the limit nearest to it.
         initial = value if isinstance(value, int) else max(low, min(high, 0))
@@ -288,8 +287,7 @@ def _set_up_pdos(
                 entry.start_with(_given(eds, index, subindex, node, _LEFT_OPEN.get(subindex, 0)))
             for subindex, entry in mapping.items():
                 entry.start_with(_given(eds, index + MAPPING, subindex, node, 0))
-            reason = _unmappable(dictionary, mapping, way)
-            if reason:
+            if reason := _unmappable(dictionary, mapping, way):
                 yield f"{index + MAPPING:04X}h: {reason}; this PDO is left without objects"
                 mapping[0].start_with(0)
                 communication[1].start_with(communication[1].default | INVALID)

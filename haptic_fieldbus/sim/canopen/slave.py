@@ -102,8 +102,7 @@ class Node:
                 self.now_ns = t_ns
                 requested(t_ns)
             return
-        handler = self.handlers.get(frame.can_id)
-        if handler is not None:
+        if (handler := self.handlers.get(frame.can_id)) is not None:
             self.now_ns = t_ns
             handler(frame.data, t_ns)
 
@@ -162,7 +161,7 @@ class Node:
 
     def _boot(self, t_ns: int) -> None:
         self._route()
-        if not self._has_node_id:
+        if self.lss.active_node == UNCONFIGURED:
             return
         self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((nmt.NmtState.INITIALISING.value,))))
         self._producer.start(t_ns)
@@ -187,7 +186,11 @@ class Node:
     def _route(self) -> None:
         """Rebuild the handlers for the present state and parameters."""
         works = nmt.WORKING[self.state]
-        if self.state is nmt.NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
+        if (
+            self.state is nmt.NmtState.INITIALISING
+            and self._boot_alarm.due_ns == NEVER_NS
+            and self.lss.active_node == UNCONFIGURED
+        ):
             # No boot-up is pending: LSS alone can bring the node further.
             works = nmt.WITHOUT_NODE_ID
         handlers: dict[int, Handler] = {}
@@ -207,10 +210,6 @@ class Node:
             requests[nmt.HEARTBEAT_ID + self.number] = self._guard
         self.handlers, self.requests = (handlers, requests) if self._bit_timing.on_bus else ({}, {})
 
-    @property
-    def _has_node_id(self) -> bool:
-        return self.lss.active_node != UNCONFIGURED
-
     # Services.
 
     def _nmt(self, data: bytes, t_ns: int) -> None:
@@ -228,10 +227,7 @@ class Node:
     def _sdo(self, data: bytes, t_ns: int) -> None:
         self._drive.measure(t_ns)
         self._respond(self.sdo.request(data))
-        if self.sdo.busy:
-            self._sdo_alarm.at(t_ns + TIMEOUT_NS)
-        else:
-            self._sdo_alarm.off()
+        self._sdo_alarm.at(t_ns + TIMEOUT_NS if self.sdo.busy else NEVER_NS)
 
     def _respond(self, responses: list[bytes]) -> None:
         for response in responses:
@@ -272,8 +268,7 @@ class Node:
     # LSS.
 
     def _lss(self, data: bytes, _t_ns: int) -> None:
-        response = self.lss.request(data)
-        if response is not None:
+        if (response := self.lss.request(data)) is not None:
             self._emit(Frame(lss.RESPONSE_ID, response))
 
 
@@ -358,8 +353,7 @@ def _modes(profile: CanopenProfile, eds: Eds | None) -> frozenset[int] | None:
         return frozenset(profile.simulation.modes)
     if eds is None:
         return None
-    value = number_of(eds, 0x6502)
-    if not value:
+    if not (value := number_of(eds, 0x6502)):
         return frozenset(mode for mode, target in _TARGETS.items() if target in eds)
     return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)
 

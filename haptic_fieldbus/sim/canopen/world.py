@@ -27,10 +27,10 @@ from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.bench import DrivenBus, until
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
-from haptic_fieldbus.sim.canopen.link import Controller, Disturbances, Frame, Port, Received, Wire, WireStatistics
+from haptic_fieldbus.sim.canopen.link import Controller, Frame, Port, Received, Wire, WireStatistics, frames_arriving
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import DriveFaultKind, HostFault, LineFault
+from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, HostFault, LineFault
 from haptic_fieldbus.sim.simulation import HostClock
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
@@ -87,8 +87,7 @@ class Stepped:
         while True:
             if timeout is None and world.is_idle and not controller.received:
                 raise can.CanOperationError("nothing will arrive: no frame is under way, and no drive has one to send")
-            item = world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))
-            if item is None:
+            if (item := world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))) is None:
                 break
             if accept is None or accept(item):
                 return item
@@ -233,7 +232,7 @@ class World(DrivenBus):
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
         self._watches: list[Watch] = []
-        self._disturbances = Disturbances()
+        self._disturbances: list[Disturbance] = []
         self._stranger: Port | None = None
         """Port of another program whose frames are a fault."""
         self.host: HostClock | None = None
@@ -315,8 +314,7 @@ class World(DrivenBus):
 
         The clock advances to the end of the frame, or to the deadline.
         """
-        received = controller.received
-        if not received:
+        if not (received := controller.received):
             deadline_ns = self.clock.now_ns() + timeout_ns
             self._run(deadline_ns, received)
             if not received:
@@ -369,8 +367,8 @@ class World(DrivenBus):
 
     def _deliver(self, t_ns: int) -> None:
         frame, sender = self._wire.finish(), self._wire.sender
-        if self._disturbances.active:
-            for later_ns, arriving in self._disturbances.arriving(frame):
+        if self._disturbances:
+            for later_ns, arriving in frames_arriving(self._disturbances, frame):
                 if later_ns:
                     self._drives.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
                 else:
@@ -430,4 +428,4 @@ class World(DrivenBus):
                     raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
                 self.host.happen(fault)
             case _:
-                self._disturbances.add(fault)
+                self._disturbances.append(fault)

@@ -203,8 +203,7 @@ class Operation:
             return
         self._tick_ns = NEVER_NS
         self._stage.servo.advance(t_ns)
-        brake = self._brake
-        if brake is None:
+        if (brake := self._brake) is None:
             self._mode.tick(t_ns)
         elif self._done is not None and brake.finished(t_ns):
             self._done(t_ns)

@@ -208,11 +208,9 @@ class Dictionary:
 
     def find(self, index: int, subindex: int = 0) -> Entry:
         """Return the entry; raises Refused when the object or its sub-index does not exist."""
-        subentries = self._objects.get(index)
-        if subentries is None:
+        if (subentries := self._objects.get(index)) is None:
             raise AccessRefused(AbortCode.NO_OBJECT)
-        entry = subentries.get(subindex)
-        if entry is None:
+        if (entry := subentries.get(subindex)) is None:
             raise AccessRefused(AbortCode.NO_SUBINDEX)
         return entry
 

@@ -255,8 +255,7 @@ def add_objects(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaul
     """
     _add_identity(dictionary, profile, defaults.serial)
     rated = _add_rated(dictionary, profile, defaults.rated_torque)
-    current = profile.torque.rated_current
-    if current is not None:
+    if (current := profile.torque.rated_current) is not None:
         _add_mapped(dictionary, current, Access.RO, Mappable.TPDO).start_with(defaults.rated_current_ma)
     step = partial(_torque_step, profile.name, defaults, rated)
     torque_mode = profile.torque.mode_of_operation
@@ -367,8 +366,7 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
 
     Raises UsageError when it is less than one step. Without 6076h in the profile the torque is returned unchanged.
     """
-    rated = profile.torque.rated
-    if rated is None:
+    if (rated := profile.torque.rated) is None:
         return rated_torque
     unit = RATED_TORQUE_UNITS[rated.unit]
     entry = _add_mapped(dictionary, rated, Access.RO, Mappable.TPDO)

@@ -100,8 +100,7 @@ class Units:
             (pair[0].value or 1, pair[1].value or 1) for pair in (self._resolution, self._gear, feed_constant)
         )
         polarity = self._polarity.value
-        unit = revolutions_of(self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF)
-        if unit is not None:
+        if (unit := revolutions_of(self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF)) is not None:
             feed, per = unit.denominator, unit.numerator
         self._numerator = feed * turns * shaft * (-1 if polarity & _POSITION_POLARITY else 1)
         self._denominator = per * counts * motor

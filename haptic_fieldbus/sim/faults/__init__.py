@@ -402,8 +402,7 @@ class FaultFile(Table):
 def load_faults(path: str | Path) -> tuple[Fault, ...]:
     """Return the faults of a file, one at least; raises FaultFileError that lists everything wrong in it."""
     document = read_document(Path(path), FaultFileError)
-    found = document.checked(document.validate(FaultFile)).fault
-    if not found:
+    if not (found := document.checked(document.validate(FaultFile)).fault):
         raise FaultFileError(path, [FileFault("", "no fault in it; expected tables [[fault]]")])
     return found
 

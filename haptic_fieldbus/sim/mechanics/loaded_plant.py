@@ -436,8 +436,7 @@ class LoadedPlant(Body):
     def _leg_of(self, halvings: int) -> Leg:
         load, flank, sticking = self._load, self._flank, self._direction == 0
         key = (self._holder(self._grip), sticking, flank, halvings)
-        leg = self._legs.get(key)
-        if leg is None:
+        if (leg := self._legs.get(key)) is None:
             rows = np.zeros((4, ORDER))
             rows[_SPEED, SPEED] = rows[_TWIST, TWIST] = 1.0
             rows[_PULL] = self._pull[flank]

@@ -70,8 +70,7 @@ class Flow:
 
     def transition(self, span_ns: int) -> Matrix:
         """Return exp(A·span), shape (n, n), for a span of whole nanoseconds."""
-        matrix = self._transitions.get(span_ns)
-        if matrix is None:
+        if (matrix := self._transitions.get(span_ns)) is None:
             if len(self._transitions) >= MAX_TRANSITIONS:
                 self._transitions.clear()
             matrix = self._transitions[span_ns] = expm(self.a * span_ns)
@@ -131,8 +130,7 @@ class Flow:
             return _first_negative(self._series(z, form, offset), span_ns)
         cut_ns = 1 << math.ceil(math.log2(span_ns)) - 1
         middle = self.transition(cut_ns) @ z
-        early = self._search(z, middle, cut_ns, form, offset)
-        if early is not None:
+        if (early := self._search(z, middle, cut_ns, form, offset)) is not None:
             return early
         late = self._search(middle, end, span_ns - cut_ns, form, offset)
         return None if late is None else cut_ns + late
@@ -237,8 +235,7 @@ class Motion:
 
     def step(self, state: State, span_ns: int) -> State:
         """Return the state after a whole number of nanoseconds."""
-        table = self._tables.get(span_ns)
-        if table is None:
+        if (table := self._tables.get(span_ns)) is None:
             if self._powers:
                 while span_ns:
                     power = min(span_ns.bit_length(), LONGEST_POWER) - 1

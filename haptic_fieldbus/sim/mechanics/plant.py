@@ -117,8 +117,7 @@ class Plant(Body):
         z = np.array(before)
         left_ns = float(span_ns)
         for count in range(_MAX_EVENTS):
-            event_ns = self._first_event(z, left_ns)
-            if event_ns is None:
+            if (event_ns := self._first_event(z, left_ns)) is None:
                 # No event after all: keep the state of the cached step.
                 if count == 0:
                     return after

@@ -4,11 +4,10 @@ Requests come from a line, simulated or real. Everything random (serial number, 
 count) is drawn from the seed.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from random import Random
-from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
@@ -23,41 +22,33 @@ GARBAGE = (1, 40)
 """Least and greatest number of random octets in place of an answer."""
 
 
-@dataclass
-class _NextAnswers:
-    fault: faults.AnswerDisturbance
-    unit: int
-    left: int
-
-
 class AnswerDisturbances:
     """Faults that wait for the next answers of the drives; random octets are drawn from the seed."""
 
     def __init__(self, seed: int | str, *, serial: bool) -> None:
         self._random = Random(f"{seed}/answers")
         self._serial = serial
-        self.waiting: list[_NextAnswers] = []
+        self.waiting: list[tuple[int, faults.AnswerDisturbance]] = []
+        """Faults with the units that they concern; the `count` of each is what is left of it."""
         self._held: list[bytes] = []
         """Answers held back until the next request."""
 
     def add(self, fault: faults.AnswerDisturbance, unit: int) -> None:
         """Disturb the next answers of a drive."""
-        self.waiting.append(_NextAnswers(fault, unit, fault.count))
+        self.waiting.append((unit, fault))
 
     def take(self, unit: int) -> faults.AnswerDisturbance | None:
         """Return the fault of this answer, and count it; None when it has none."""
-        for waiting in self.waiting:
-            if waiting.unit == unit:
-                waiting.left -= 1
-                if not waiting.left:
-                    self.waiting.remove(waiting)
-                return waiting.fault
+        for place, (number, fault) in enumerate(self.waiting):
+            if number == unit:
+                left = [(unit, replace(fault, count=fault.count - 1))] if fault.count > 1 else []
+                self.waiting[place : place + 1] = left
+                return fault
         return None
 
     def released(self) -> list[bytes]:
         """Return the answers that were held back until this request."""
-        held = self._held
-        if held:
+        if held := self._held:
             self._held = []
         return held
 
@@ -90,12 +81,8 @@ KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
 """Kinds of faults that a line and its drives may have."""
 
 
-class FaultyLine(Protocol):
-    """The line and the master's side of it, for faults that are not faults of a drive."""
-
-    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None: ...
-
-    def host_fault(self, fault: faults.HostFault) -> None: ...
+InjectLine = Callable[[faults.LineDisturbance | faults.HostFault, int, int], None]
+"""Function that applies a fault of the line or of the host: the fault, the unit id of a drive, and the time [ns]."""
 
 
 class SimulatedUnits(DriveBench):
@@ -103,12 +90,12 @@ class SimulatedUnits(DriveBench):
 
     of_line = faults.ConnectionReset | faults.HostFault
 
-    def __init__(self, line: FaultyLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+    def __init__(self, inject_line: InjectLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         super().__init__(seed, longest)
         self.units: dict[int, Unit] = {}
         self.now_ns = 0
         """Time up to which timers and actions have been served."""
-        self._line = line
+        self._inject_line = inject_line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
         """Power a drive on; raises ValueError when its unit id is taken."""
@@ -160,12 +147,10 @@ class SimulatedUnits(DriveBench):
 
     def action(self, node: int, fault: TimedFault) -> Action:
         unit = self.units[node]
-        if isinstance(fault, faults.HostFault):
-            return lambda _t_ns: self._line.host_fault(fault)
         if isinstance(fault, faults.ForeignSetPoints):
             return partial(self._meddle, fault, unit, 1)
-        if isinstance(fault, faults.AnswerFault):
-            return partial(self._line.disturb, fault, unit.number)
+        if isinstance(fault, faults.AnswerFault | faults.HostFault):
+            return partial(self._inject_line, fault, node)
         if not isinstance(fault, faults.DriveFaultKind):
             raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
         return partial(inject_unit, fault, unit, self.queue.plan)

@@ -101,7 +101,7 @@ class Server:
     """Drives on one TCP port or one serial device."""
 
     def __init__(self, clock: Clock, seed: int, *, serial: bool, longest: int | None) -> None:
-        self.requests = RequestServer(self, seed, serial=serial, longest=longest)
+        self.requests = RequestServer(self.inject_line, seed, serial=serial, longest=longest)
         self._clock = clock
         self._listener: ModbusBaseServer | None = None
         self._connections: list[Connection] = []
@@ -124,19 +124,14 @@ class Server:
         if self._listener is not None:
             await self._listener.shutdown()  # type: ignore[no-untyped-call]
 
-    # Faults (see `drives.FaultyLine`).
-
-    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None:
-        """Disturb the next answers of a drive, or end all connections."""
-        if not isinstance(fault, faults.ConnectionReset):
+    def inject_line(self, fault: faults.LineDisturbance | faults.HostFault, number: int, t_ns: int) -> None:
+        """Disturb the next answers of a drive, or end all connections; `resolve` refuses faults of the host."""
+        if isinstance(fault, faults.ConnectionReset):
+            self._dead_until_ns = until(t_ns, fault.duration)
+            for connection in self._connections:
+                connection.reset()
+        elif not isinstance(fault, faults.HostFault):
             self.requests.disturbances.add(fault, number)
-            return
-        self._dead_until_ns = until(t_ns, fault.duration)
-        for connection in self._connections:
-            connection.reset()
-
-    def host_fault(self, fault: faults.HostFault) -> None:
-        """Never called: `resolve` refuses this fault."""
 
     # Inside.
 

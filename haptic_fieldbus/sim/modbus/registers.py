@@ -63,8 +63,7 @@ class Registers:
         """Put a value behind its registers; a second value at the same address adds the write access."""
         self.reader.cache_clear()
         self._writer.cache_clear()
-        before = self._cells.get(register.address)
-        if before is not None:
+        if (before := self._cells.get(register.address)) is not None:
             reads, writes = before.reads, writes or before.writes
         self._cells[register.address] = RegisterCell(register, reads, writes)
         for address in range(register.address, register.address + register.count):
@@ -79,8 +78,7 @@ class Registers:
 
     def write(self, address: int, octets: bytes) -> tuple[Entry, ...] | Refusal:
         """Write registers, all or none; return the entries that were written."""
-        block = self._writer(address, len(octets) // 2)
-        if block is None:
+        if (block := self._writer(address, len(octets) // 2)) is None:
             return Refusal.ADDRESS
         codec, entries, fields, listeners = block
         words, values = codec.unpack(octets), []
@@ -104,8 +102,7 @@ class Registers:
             return Refusal.FUNCTION
         if not 1 <= count <= self._line.longest_read:
             return Refusal.VALUE
-        cells = self._found(address, count)
-        if cells is None:
+        if (cells := self._found(address, count)) is None:
             return Refusal.ADDRESS
         sources = [(cell.reads, _MASKS[cell.register.count], self._is_turned(cell)) for cell in cells]
         pack = _codec(address, count, cells).pack

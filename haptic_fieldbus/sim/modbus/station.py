@@ -23,7 +23,7 @@ from pymodbus.pdu.register_message import (
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, READ_INPUT, WRITE_MULTIPLE, WRITE_SINGLE
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.modbus.drives import AnswerDisturbances, FaultyLine, SimulatedUnits
+from haptic_fieldbus.sim.modbus.drives import AnswerDisturbances, InjectLine, SimulatedUnits
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
 
@@ -63,10 +63,9 @@ class Station:
         if not self._serial and len(octets) > _MBAP.size:
             # The usual case on TCP: one whole request and nothing else.
             transaction, protocol, length, unit = _MBAP.unpack_from(octets)
-            if not protocol and length == len(octets) - _HEADER_OCTETS:
-                asked = usual_request(unit, transaction, octets[_MBAP.size :])
-                if asked is not None:
-                    return len(octets), asked
+            is_whole = not protocol and length == len(octets) - _HEADER_OCTETS
+            if is_whole and (asked := usual_request(unit, transaction, octets[_MBAP.size :])) is not None:
+                return len(octets), asked
         used, unit, transaction, body = self._framer.decode(octets)
         if not used or not body:
             return used, None
@@ -171,9 +170,9 @@ class RequestServer:
     """The drives of a line behind octets; all times are those of one clock [ns]."""
 
     def __init__(
-        self, line: FaultyLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
+        self, inject_line: InjectLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
     ) -> None:
-        self.drives = SimulatedUnits(line, seed, longest)
+        self.drives = SimulatedUnits(inject_line, seed, longest)
         self.station = Station(self.drives.units, serial=serial)
         self.disturbances = AnswerDisturbances(seed, serial=serial)
 

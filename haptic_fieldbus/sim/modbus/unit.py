@@ -240,8 +240,7 @@ class Unit:
 
     def read(self, function: int, address: int, count: int, t_ns: int) -> bytes | Refusal:
         """Return the octets of registers at this time, or the reason of the refusal."""
-        reader = self.registers.reader(function, address, count)
-        if isinstance(reader, Refusal):
+        if isinstance(reader := self.registers.reader(function, address, count), Refusal):
             return reader
         self._now_ns = t_ns
         self.drive.measure(t_ns)
@@ -254,8 +253,7 @@ class Unit:
         self._now_ns = t_ns
         # Nothing that is measured is read here, so only the shaft is brought up to date.
         self.drive.servo.advance(t_ns)
-        outcome = self.registers.write(address, octets)
-        if isinstance(outcome, Refusal):
+        if isinstance(outcome := self.registers.write(address, octets), Refusal):
             return outcome
         self._watch(outcome, t_ns)
         return None
@@ -322,8 +320,7 @@ class Unit:
 
     def _add_watchdog(self) -> Watchdog:
         """Add the registers of the watch; without any its time is 0 for ever."""
-        section = self.profile.watchdog
-        if section is None:
+        if (section := self.profile.watchdog) is None:
             return Watchdog(Entry(0, 0, DataType.UINT16), "ms")
         self._lost_master = LOST_MASTER if section.fault is None else section.fault
         watchdog = Watchdog(self._keep(section.time), section.time.unit)

@@ -31,7 +31,7 @@ def frame(draw: random.Random, serial: bool) -> bytes:
 @pytest.mark.parametrize("serial", [True, False])
 @pytest.mark.parametrize("thousands", [2, 98])
 def test_the_drives_live_on(thousands: int, serial: bool) -> None:
-    requests = RequestServer(NoLine(), seed=1, serial=serial)
+    requests = RequestServer(NoLine().inject, seed=1, serial=serial)
     requests.drives.add(slot(), 0)
     draw, t_ns = random.Random(thousands), 0
     for _ in range(1000 * thousands):

@@ -124,8 +124,7 @@ class LssSlave:
         return (_SELECTED,)
 
     def _identify(self, data: bytes) -> Answer:
-        heard = self._part(_IDENTIFY, data)
-        if heard is None:
+        if (heard := self._part(_IDENTIFY, data)) is None:
             return None
         vendor, product, low_revision, high_revision, low_serial, high_serial = heard
         own = self._identity()

@@ -45,10 +45,7 @@ class Producer:
 
     def start(self, t_ns: int) -> None:
         """Send the first heartbeat one period from now, none if the period is 0."""
-        if self._time.value:
-            self._alarm.at(t_ns + self._time.value * _MS)
-        else:
-            self._alarm.off()
+        self._alarm.at(t_ns + self._time.value * _MS if self._time.value else NEVER_NS)
 
     def stop(self) -> None:
         """Send no heartbeat until `start`."""
@@ -199,8 +196,7 @@ class Guarding(Watch):
         """Return the answer to the master's remote frame: NMT state and toggle bit."""
         answer = bytes((self._toggle | state,))
         self._toggle ^= _TOGGLE
-        life_ns = self._guard_time.value * self._factor.value * _MS
-        if life_ns:
+        if life_ns := self._guard_time.value * self._factor.value * _MS:
             self.heard(t_ns, life_ns)
         return answer
 
@@ -318,8 +314,7 @@ class Emergencies:
 
     def clear(self, code: int, cause: object = None) -> None:
         """Remove this cause, and end the error if no cause is left; unknown codes and causes are ignored."""
-        causes = self._causes.get(code)
-        if causes is None:
+        if (causes := self._causes.get(code)) is None:
             return
         causes.discard(cause)
         if not causes:

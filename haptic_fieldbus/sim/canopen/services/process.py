@@ -237,8 +237,7 @@ class ProcessData:
         counter = data[0] if data else 0
         # TPDOs first: they carry the state before the waiting RPDOs act.
         for tpdo in self._at_sync:
-            octets = tpdo.at_sync(counter)
-            if octets is not None:
+            if (octets := tpdo.at_sync(counter)) is not None:
                 self._send_pdo(tpdo, octets)
         if self._waiting:
             for rpdo, received in self._waiting.items():
@@ -251,8 +250,7 @@ class ProcessData:
         self._poll.at(t_ns + self._drive.event_period_ns)
         self._drive.measure(t_ns)
         for tpdo in self._at_event:
-            octets = tpdo.at_event(t_ns)
-            if octets is not None:
+            if (octets := tpdo.at_event(t_ns)) is not None:
                 self._send_pdo(tpdo, octets)
 
     def _receiver(self, rpdo: Rpdo) -> Handler:
@@ -297,8 +295,7 @@ class ProcessData:
 
     def _requested(self, tpdo: Tpdo) -> Callable[[int], None]:
         def requested(t_ns: int) -> None:
-            octets = tpdo.at_request(lambda: self._drive.measure(t_ns))
-            if octets is not None:
+            if (octets := tpdo.at_request(lambda: self._drive.measure(t_ns))) is not None:
                 self._send_pdo(tpdo, octets)
 
         return requested

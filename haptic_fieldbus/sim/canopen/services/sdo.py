@@ -9,7 +9,7 @@ initiate of the next client would be read as a segment.
 
 from abc import ABC, abstractmethod
 from binascii import crc_hqx
-from enum import Enum, auto
+from enum import Enum
 
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dictionary, Entry
 
@@ -222,11 +222,11 @@ class BlockDownload(Transfer):
 
 
 class _Step(Enum):
-    """The next request that a block upload expects of the client."""
+    """The next request that a block upload expects of the client; the value is its subcommand."""
 
-    START = auto()
-    CONFIRMATION = auto()
-    END = auto()
+    START = 3
+    CONFIRMATION = 2
+    END = 1
 
 
 class BlockUpload(Transfer):
@@ -253,8 +253,7 @@ class BlockUpload(Transfer):
         return command >> 5 == _UPLOAD_REQUEST and bool(command & 0x03)
 
     def request(self, data: bytes) -> Response:
-        subcommand = data[0] & 0x03
-        if subcommand != {_Step.START: 3, _Step.CONFIRMATION: 2, _Step.END: 1}[self._step]:
+        if data[0] & 0x03 != self._step.value:
             raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         if self._step is _Step.START:
             return self._block()
@@ -380,19 +379,16 @@ class SdoServer:
         return [transfer.begin()]
 
     def _block_download(self, entry: Entry, data: bytes) -> Response:
-        transfer = BlockDownload(
-            entry, _announced(data) if data[0] & 0x02 else None, crc=bool(data[0] & 0x04), block_size=self.block_size
-        )
-        self._transfer = transfer
-        return [transfer.begin()]
+        announced = _announced(data) if data[0] & 0x02 else None
+        self._transfer = BlockDownload(entry, announced, crc=bool(data[0] & 0x04), block_size=self.block_size)
+        return [self._transfer.begin()]
 
     def _block_upload(self, entry: Entry, data: bytes) -> Response:
         content = entry.read()
         if data[5] and len(content) <= data[5]:  # below the client's protocol switch threshold blocks are not worth it
             return self._upload(entry, data)
-        transfer = BlockUpload(entry, content, crc=bool(data[0] & 0x04), block_size=data[4])
-        self._transfer = transfer
-        return [transfer.begin()]
+        self._transfer = BlockUpload(entry, content, crc=bool(data[0] & 0x04), block_size=data[4])
+        return [self._transfer.begin()]
 
 
 # By command specifier: the sub-command bits that are 0 in an initiate (CiA 301, 7.2.4.3.9 and 7.2.4.3.13).
