@@ -271,6 +271,11 @@ class DrivenBus(ABC):
     def reached_ns(self) -> int:
         """Return the instant up to which all events have been run."""
 
+    def let_happen(self, node: int, fault: TimedFault) -> None:
+        """Plan a fault of a drive or of its bus; its `at` counts from the present."""
+        self.run()
+        self._bench.let_happen(fault, node, self.reached_ns)
+
     def body(self, node: int) -> Body:
         """Return the shaft of a drive."""
         return self._bench.by_node[node].plant

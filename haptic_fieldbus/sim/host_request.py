@@ -40,11 +40,6 @@ class NamedDrive:
     node: int
 
 
-def drives_of(channel: str) -> list[NamedDrive]:
-    """Parse the drives of a channel; raises UsageError when one is not written as `profile@node-ID`."""
-    return [drive_of(item) for item in channel.split(",")]
-
-
 def drive_of(text: str, nodes: Sequence[int] = _NODES) -> NamedDrive:
     """Parse one drive, `profile@node-ID`; raises UsageError when it is written otherwise."""
     name, _, number = text.strip().rpartition("@")

@@ -24,7 +24,7 @@ from haptic_fieldbus.sim.canopen.link import Frame, Received
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.host_request import drives_of, slot_of
+from haptic_fieldbus.sim.host_request import drive_of, slot_of
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
@@ -217,6 +217,6 @@ def _new_world(
     channel: str, bitrate: int, seed: int, hand: str, workspace: str, profiles: str | None, clock: Clock
 ) -> World:
     world = World(clock, bitrate, seed, _LONGEST)
-    for drive in drives_of(channel):
+    for drive in map(drive_of, channel.split(",")):
         world.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
     return world

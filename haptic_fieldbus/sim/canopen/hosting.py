@@ -93,17 +93,16 @@ class HostPort:
 
     def receive(self, longest_ns: int) -> Frame | None:
         """Return the next frame; None when none comes within `longest_ns`, or the bus is down."""
-        received = None
+        if self._port is None:
+            self._open()
+            self._pause(longest_ns)
+            return None
         try:
-            if self._port is not None:
-                received = self._port.receive(max(0, longest_ns) * 1e-9)
+            received = self._port.receive(max(0, longest_ns) * 1e-9)
         except FOREIGN as error:
             self._failed(error)
             self._pause(longest_ns)
-        else:
-            if self._port is None:
-                self._open()
-                self._pause(longest_ns)
+            return None
         if received is None or received is OURS:
             return None
         can_id, data = received
@@ -258,8 +257,7 @@ class Host:
     def _catch_up(self, now_ns: int) -> None:
         """Serve all timers that are due, each with its own instant."""
         self._served_ns = now_ns
-        while self._drives.due_ns <= now_ns:
-            due_ns = self._drives.due_ns
+        while (due_ns := self._drives.due_ns) <= now_ns:
             self._drives.timers(due_ns)
             self._flush(due_ns)
 

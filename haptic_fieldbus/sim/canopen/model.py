@@ -161,7 +161,10 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
         entry = implemented.get((described.index, described.subindex))
         if entry is not None and _understood(entry, described):
             _take_over(entry, described, node)
-        elif described.index not in _PDO_RECORDS or (described.index in pdos and not _beyond(described)):
+        elif described.index not in _PDO_RECORDS or (
+            # CiA 301, 7.5.2.36: no PDO can have further mapping entries.
+            described.index in pdos and (not described.index & MAPPING or described.subindex <= MOST_ENTRIES)
+        ):
             dictionary.add(_stored_entry(described, node))
     lone = [
         f"{index:04X}h: the other record of this PDO is missing; the PDO is omitted"
@@ -173,11 +176,6 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
         source = eds.find(entry.index, entry.subindex)
         entry.numbered = source is not None and isinstance(source.formula, NodeOffset)
     return notes
-
-
-def _beyond(described: EdsEntry) -> bool:
-    """Return whether this is a mapping entry that no PDO can have (CiA 301, 7.5.2.36)."""
-    return described.index & MAPPING != 0 and described.subindex > MOST_ENTRIES
 
 
 def _understood(entry: Entry, described: EdsEntry) -> bool:
@@ -276,13 +274,10 @@ def _set_up_pdos(
 
     An entry of a PDO that the file lacks is not accessible, but the drive still uses it.
     """
-    records: dict[int, dict[int, Entry]] = {}
-    for (index, subindex), entry in implemented.items():
-        if index in _PDO_RECORDS:
-            records.setdefault(index, {})[subindex] = entry
     for direction, way in ((Direction.RPDO, Mappable.RPDO), (Direction.TPDO, Mappable.TPDO)):
         for index in (COMMUNICATION[direction].start - 1 + number for number in pdo_shape(eds, direction)):
-            communication, mapping = records[index], records[index + MAPPING]
+            communication = {subindex: entry for (at, subindex), entry in implemented.items() if at == index}
+            mapping = {subindex: entry for (at, subindex), entry in implemented.items() if at == index + MAPPING}
             for subindex, entry in communication.items():
                 entry.start_with(_given(eds, index, subindex, node, _LEFT_OPEN.get(subindex, 0)))
             for subindex, entry in mapping.items():

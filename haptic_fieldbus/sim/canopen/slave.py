@@ -186,11 +186,8 @@ class Node:
     def _route(self) -> None:
         """Rebuild the handlers for the present state and parameters."""
         works = nmt.WORKING[self.state]
-        if (
-            self.state is nmt.NmtState.INITIALISING
-            and self._boot_alarm.due_ns == NEVER_NS
-            and self.lss.active_node == UNCONFIGURED
-        ):
+        waits = self.state is nmt.NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS
+        if waits and self.lss.active_node == UNCONFIGURED:
             # No boot-up is pending: LSS alone can bring the node further.
             works = nmt.WITHOUT_NODE_ID
         handlers: dict[int, Handler] = {}

@@ -30,7 +30,7 @@ from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
 from haptic_fieldbus.sim.canopen.link import Controller, Frame, Port, Received, Wire, WireStatistics, frames_arriving
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, HostFault, LineFault
+from haptic_fieldbus.sim.faults import Disturbance, HostFault, LineFault
 from haptic_fieldbus.sim.simulation import HostClock
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
@@ -128,9 +128,14 @@ class PacedByClock:
             self._turn.notify_all()
 
     def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
+        def full() -> bool:
+            return len(controller.port.waiting) >= TRANSMIT_ROOM and not controller.closed
+
         with self._turn:
-            if len(controller.port.waiting) >= TRANSMIT_ROOM:
-                self._make_room(controller, timeout)
+            if full():
+                self._wait_while(full, max(0, round((timeout or 0.0) * 1e9)))
+                if full():
+                    raise can.CanOperationError("the transmit queue is full", errno.ENOBUFS)
             _check_open(controller)
             if not self._world.send(controller, frame):
                 raise _refused(controller)
@@ -164,14 +169,6 @@ class PacedByClock:
             yield
             # What was changed may cause an event earlier than the one that the waiting threads sleep until.
             self._turn.notify_all()
-
-    def _make_room(self, controller: Controller, timeout: float | None) -> None:
-        def full() -> bool:
-            return len(controller.port.waiting) >= TRANSMIT_ROOM and not controller.closed
-
-        self._wait_while(full, max(0, round((timeout or 0.0) * 1e9)))
-        if full():
-            raise can.CanOperationError("the transmit queue is full", errno.ENOBUFS)
 
     def _wait_while(self, condition: Callable[[], bool], wait_ns: int) -> None:
         """Let time pass, from event to event, while the condition holds and the wait is not over."""
@@ -394,11 +391,6 @@ class World(DrivenBus):
         self._drives.find_due()
 
     # Faults.
-
-    def let_happen(self, node: int, fault: DriveFaultKind | LineFault | HostFault) -> None:
-        """Plan a fault of a drive or of its bus; its `at` counts from the present."""
-        self.run()
-        self._drives.let_happen(fault, node, self._now_ns)
 
     def inject_line(self, fault: LineFault | HostFault, t_ns: int) -> None:
         """Apply a fault of the bus or of the host that happens at `t_ns`.

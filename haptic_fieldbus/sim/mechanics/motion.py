@@ -96,9 +96,8 @@ class Flow:
         whole = np.floor(spans_ns / self.quantum_ns).astype(np.int64)
         rest = spans_ns - whole * self.quantum_ns
         for power in range(int(whole.max(initial=0)).bit_length()):
-            rows = np.flatnonzero(whole >> power & 1)
-            if len(rows):
-                states[rows] = moved(states[rows], self.transition(1 << power + self._smallest))
+            if len(due := np.flatnonzero(whole >> power & 1)):
+                states[due] = moved(states[due], self.transition(1 << power + self._smallest))
         # A block stays in the cache, and is advanced in place.
         transposed = self.a.T
         for first in range(0, len(states), _BLOCK):
@@ -127,22 +126,18 @@ class Flow:
         if form @ end + offset >= 0.0 and not (rate @ z < 0.0 < rate @ end):
             return None
         if span_ns <= self.quantum_ns:
-            return _first_negative(self._series(z, form, offset), span_ns)
+            # form·exp(A·h)·z + offset as a polynomial in h [ns].
+            term, coefficients = z, [float(form @ z) + offset]
+            for k in range(1, _TERMS):
+                term = self.a @ term / k
+                coefficients.append(float(form @ term))
+            return _first_negative(coefficients, span_ns)
         cut_ns = 1 << math.ceil(math.log2(span_ns)) - 1
         middle = self.transition(cut_ns) @ z
         if (early := self._search(z, middle, cut_ns, form, offset)) is not None:
             return early
         late = self._search(middle, end, span_ns - cut_ns, form, offset)
         return None if late is None else cut_ns + late
-
-    def _series(self, z: Matrix, form: Matrix, offset: float) -> list[float]:
-        """Return the coefficients of form·exp(A·h)·z + offset as a polynomial in h [ns]."""
-        term = z
-        coefficients = [float(form @ z) + offset]
-        for k in range(1, _TERMS):
-            term = self.a @ term / k
-            coefficients.append(float(form @ term))
-        return coefficients
 
 
 def moved(states: Matrix, transition: Matrix) -> Matrix:

@@ -48,8 +48,7 @@ class AnswerDisturbances:
 
     def released(self) -> list[bytes]:
         """Return the answers that were held back until this request."""
-        if held := self._held:
-            self._held = []
+        held, self._held = self._held, []
         return held
 
     def arriving(self, fault: faults.AnswerDisturbance, octets: bytes) -> Iterator[tuple[int, bytes]]:

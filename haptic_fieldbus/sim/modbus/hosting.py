@@ -152,18 +152,19 @@ class Server:
         return transport
 
 
-class _TcpServer(ModbusTcpServer):
+class _Listener:
     connected: Callable[[], Connection]
 
     def callback_new_connection(self) -> Connection:
         return self.connected()
 
 
-class _SerialServer(ModbusSerialServer):
-    connected: Callable[[], Connection]
+class _TcpServer(_Listener, ModbusTcpServer):
+    """A server on a TCP port."""
 
-    def callback_new_connection(self) -> Connection:
-        return self.connected()
+
+class _SerialServer(_Listener, ModbusSerialServer):
+    """A server on a serial device."""
 
 
 PTY = "pty"

@@ -90,11 +90,6 @@ class SimulatedLine(DrivenBus):
         """Call `callback` with every frame."""
         self._taps.append(callback)
 
-    def let_happen(self, number: int, fault: faults.DriveFaultKind | faults.AnswerFault | faults.HostFault) -> None:
-        """Plan a fault of a drive or of its line; its `at` counts from the present."""
-        self.run()
-        self._drives.let_happen(fault, number, self._clock.now_ns())
-
     # The transport.
 
     def tune(self, baud: int, parity: Parity, stop_bits: int) -> None:

@@ -59,8 +59,9 @@ class Registers:
         self.reader = lru_cache(maxsize=256)(self._new_reader)
         self._writer = lru_cache(maxsize=256)(self._new_writer)
 
-    def add(self, register: Register, reads: Entry, writes: Entry | None = None) -> None:
-        """Put a value behind its registers; a second value at the same address adds the write access."""
+    def add(self, register: Register, entry: Entry) -> None:
+        """Put an entry behind its registers, with its access rights; a second one adds the write access."""
+        reads, writes = entry, entry if entry.access is Access.RW else None
         self.reader.cache_clear()
         self._writer.cache_clear()
         if (before := self._cells.get(register.address)) is not None:
@@ -68,10 +69,6 @@ class Registers:
         self._cells[register.address] = RegisterCell(register, reads, writes)
         for address in range(register.address, register.address + register.count):
             self._owner[address] = register.address
-
-    def both(self, register: Register, entry: Entry) -> None:
-        """Put an entry behind its registers, with its access rights."""
-        self.add(register, entry, entry if entry.access is Access.RW else None)
 
     def __contains__(self, address: int) -> bool:
         return address in self._owner

@@ -22,7 +22,7 @@ from haptic_fieldbus.protocols.modbus.profile import (
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.core import Drive, Operation
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry, one_of
-from haptic_fieldbus.sim.drive.objects import DISABLE
+from haptic_fieldbus.sim.drive.objects import CYCLIC_TORQUE, DISABLE
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive.settings import DriveSettings, steps_of_position
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
@@ -30,7 +30,6 @@ from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
 
 # The drive inside: a drive with the objects of CiA 402 that stands behind the registers of a Modbus profile.
 
-CYCLIC_TORQUE = 10
 POSITION, VELOCITY, TARGET, ACTUAL, DEMAND, RATED = 0x6064, 0x606C, 0x6071, 0x6077, 0x6074, 0x6076
 ABORT_OPTION, REACTION_OPTION = 0x6007, 0x605E
 
@@ -111,13 +110,6 @@ class Watchdog:
         """Count from this instant on."""
         on = self.time.value and self.factor is not None
         self.due_ns = t_ns + round(self.time.value * self._unit_ns * (self.factor or 0.0)) if on else NEVER_NS
-
-    def expired(self, t_ns: int) -> bool:
-        """Return whether the time is over, once."""
-        if self.due_ns > t_ns:
-            return False
-        self.due_ns = NEVER_NS
-        return True
 
 
 # Command and status of a drive that has no controlword: a mode register or an opcode, by the rows of its profile.
@@ -217,7 +209,8 @@ class Unit:
         self._now_ns = t_ns
         if self.drive.operation.due_ns <= t_ns:
             self.drive.operation.timer(t_ns)
-        if self.watchdog.expired(t_ns):
+        if self.watchdog.due_ns <= t_ns:
+            self.watchdog.due_ns = NEVER_NS
             self.drive.link_lost(self._lost_master, t_ns)
 
     def power_on(self, t_ns: int, duration_ns: int = 0) -> None:
@@ -299,14 +292,14 @@ class Unit:
     def _add_power(self) -> PowerRegisters | None:
         power, objects, drive = self.profile.power, self.drive.objects, self.drive
         if power.error is not None:
-            self.registers.both(power.error, objects.error_code)
+            self.registers.add(power.error, objects.error_code)
         if power.table == "cia402":
-            self.registers.both(power.status, objects.statusword)
-            self.registers.both(power.command, objects.controlword)
+            self.registers.add(power.status, objects.statusword)
+            self.registers.add(power.command, objects.controlword)
             return None
         power_registers = PowerRegisters(power, lambda: drive.power.state, self._obey)
         self.registers.add(power.status, power_registers.status)
-        self.registers.add(power.command, power_registers.command, power_registers.command)
+        self.registers.add(power.command, power_registers.command)
         # No register tells this drive its mode of operation in the words of CiA 402.
         objects.mode.value = objects.mode.default = CYCLIC_TORQUE
         if all(row.state is not PowerState.FAULT_REACTION_ACTIVE for row in power.rows):
@@ -324,7 +317,7 @@ class Unit:
             return Watchdog(Entry(0, 0, DataType.UINT16), "ms")
         self._lost_master = LOST_MASTER if section.fault is None else section.fault
         watchdog = Watchdog(self._keep(section.time), section.time.unit)
-        self.registers.both(section.time, watchdog.time)
+        self.registers.add(section.time, watchdog.time)
         return watchdog
 
     def _add_signals(self) -> None:
@@ -342,7 +335,7 @@ class Unit:
             pairs += [(mode.write, objects.mode), (mode.display, objects.mode_display)]
         for register, entry in pairs:
             if register is not None and entry is not None:
-                self.registers.both(register, entry)
+                self.registers.add(register, entry)
         if torque.limit is not None:
             self._add_limit(torque.limit)
 
@@ -359,29 +352,26 @@ class Unit:
 
         entry.changed = changed
         self._kept.append(entry)
-        self.registers.both(register, entry)
+        self.registers.add(register, entry)
 
     def _add_others(self) -> None:
         profile, mode = self.profile, self.profile.mode
         for identity in profile.identity:
             value = identity.values[0] if identity.values else 0
             self.identity.append(Entry(0, 0, identity.type, value, Access.CONST))
-            self.registers.both(identity, self.identity[-1])
+            self.registers.add(identity, self.identity[-1])
         if profile.serial is not None:
             number = self.drive.settings.serial % (profile.serial.type.limits[1] + 1)
-            self.registers.both(profile.serial, Entry(0, 0, profile.serial.type, number, Access.CONST))
+            self.registers.add(profile.serial, Entry(0, 0, profile.serial.type, number, Access.CONST))
         others: list[Register] = list(written_registers(profile))
         if mode is not None and profile.power.table != "cia402":
             others.append(mode.write)
         for register in others:
             if register.address not in self.registers:
-                self.registers.both(register, self._entry_of(register))
-
-    def _entry_of(self, register: Register) -> Entry:
-        """Return the object of a register, otherwise an entry that stores the written value."""
-        if register.object is not None and register.object in self.drive.dictionary:
-            return self.drive.dictionary.find(register.object)
-        return self._keep(register)
+                # The object of a register, otherwise an entry that stores the written value.
+                known = register.object is not None and register.object in self.drive.dictionary
+                entry = self.drive.dictionary.find(register.object or 0) if known else self._keep(register)
+                self.registers.add(register, entry)
 
     def _keep(self, register: Register) -> Entry:
         entry = Entry(0, 0, register.type, access=Access.RW)

@@ -16,7 +16,7 @@ from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handl
 from haptic_fieldbus.sim.canopen.services.nmt import PDO_TOO_LONG, PDO_TOO_SHORT, RPDO_TIMEOUT, SYNC_LENGTH, Emergencies
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
 from haptic_fieldbus.sim.drive.core import Drive
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, only_if
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Entry, only_if
 
 # Deadlines of RPDOs: their event timers (1400h:05).
 #
@@ -81,53 +81,9 @@ class Deadline:
         self._lost(RPDO_TIMEOUT, t_ns)
 
 
-# SYNC as a simulated node consumes it: 1005h, 1006h, 1007h, 1019h.
-#
-# Reference: CiA 301 4.2, 7.2.5 and 7.5.2.6 to 7.5.2.8, 7.5.2.22. The node does not produce SYNC. The SYNC counter
-# (1019h) cannot be changed while the period 1006h is not 0. A synchronous RPDO that comes later than 1007h after SYNC
-# is dropped.
-
 SYNC_ID = 0x80
 # 1019h: 0 for no counter, else its highest value; 1 is reserved.
 _COUNTERS = (0, *range(2, 241))
-
-
-class SyncObjects:
-    """The objects of SYNC and their meaning; `changed` is called when one of them was written."""
-
-    def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
-        add = dictionary.add
-        self._cob_id = add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=only_if(_is_sync_id)))
-        self._period = add(Entry(0x1006, 0, DataType.UINT32, 0, Access.RW))
-        self._window = add(Entry(0x1007, 0, DataType.UINT32, 0, Access.RW))
-        self._overflow = add(Entry(0x1019, 0, DataType.UINT8, 0, Access.RW, accept=self._accept_overflow))
-        for entry in (self._cob_id, self._window, self._overflow):
-            entry.changed = changed
-
-    @property
-    def can_id(self) -> int:
-        return self._cob_id.value & ID
-
-    @property
-    def counted(self) -> bool:
-        """Return whether SYNC messages carry a counter."""
-        return self._overflow.value != 0
-
-    @property
-    def window_ns(self) -> int:
-        """Return the synchronous window; 0: until the next SYNC."""
-        return self._window.value * 1000
-
-    def _accept_overflow(self, value: int) -> None:
-        if self._period.value:
-            raise AccessRefused(AbortCode.DEVICE_STATE)
-        if value not in _COUNTERS:
-            raise AccessRefused(AbortCode.INVALID_VALUE)
-
-
-def _is_sync_id(value: int) -> bool:
-    """Return whether SYNC may have this COB-ID: not produced (bit 30), not of 29 bits, not restricted."""
-    return not value & ~ID and not is_restricted(value)
 
 
 @dataclass
@@ -146,6 +102,13 @@ class Losses:
                 receive(data, t_ns)
 
         return lose if self.left else receive
+
+
+# SYNC as a simulated node consumes it: 1005h, 1006h, 1007h, 1019h.
+#
+# Reference: CiA 301 4.2, 7.2.5 and 7.5.2.6 to 7.5.2.8, 7.5.2.22. The node does not produce SYNC. The SYNC counter
+# (1019h) cannot be changed while the period 1006h is not 0. A synchronous RPDO that comes later than 1007h after SYNC
+# is dropped.
 
 
 @dataclass(eq=False)
@@ -167,7 +130,16 @@ class ProcessData:
     def __post_init__(self, rpdos: list[PdoDefaults], tpdos: list[PdoDefaults]) -> None:
         dictionary = self._drive.dictionary
         self.lost_rpdos, self.lost_syncs = Losses(), Losses()
-        self.objects = SyncObjects(dictionary, self._changed)
+        # Not produced (bit 30), not of 29 bits, not restricted.
+        is_sync_id = only_if(lambda value: not value & ~ID and not is_restricted(value))
+        self._sync_id = dictionary.add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=is_sync_id))
+        self._period = dictionary.add(Entry(0x1006, 0, DataType.UINT32, 0, Access.RW))
+        self._window = dictionary.add(Entry(0x1007, 0, DataType.UINT32, 0, Access.RW))
+        """The synchronous window [µs]; 0: until the next SYNC."""
+        self._overflow = dictionary.add(Entry(0x1019, 0, DataType.UINT8, 0, Access.RW, accept=self._accept_overflow))
+        """Largest value of the counter in SYNC messages; 0: they carry none."""
+        for entry in (self._sync_id, self._window, self._overflow):
+            entry.changed = self._changed
         self._rpdos = [Rpdo(dictionary, defaults, self._changed) for defaults in rpdos]
         self._tpdos = [Tpdo(dictionary, defaults, self._changed) for defaults in tpdos]
         self._poll = self._alarms.new(self.poll)
@@ -188,7 +160,7 @@ class ProcessData:
     def start(self, t_ns: int) -> None:
         """Start on entering *operational*."""
         for tpdo in self._tpdos:
-            tpdo.restart(t_ns, counted=self.objects.counted)
+            tpdo.restart(t_ns, counted=self._overflow.value != 0)
         self._waiting.clear()
         self._window_end_ns = NEVER_NS
         self._poll.at(t_ns)
@@ -204,20 +176,20 @@ class ProcessData:
         """Take over the parameters, and return the handlers of SYNC and of the RPDOs by identifier."""
         self._at_sync = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.with_sync]
         self._at_event = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.event_driven]
-        self._sync_octets = int(self.objects.counted)
-        self._window_ns = self.objects.window_ns
+        self._sync_octets = int(self._overflow.value != 0)
+        self._window_ns = self._window.value * 1000
         # An event-driven TPDO is checked at once after a change: it may have become valid.
         self._poll.at(min(self._poll.due_ns, t_ns) if self._at_event else NEVER_NS)
         for deadline in self._deadlines.values():
             deadline.check()
         handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
-        handlers[self.objects.can_id] = self.lost_syncs.before(self.sync)
+        handlers[self._sync_id.value & ID] = self.lost_syncs.before(self.sync)
         return handlers
 
     @property
     def received(self) -> set[int]:
         """Identifiers of SYNC and of the RPDOs."""
-        return {self.objects.can_id, *(rpdo.can_id for rpdo in self._rpdos if rpdo.valid)}
+        return {self._sync_id.value & ID, *(rpdo.can_id for rpdo in self._rpdos if rpdo.valid)}
 
     def requests(self) -> dict[int, Callable[[int], None]]:
         """Return the handlers of remote frames, by identifier."""
@@ -253,8 +225,24 @@ class ProcessData:
             if (octets := tpdo.at_event(t_ns)) is not None:
                 self._send_pdo(tpdo, octets)
 
+    def _accept_overflow(self, value: int) -> None:
+        if self._period.value:
+            raise AccessRefused(AbortCode.DEVICE_STATE)
+        if value not in _COUNTERS:
+            raise AccessRefused(AbortCode.INVALID_VALUE)
+
     def _receiver(self, rpdo: Rpdo) -> Handler:
-        receive = self._holder(rpdo) if rpdo.synchronous or self._acts_at_sync else self._actor(rpdo)
+        apply, act = rpdo.apply, self._drive.act
+
+        def hold(data: bytes, t_ns: int) -> None:
+            if not self._window_ns or t_ns <= self._window_end_ns:
+                self._waiting[rpdo] = data
+
+        def follow(data: bytes, t_ns: int) -> None:
+            apply(data)
+            act(t_ns)
+
+        receive: Handler = hold if rpdo.synchronous or self._acts_at_sync else follow
         if rpdo.deadline_ns:
             if rpdo not in self._deadlines:
                 self._deadlines[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, self._drive.link_lost)
@@ -276,22 +264,6 @@ class ProcessData:
             receive(data, t_ns)
 
         return measured
-
-    def _holder(self, rpdo: Rpdo) -> Handler:
-        def hold(data: bytes, t_ns: int) -> None:
-            if not self._window_ns or t_ns <= self._window_end_ns:
-                self._waiting[rpdo] = data
-
-        return hold
-
-    def _actor(self, rpdo: Rpdo) -> Handler:
-        apply, act = rpdo.apply, self._drive.act
-
-        def receive(data: bytes, t_ns: int) -> None:
-            apply(data)
-            act(t_ns)
-
-        return receive
 
     def _requested(self, tpdo: Tpdo) -> Callable[[int], None]:
         def requested(t_ns: int) -> None:
