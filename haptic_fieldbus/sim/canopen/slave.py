@@ -37,8 +37,6 @@ from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 SDO_RESPONSE_ID = 0x580
 SDO_REQUEST_ID = 0x600
-_CONSUMERS = 4
-"""Number of nodes that can be monitored."""
 _EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
 
 
@@ -64,11 +62,9 @@ class Node:
         self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
         self.emergencies = nmt.Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
         self._producer = nmt.Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
-        consumers = _CONSUMERS if options.consumer is not None else 0
-        self.consumers = nmt.Consumers(
-            dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
-        )
-        self._guarding = nmt.Guarding(dictionary, alarms, self._link_lost, self._link_back)
+        watching = self._link_lost, self._link_back
+        self.consumers = nmt.Consumers(dictionary, options.consumer, alarms, self._route, *watching)
+        self._guarding = nmt.Guarding(dictionary, alarms, *watching)
         self.time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
         self._objects = NodeObjects(dictionary, number)
         self._storage = Storage(dictionary)

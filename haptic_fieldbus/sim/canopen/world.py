@@ -85,7 +85,7 @@ class Stepped:
             return world.receive(controller, wait_ns)
         deadline_ns = world.clock.now_ns() + wait_ns
         while True:
-            if timeout is None and world.is_idle and not controller.received:
+            if timeout is None and world.next_ns == NEVER_NS and not controller.received:
                 raise can.CanOperationError("nothing will arrive: no frame is under way, and no drive has one to send")
             if (item := world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))) is None:
                 break
@@ -329,11 +329,6 @@ class World(DrivenBus):
     def next_ns(self) -> int:
         """Return the time of the next event, if no program sends before it; NEVER_NS if there is no further event."""
         return min(self._drives.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
-
-    @property
-    def is_idle(self) -> bool:
-        """Return whether no event will happen unless a program sends."""
-        return self.next_ns == NEVER_NS
 
     def _run(self, limit_ns: int, until: deque[Received] | None = None) -> None:
         """Run the events up to and including the limit, or until a frame was received."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, PositionSection, VelocitySection
+from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, OptionCode, PositionSection, VelocitySection
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, SHARES_OF_RATED
 from haptic_fieldbus.errors import UsageError
@@ -267,19 +267,16 @@ def add_objects(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaul
     actual, demand, target = profile.torque.actual, profile.torque.demand, profile.torque.target
     permille = step(target.unit if target.unit in SHARES_OF_RATED else SHARES_OF_RATED[0])
     abort, reaction = profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option
+    stops_free = profile.guarded and not abort
     return Objects(
         error_code=add(Entry(0x603F, 0, DataType.UINT16, mappable=Mappable.TPDO)),
         controlword=add(Entry(0x6040, 0, DataType.UINT16, 0, Access.RW, mappable=Mappable.BOTH)),
         statusword=add(Entry(0x6041, 0, DataType.UINT16, mappable=Mappable.TPDO)),
-        abort_connection_option=(
-            _add_option(dictionary, abort.object, 1, range(4))
-            if abort
-            else _hidden(0x6007, FAULT if profile.guarded else NO_ACTION)
+        abort_connection_option=_add_option(
+            dictionary, abort, 1, range(4), Entry(0x6007, 0, INT16, FAULT if profile.guarded else NO_ACTION)
         ),
-        fault_reaction_option=(
-            _add_option(dictionary, reaction.object, 2, range(5))
-            if reaction
-            else _hidden(0x605E, DISABLE if profile.guarded and not abort else SLOW_DOWN)
+        fault_reaction_option=_add_option(
+            dictionary, reaction, 2, range(5), Entry(0x605E, 0, INT16, DISABLE if stops_free else SLOW_DOWN)
         ),
         mode=add(
             Entry(0x6060, 0, DataType.INT8, 0, Access.RW, mappable=Mappable.BOTH, accept=one_of((NO_MODE, *offered)))
@@ -289,7 +286,7 @@ def add_objects(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaul
         velocity=_add_motion(dictionary, profile, 0x606C, profile.velocity),
         target_torque=_add_mapped(dictionary, profile.torque.target, Access.RW, Mappable.BOTH),
         actual_torque=(
-            _add_mapped(dictionary, actual, Access.RO, Mappable.TPDO) if actual is not None else _hidden(0x6077, 0)
+            _add_mapped(dictionary, actual, Access.RO, Mappable.TPDO) if actual is not None else Entry(0x6077, 0, INT16)
         ),
         modes=offered,
         torque_mode=torque_mode,
@@ -399,11 +396,10 @@ def _add_motion(
     return dictionary.add(entry) if profile.position is not None else entry
 
 
-def _add_option(dictionary: Dictionary, index: int, value: int, codes: Iterable[int]) -> Entry:
-    """Add an option code with its power-on value; reserved codes are refused."""
-    return dictionary.add(Entry(index, 0, DataType.INT16, value, Access.RW, accept=one_of(codes)))
-
-
-def _hidden(index: int, value: int) -> Entry:
-    """Return an entry that is not in the dictionary."""
-    return Entry(index, 0, DataType.INT16, value)
+def _add_option(
+    dictionary: Dictionary, option: OptionCode | None, value: int, codes: Iterable[int], hidden: Entry
+) -> Entry:
+    """Add an option code with its power-on value; reserved codes are refused. Without it the drive uses `hidden`."""
+    if option is None:
+        return hidden
+    return dictionary.add(Entry(option.object, 0, INT16, value, Access.RW, accept=one_of(codes)))

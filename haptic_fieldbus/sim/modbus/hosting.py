@@ -73,7 +73,7 @@ class Connection(ServerRequestHandler):
             if not self._serial and starts_no_frame(self._octets):
                 self.reset()
                 return
-            used, asked = self._requests.station.next(self._octets)
+            used, asked = self._requests.next(self._octets)
             if not used:
                 return
             self._octets = self._octets[used:]

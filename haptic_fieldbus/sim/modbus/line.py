@@ -112,11 +112,10 @@ class SimulatedLine(DrivenBus):
             self._comes(begin_ns, frame)
         for octets in self._requests.disturbances.released():
             self._comes(begin_ns + self._way_ns, octets)
-        _, asked = self._requests.station.next(frame)
+        _, asked = self._requests.next(frame)
         if asked is not None and not glued:
-            unit = self._drives.units.get(asked.unit)
             heard_ns = end_ns + self._way_ns + self._silence_ns
-            self._drives.queue.plan(heard_ns + (unit.answer_ns if unit else 0), partial(self._execute, asked))
+            self._drives.queue.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
 
     def receive(self, deadline_ns: int) -> bytes:
         """Return the octets that have arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
@@ -172,6 +171,10 @@ class SimulatedLine(DrivenBus):
             self._requests.disturbances.add(fault, number)
 
     # Inside.
+
+    def _answer_ns(self, asked: ServerRequest) -> int:
+        unit = self._drives.units.get(asked.unit)
+        return 0 if unit is None else unit.answer_ns
 
     def _execute(self, asked: ServerRequest, t_ns: int) -> None:
         """Execute a request, and send its answer."""

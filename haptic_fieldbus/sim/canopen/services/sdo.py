@@ -50,40 +50,40 @@ def multiplexed(command: int, entry: Entry) -> bytes:
     return bytes((command, *entry.index.to_bytes(2, "little"), entry.subindex))
 
 
-class DownloadBuffer:
-    """The octets of a download as they arrive, never more than the capacity of the entry.
+class Download(Transfer):
+    """A download, with the octets as they arrive, never more than the capacity of the entry.
 
     Raises Refused when the entry cannot be written, or not with the announced number of octets.
     """
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
+        super().__init__(entry)
         entry.begin_write(announced)
-        self.octets = bytearray()
-        self._entry = entry
+        self._octets = bytearray()
         self._announced = announced
 
     def add(self, octets: bytes) -> None:
         """Add octets; raises Refused when there are too many."""
-        self.octets += octets
-        if len(self.octets) > self._entry.capacity:
+        self._octets += octets
+        if len(self._octets) > self.entry.capacity:
             raise AccessRefused(AbortCode.TOO_LONG)
 
     def write(self) -> None:
-        """Write the entry once all octets have arrived.
+        """Write the entry once all octets have arrived, which ends the transfer.
 
         Raises Refused when their number is not the announced one, or when the entry refuses them.
         """
-        if self._announced is not None and self._announced != len(self.octets):
+        if self._announced is not None and self._announced != len(self._octets):
             raise AccessRefused(AbortCode.LENGTH)
-        self._entry.write(bytes(self.octets))
+        self.entry.write(bytes(self._octets))
+        self.finished = True
 
 
-class SegmentedDownload(Transfer):
+class SegmentedDownload(Download):
     """A download in segments."""
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
-        super().__init__(entry)
-        self._collected = DownloadBuffer(entry, announced)
+        super().__init__(entry, announced)
         self._toggle = 0
 
     def takes(self, command: int) -> bool:
@@ -95,10 +95,9 @@ class SegmentedDownload(Transfer):
         response = bytes((0x20 | self._toggle << 4,)) + bytes(7)
         self._toggle ^= 1
         # Bits 1 to 3 are the number of octets without data, bit 0 marks the last segment.
-        self._collected.add(data[1 : 1 + SEGMENT - (data[0] >> 1 & 7)])
+        self.add(data[1 : 1 + SEGMENT - (data[0] >> 1 & 7)])
         if data[0] & 0x01:
-            self._collected.write()
-            self.finished = True
+            self.write()
         return [response]
 
 
@@ -166,12 +165,11 @@ def _checked(block_size: int) -> int:
     return block_size
 
 
-class BlockDownload(Transfer):
+class BlockDownload(Download):
     """A download in blocks: the client sends segments."""
 
     def __init__(self, entry: Entry, announced: int | None, *, crc: bool, block_size: int) -> None:
-        super().__init__(entry)
-        self._collected = DownloadBuffer(entry, announced)
+        super().__init__(entry, announced)
         self._crc = crc
         self._block_size = block_size
         self._received = 0
@@ -199,7 +197,7 @@ class BlockDownload(Transfer):
         # A segment out of order is ignored; the confirmation names the segment after which the client continues.
         if number == self._received + 1:
             self._received = number
-            self._collected.add(self._held)
+            self.add(self._held)
             self._held = data[1:]
             self._complete = last
         # The last number of the block requires the confirmation, even when segments before it are missing.
@@ -213,11 +211,10 @@ class BlockDownload(Transfer):
         if data[0] & 0x03 != 0x01:
             raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         # Bits 2 to 4 of the end are the number of octets without data in the last segment.
-        self._collected.add(self._held[: SEGMENT - (data[0] >> 2 & 7)])
-        if self._crc and int.from_bytes(data[1:3], "little") != crc(self._collected.octets):
+        self.add(self._held[: SEGMENT - (data[0] >> 2 & 7)])
+        if self._crc and int.from_bytes(data[1:3], "little") != crc(self._octets):
             raise AccessRefused(AbortCode.CRC)
-        self._collected.write()
-        self.finished = True
+        self.write()
         return [bytes((0xA1, 0, 0, 0, 0, 0, 0, 0))]
 
 
