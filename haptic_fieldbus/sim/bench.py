@@ -88,11 +88,10 @@ _OF_BUS = faults.LineFault | faults.ConnectionReset | faults.HostFault
 
 @dataclass(eq=False)
 class _PlannedFault:
-    """A fault that is planned, unless it was cancelled."""
+    """A fault that is planned; it was cancelled when it does not wait any more."""
 
     fault: TimedFault
     node: int
-    cancelled: bool = False
 
     def concerns(self, fault: TimedFault, node: int) -> bool:
         """Return whether this is the same fault; of the same drive, unless it is a fault of the bus or of the host."""
@@ -127,12 +126,10 @@ class FaultSchedule:
             self._cancel(node)
 
     def _cancel(self, node: int) -> None:
-        for waiting in self._waiting:
-            waiting.cancelled |= waiting.node == node
-        self._waiting = [waiting for waiting in self._waiting if not waiting.cancelled]
+        self._waiting = [waiting for waiting in self._waiting if waiting.node != node]
 
     def _happen(self, waiting: _PlannedFault, act: Callable[[int], None], t_ns: int) -> None:
-        if not waiting.cancelled:
+        if waiting in self._waiting:
             self._waiting.remove(waiting)
             self._happened.append(waiting)
             act(t_ns)

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 
 import can
 from can.typechecking import CanFilters
@@ -72,9 +71,14 @@ class SimulatedBus(can.BusABC):
         # BusABC.__del__ calls shutdown(), also after an __init__ that raised.
         self._is_shutdown = True  # until the end of this method there is nothing to shut down
         self._channel = channel if world is None else None
-        self.world = world or _shared_world(
-            channel, bitrate, clock, partial(_new_world, channel, bitrate, seed, hand, workspace, profiles)
-        )
+
+        def make(clock: Clock) -> World:
+            made = World(clock, bitrate, seed, _LONGEST)
+            for drive in map(drive_of, channel.split(",")):
+                made.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
+            return made
+
+        self.world = world or _shared_world(channel, bitrate, clock, make)
         self.channel_info = f"haptic_sim {channel}".rstrip()
         self.pace = self.world.pace
         self.controller = self.pace.attach(receive_own=receive_own_messages)
@@ -211,12 +215,3 @@ def _release(channel: str) -> None:
         shared.users -= 1
         if not shared.users:
             del _CHANNELS[channel]
-
-
-def _new_world(
-    channel: str, bitrate: int, seed: int, hand: str, workspace: str, profiles: str | None, clock: Clock
-) -> World:
-    world = World(clock, bitrate, seed, _LONGEST)
-    for drive in map(drive_of, channel.split(",")):
-        world.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
-    return world

@@ -61,7 +61,9 @@ class Node:
         self._sdo_alarm = alarms.new(lambda _t_ns: self._respond(self.sdo.expire()))
         self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
         self.emergencies = nmt.Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
-        self._producer = nmt.Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
+        self._producer = nmt.Producer(
+            dictionary, alarms, lambda: self.now_ns, lambda: self._tell_state(bytes((self.state.value,)))
+        )
         watching = self._link_lost, self._link_back
         self.consumers = nmt.Consumers(dictionary, options.consumer, alarms, self._route, *watching)
         self._guarding = nmt.Guarding(dictionary, alarms, *watching)
@@ -230,13 +232,12 @@ class Node:
         # A node that produces heartbeats is not guarded: the heartbeat takes precedence.
         if self._producer.active:
             return
-        answer = self._guarding.request(self.state.value, t_ns)
-        if self.heartbeat_enabled:
-            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, answer))
+        self._tell_state(self._guarding.request(self.state.value, t_ns))
 
-    def _beat(self) -> None:
+    def _tell_state(self, data: bytes) -> None:
+        """Send a heartbeat, or the answer to node guarding."""
         if self.heartbeat_enabled:
-            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((self.state.value,))))
+            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, data))
 
     def _link_lost(self, t_ns: int) -> None:
         """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""

@@ -112,11 +112,9 @@ class Entry:
         """Raise Refused for a download of `size` octets (None: not known yet) that cannot be accepted."""
         if self.access in (Access.RO, Access.CONST) or (self.type is None and not self.high):
             raise AccessRefused(AbortCode.READ_ONLY)
-        if size is None:
-            return
-        if size > self.capacity:
+        if size is not None and size > self.capacity:
             raise AccessRefused(AbortCode.TOO_LONG)
-        if self.type is not None and size < self.capacity:
+        if size is not None and size < self.capacity and self.type is not None:
             raise AccessRefused(AbortCode.TOO_SHORT)
 
     @property

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.canopen.link import INTERMISSION_BITS, Frame, wire_bits
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus

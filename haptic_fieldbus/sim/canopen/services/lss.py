@@ -114,8 +114,7 @@ class LssSlave:
         return heard if len(heard) == len(services) else None
 
     def _forget(self) -> None:
-        for heard in self._heard.values():
-            heard.clear()
+        self._heard = {services: [] for services in self._heard}
 
     def _select(self, data: bytes) -> Answer:
         if self._part(_SELECT, data) != self._identity():
