@@ -103,13 +103,7 @@ class SimulatedUnits(DriveBench):
         unit = Unit(with_faulty_hand(slot), self.drawn(slot), t_ns)
         self.units[slot.node] = unit
         self.follow(unit.drive, slot)
-        begin = unit.drive.on_enabled
-
-        def enabled(t_ns: int) -> None:
-            unit.watchdog.restart(t_ns)
-            begin(t_ns)
-
-        unit.drive.on_enabled = enabled
+        unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
         self.timed += unit.timers
         unit.power_on(t_ns)
         return unit
@@ -159,6 +153,12 @@ class SimulatedUnits(DriveBench):
         unit.write_as_stranger(fault.share, t_ns)
         if fault.count is None or number < fault.count:
             self.queue.plan(t_ns + round(fault.interval * 1e9), partial(self._meddle, fault, unit, number + 1))
+
+
+def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:
+    """Count the time of the watch, and that of the faults, from *operation enabled*."""
+    unit.watchdog.restart(t_ns)
+    begin(t_ns)
 
 
 def inject_unit(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:
